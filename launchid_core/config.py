@@ -1,0 +1,118 @@
+"""Everything a user chooses, validated once, before flight."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from .library import default_threshold, library_terms
+from .ring import LAST_SAMPLE
+from .sparse import SOLVERS
+
+FORMULATIONS = ("measured", "difference", "integral")
+MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
+MIN_ROWS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Choices of an `Estimator`.  A wrong value raises ValueError naming field, value and allowed range.
+
+    window            [s]  length of a window.  1 s: the paper's, for constant dynamics; 0.3 s for varying ones
+    sample_period     [s]  expected time between samples; with `window` it fixes the rows m of a window
+    compression            keep one of N rows at random, N >= 1.  1: every row carries information under noise
+    seed                   of the row choice, 0 <= seed < 2^63.  Same seed, same rows on every machine
+    library                name or tuple of terms (`launchid_core.LIBRARIES`).  rigid-body: theta and beta alone
+    formulation            `measured` (needs theta_ddot), `difference` or `integral`.  integral: the one of these
+                           that noise does not bias most
+    solver                 stls (the paper's), sr3, ssr or lasso
+    threshold              coefficients below it are cut, raw units; None: 0.5 (0 inside `lpv`, whose slopes are small)
+    max_gap           [s]  a longer step between samples starts a new segment; None: 1.5 sample periods
+    theta_limit       [rad]      samples beyond any of these six are rejected as RANGE, so that no absurd value can
+    theta_dot_limit   [rad/s]    poison a window; the defaults are beyond any launcher and any test stand
+    beta_limit        [rad]
+    theta_ddot_limit  [rad/s^2]
+    beta_cmd_limit    [rad]
+    t_limit           [s]        1e10: above it a float64 stamp is coarser than 2 microseconds
+    theta_saturation, theta_dot_saturation, beta_saturation  [rad, rad/s, rad]  end stops of the sensors: samples
+                           at or beyond are left out of the regression (SATURATED if too few remain); inf: none
+    """
+
+    window: float = 1.0
+    sample_period: float = 0.01
+    compression: int = 1
+    seed: int = 0
+    library: str | tuple[str, ...] = "rigid-body"
+    formulation: str = "integral"
+    solver: str = "stls"
+    threshold: float | None = None
+    max_gap: float | None = None
+    theta_limit: float = 100.0
+    theta_dot_limit: float = 1000.0
+    beta_limit: float = 1000.0
+    theta_ddot_limit: float = 1.0e5
+    beta_cmd_limit: float = 1000.0
+    t_limit: float = 1.0e10
+    theta_saturation: float = math.inf
+    theta_dot_saturation: float = math.inf
+    beta_saturation: float = math.inf
+
+    def __post_init__(self) -> None:
+        self._require_real("sample_period", 1e-6, 1e4)
+        self._require_real("window", MIN_ROWS * self.sample_period, MAX_ROWS * self.sample_period)
+        self._require_integer("compression", 1, self.rows)
+        self._require_integer("seed", 0, 2**63 - 1)
+        self._require_name("formulation", FORMULATIONS)
+        self._require_name("solver", SOLVERS)
+        object.__setattr__(self, "library", self.library if isinstance(self.library, str) else tuple(self.library))
+        terms = library_terms(self.library)
+        if self.threshold is None:
+            object.__setattr__(self, "threshold", default_threshold(terms))
+        self._require_real("threshold", 0.0, 1e12)
+        if self.max_gap is None:
+            object.__setattr__(self, "max_gap", LAST_SAMPLE * self.sample_period)
+        self._require_real("max_gap", self.sample_period, 1e10)
+        for field in dataclasses.fields(self):
+            if field.name.endswith(("_limit", "_saturation")):
+                self._require_real(field.name, 0.0, math.inf, above=True)
+        if self.kept_rows < len(terms) + 2:
+            raise ValueError(
+                f"compression={self.compression!r} keeps {self.kept_rows} of the {self.rows} rows of a window, too few "
+                f"for the {len(terms)} terms of the library: allowed 1..{max(1, self.rows // (len(terms) + 2))} "
+                "(or a longer window)")
+
+    def _require_real(self, name: str, low: float, high: float, above: bool = False) -> None:
+        """Convert to float and demand low <= value <= high (value > low if `above`)."""
+        value = getattr(self, name)
+        expected = f"a number {'above' if above else 'from'} {low:g} to {high:g}"
+        if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
+            raise ValueError(f"{name}={value!r}: expected {expected}")
+        number = float(value)
+        if not (low <= number <= high) or (above and number == low):
+            raise ValueError(f"{name}={value!r}: expected {expected}")
+        object.__setattr__(self, name, number)
+
+    def _require_integer(self, name: str, low: int, high: int) -> None:
+        value = getattr(self, name)
+        if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= int(value) <= high:
+            raise ValueError(f"{name}={value!r}: expected an integer from {low} to {high}")
+        object.__setattr__(self, name, int(value))
+
+    def _require_name(self, name: str, allowed: tuple[str, ...]) -> None:
+        value = getattr(self, name)
+        if value not in allowed:
+            raise ValueError(f"{name}={value!r}: expected one of {', '.join(allowed)}")
+
+    @property
+    def rows(self) -> int:
+        """Rows m of a full window."""
+        return round(self.window / self.sample_period)
+
+    @property
+    def kept_rows(self) -> int:
+        """Rows p kept of them."""
+        return self.rows // self.compression
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Canonical names of the library's terms, in the order of xi's rows."""
+        return library_terms(self.library)

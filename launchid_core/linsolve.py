@@ -1,0 +1,195 @@
+"""Small dense least squares by Householder QR with column pivoting.
+
+numba without scipy has no linear algebra inside kernels, hence this file.  No
+Gram matrix is ever formed: on the ten-term library normal equations lose all
+digits (raw condition up to 8e8, squared 6e17).
+
+Storage: a matrix A (m x n) is kept as `at` (n, m), row j of `at` being column j
+of A, so that every inner loop runs along contiguous memory.
+
+Source: Golub & Van Loan, Matrix Computations, 4th ed., algorithms 5.1.1, 5.2.1, 5.4.1.
+"""
+
+import math
+
+import numpy as np
+
+from .kernels import kernel
+
+EPS = np.finfo(np.float64).eps
+
+
+@kernel
+def dot(a, b, start, stop):
+    """sum a[i]*b[i], i in start..stop-1, in four interleaved partial sums (fixed order: same bits everywhere)."""
+    s0 = 0.0
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    quads = (stop - start) // 4
+    for k in range(quads):
+        i = start + 4 * k
+        s0 += a[i] * b[i]
+        s1 += a[i + 1] * b[i + 1]
+        s2 += a[i + 2] * b[i + 2]
+        s3 += a[i + 3] * b[i + 3]
+    for i in range(start + 4 * quads, stop):
+        s0 += a[i] * b[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+@kernel
+def scale_columns(at, norms):
+    """Divide every column by its 2-norm; a zero column (or one that is not finite) keeps its values, norm 1.
+
+    at    (n, m) inout
+    norms (n,)   out
+    """
+    n, m = at.shape
+    for j in range(n):
+        column = at[j]
+        largest = 0.0
+        for i in range(m):
+            largest = max(largest, abs(column[i]))
+        norms[j] = 1.0
+        if 0.0 < largest < np.inf:
+            for i in range(m):
+                column[i] /= largest
+            norm = math.sqrt(dot(column, column, 0, m))
+            for i in range(m):
+                column[i] /= norm
+            norms[j] = largest * norm
+
+
+@kernel
+def swap_columns(at, order, j, k):
+    """Exchange columns j and k of A and their entries in `order`."""
+    if j == k:
+        return
+    a, b = at[j], at[k]
+    for i in range(at.shape[1]):
+        keep = a[i]
+        a[i] = b[i]
+        b[i] = keep
+    number = order[j]
+    order[j] = order[k]
+    order[k] = number
+
+
+@kernel
+def largest_column(at, k):
+    """Index and squared norm of the column with the largest part below row k, among columns k.. ."""
+    best = k
+    best_square = -1.0
+    for j in range(k, at.shape[0]):
+        square = dot(at[j], at[j], k, at.shape[1])
+        if square > best_square:
+            best, best_square = j, square
+    return best, best_square
+
+
+@kernel
+def qr_factor(at, order, tau, tolerance):
+    """A P = Q R in place; returns the numerical rank.
+
+    at        (n, m) inout  columns of A; out: R in at[j, :j+1], Householder vectors below (leading 1 implied)
+    order     (n,)   out    int64: column k of A P is column order[k] of A
+    tau       (n,)   out    Householder factors
+    tolerance              a pivot at most this times the first one ends the factorisation
+    Returns the number of pivots above the tolerance, 0..min(m, n); 0 for a zero or non-finite matrix.
+    """
+    n, m = at.shape
+    for j in range(n):
+        order[j] = j
+        tau[j] = 0.0
+    first = 0.0
+    for k in range(min(n, m)):
+        best, square = largest_column(at, k)
+        norm = math.sqrt(max(square, 0.0))
+        if k == 0:
+            first = norm
+        if not (norm > tolerance * first and norm < np.inf):
+            return k
+        swap_columns(at, order, k, best)
+        v = at[k]
+        beta = -math.copysign(norm, v[k])
+        tau[k] = (beta - v[k]) / beta
+        inverse = 1.0 / (v[k] - beta)
+        for i in range(k + 1, m):
+            v[i] *= inverse
+        v[k] = beta
+        for j in range(k + 1, n):
+            column = at[j]
+            s = tau[k] * (column[k] + dot(v, column, k + 1, m))
+            column[k] -= s
+            for i in range(k + 1, m):
+                column[i] -= s * v[i]
+    return min(n, m)
+
+
+@kernel
+def apply_q_transposed(at, tau, rank, y):
+    """y <- Q' y for the factor made by `qr_factor`.  y (m,) inout."""
+    m = at.shape[1]
+    for k in range(rank):
+        v = at[k]
+        s = tau[k] * (y[k] + dot(v, y, k + 1, m))
+        y[k] -= s
+        for i in range(k + 1, m):
+            y[i] -= s * v[i]
+
+
+@kernel
+def solve_triangle(at, n, y, x):
+    """Back substitution R x = y[:n] with R in at[j, :j+1].  x (n,) out, in pivoted order."""
+    for k in range(n - 1, -1, -1):
+        s = y[k]
+        for j in range(k + 1, n):
+            s -= at[j, k] * x[j]
+        x[k] = s / at[k, k]
+
+
+@kernel
+def invert_triangle(at, n, inverse):
+    """inverse (n, n) out: inverse[i, j] = (R^-1)[i, j], R in at[j, :j+1] (pivoted order)."""
+    for j in range(n):
+        for i in range(n):
+            inverse[i, j] = 0.0
+        inverse[j, j] = 1.0 / at[j, j]
+        for i in range(j - 1, -1, -1):
+            s = 0.0
+            for k in range(i + 1, j + 1):
+                s -= at[k, i] * inverse[k, j]
+            inverse[i, j] = s / at[i, i]
+
+
+@kernel
+def pivot_ratio(at, rank):
+    """First pivot over last: a lower bound of the condition number, within a small factor in practice."""
+    if rank == 0:
+        return np.inf
+    return abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
+
+
+@kernel
+def least_squares(at, y, order, tau, norms, z, x, tolerance):
+    """min |A x - y|_2 with column scaling; returns the numerical rank (x is NaN unless it is full).
+
+    at    (n, m)  inout  columns of A; destroyed
+    y     (m,)    inout  right-hand side; out: Q' y
+    order (n,)    scratch int64
+    tau, norms, z (n,) scratch
+    x     (n,)    out
+    """
+    n = at.shape[0]
+    scale_columns(at, norms)
+    rank = qr_factor(at, order, tau, tolerance)
+    if rank < n:
+        for j in range(n):
+            x[j] = np.nan
+        return rank
+    apply_q_transposed(at, tau, n, y)
+    solve_triangle(at, n, y, z)
+    for k in range(n):
+        x[order[k]] = z[k] / norms[order[k]]
+    return rank

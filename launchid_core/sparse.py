@@ -1,0 +1,255 @@
+"""Sparse regression on the factored library: which terms, and their coefficients.
+
+All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q)
+the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
+window costs one tall QR and every later solve is q x q.  The threshold is in
+raw units of each coefficient, as in pysindy's STLSQ.
+
+Each solver: (mt, y, threshold, xi, active, work) -> number of passes, where
+mt (q, q) holds the columns of M as rows, y (q,) is Q'y, xi (q,) and active (q,)
+are results, `work` a SparseWork.  After it xi solves least squares on the active
+columns and is 0 elsewhere.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .kernels import kernel
+from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
+
+SOLVERS = ("stls", "sr3", "ssr", "lasso")
+STLS, SR3, SSR, LASSO = range(4)
+
+ACTIVE_TOLERANCE = 1.0e-14  # active columns are raw: condition up to 1e9 is data, 1e14 is rounding
+LASSO_SWEEPS = 200          # coordinate descent: bound on the work, not a promise of convergence
+SR3_ITERATIONS = 60
+SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: results vary little over decades)
+
+
+class SparseWork(NamedTuple):
+    """Scratch of the solvers for q terms; meaningless on return but for the last factor and its inverse."""
+
+    columns: np.ndarray   # (2 q^2,) active columns one after the other; 2q rows each for SR3's stacked system
+    order: np.ndarray     # (q,) int64
+    tau: np.ndarray       # (q,)
+    norms: np.ndarray     # (q,)
+    right: np.ndarray     # (2q,)
+    solution: np.ndarray  # (q,)
+    index: np.ndarray     # (q,) int64 active column numbers
+    scaled: np.ndarray    # (q, q)
+    weight: np.ndarray    # (q,)
+    auxiliary: np.ndarray  # (q,)
+    inverse: np.ndarray   # (q, q)
+
+
+def sparse_work(q: int) -> SparseWork:
+    """Allocate the scratch for q terms."""
+    return SparseWork(
+        np.zeros(2 * q * q), np.zeros(q, np.int64), np.zeros(q), np.zeros(q), np.zeros(2 * q), np.zeros(q),
+        np.zeros(q, np.int64), np.zeros((q, q)), np.zeros(q), np.zeros(q), np.zeros((q, q)))
+
+
+@kernel
+def solve_active(mt, y, active, xi, work):
+    """Least squares on the active columns: xi there, 0 elsewhere; returns their rank deficiency (0 is good).
+
+    Leaves the factor of the scaled active columns in `work` (columns, order, norms, index).
+    """
+    q = mt.shape[0]
+    n = 0
+    for j in range(q):
+        xi[j] = 0.0
+        if active[j]:
+            work.index[n] = j
+            n += 1
+    at = work.columns[:n * q].reshape((n, q))
+    for k in range(n):
+        for i in range(q):
+            at[k, i] = mt[work.index[k], i]
+    scale_columns(at, work.norms[:n])
+    rank = qr_factor(at, work.order[:n], work.tau[:n], ACTIVE_TOLERANCE)
+    if rank < n:
+        return n - rank
+    right = work.right[:q]
+    for i in range(q):
+        right[i] = y[i]
+    apply_q_transposed(at, work.tau, n, right)
+    solve_triangle(at, n, right, work.solution)
+    for k in range(n):
+        column = work.order[k]
+        xi[work.index[column]] = work.solution[k] / work.norms[column]
+    return 0
+
+
+@kernel
+def covariance_entry(work, a, b):
+    """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S."""
+    n = 0.0
+    row_a = row_b = 0
+    size = work.inverse.shape[0]
+    for k in range(size):
+        if work.order[k] == a:
+            row_a = k
+            break
+    for k in range(size):
+        if work.order[k] == b:
+            row_b = k
+            break
+    for k in range(max(row_a, row_b), size):
+        n += work.inverse[row_a, k] * work.inverse[row_b, k]
+    return n / (work.norms[a] * work.norms[b])
+
+
+@kernel
+def invert_active(work, n):
+    """Inverse of the active factor's triangle into work.inverse, zero-padded beyond n (for `covariance_entry`)."""
+    for i in range(work.inverse.shape[0]):
+        for j in range(work.inverse.shape[0]):
+            work.inverse[i, j] = 0.0
+    q = work.inverse.shape[0]
+    invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse)
+
+
+@kernel
+def cut_below(xi, active, threshold):
+    """Deactivate active terms with |xi| < threshold; returns how many."""
+    cut = 0
+    for j in range(xi.shape[0]):
+        if active[j] and abs(xi[j]) < threshold:
+            active[j] = False
+            xi[j] = 0.0
+            cut += 1
+    return cut
+
+
+@kernel
+def solve_stls(mt, y, threshold, xi, active, work):
+    """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
+
+    The active set only shrinks, so q + 1 passes suffice.
+    """
+    active[:] = True
+    for passes in range(mt.shape[0] + 1):
+        if solve_active(mt, y, active, xi, work) > 0:
+            return -1
+        if cut_below(xi, active, threshold) == 0:
+            return passes + 1
+    return mt.shape[0] + 1
+
+
+@kernel
+def solve_ssr(mt, y, threshold, xi, active, work):
+    """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
+
+    Removes the one smallest coefficient below the threshold at a time and solves again.
+    """
+    active[:] = True
+    for passes in range(mt.shape[0] + 1):
+        if solve_active(mt, y, active, xi, work) > 0:
+            return -1
+        smallest = -1
+        for j in range(xi.shape[0]):
+            if active[j] and abs(xi[j]) < threshold and (smallest < 0 or abs(xi[j]) < abs(xi[smallest])):
+                smallest = j
+        if smallest < 0:
+            return passes + 1
+        active[smallest] = False
+    return mt.shape[0] + 1
+
+
+@kernel
+def load_scaled(mt, work):
+    """Columns of M, scaled to unit norm, into work.scaled with their norms in work.weight."""
+    q = mt.shape[0]
+    for j in range(q):
+        for i in range(q):
+            work.scaled[j, i] = mt[j, i]
+    scale_columns(work.scaled, work.weight)
+
+
+@kernel
+def solve_lasso(mt, y, threshold, xi, active, work):
+    """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
+
+    Penalties are weighted by |column|^2, so that with orthogonal columns exactly
+    the coefficients below the raw threshold vanish; the refit removes shrinkage.
+    """
+    q = mt.shape[0]
+    load_scaled(mt, work)
+    residual = work.auxiliary
+    for i in range(q):
+        residual[i] = y[i]
+        work.solution[i] = 0.0
+    sweeps = 0
+    for sweep in range(LASSO_SWEEPS):
+        sweeps = sweep + 1
+        largest_step = 0.0
+        largest = 0.0
+        for j in range(q):
+            column = work.scaled[j]
+            old = work.solution[j]
+            free = old + dot(column, residual, 0, q)
+            soft = max(abs(free) - threshold * work.weight[j], 0.0)
+            new = soft if free > 0.0 else -soft
+            for i in range(q):
+                residual[i] -= (new - old) * column[i]
+            work.solution[j] = new
+            largest_step = max(largest_step, abs(new - old))
+            largest = max(largest, abs(new))
+        if largest_step <= 1.0e-12 * largest:
+            break
+    for j in range(q):
+        active[j] = work.solution[j] != 0.0
+    return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
+
+
+@kernel
+def solve_sr3(mt, y, threshold, xi, active, work):
+    """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
+
+    min |y - C u|^2 + nu |u - w|^2 with w = u cut at the threshold; [C; sqrt(nu) I] is factored once.
+    """
+    q = mt.shape[0]
+    load_scaled(mt, work)
+    root = np.sqrt(SR3_RELAXATION)
+    active[:] = True
+    if solve_active(mt, y, active, xi, work) > 0:
+        return -1
+    w = work.auxiliary
+    stacked = work.columns.reshape((q, 2 * q))
+    for j in range(q):
+        w[j] = xi[j] * work.weight[j] if abs(xi[j]) >= threshold else 0.0
+        for i in range(q):
+            stacked[j, i] = work.scaled[j, i]
+            stacked[j, q + i] = root if i == j else 0.0
+    rank = qr_factor(stacked, work.order, work.tau, ACTIVE_TOLERANCE)
+    for _ in range(SR3_ITERATIONS):
+        for i in range(q):
+            work.right[i] = y[i]
+            work.right[q + i] = root * w[i]
+        apply_q_transposed(stacked, work.tau, rank, work.right)
+        solve_triangle(stacked, rank, work.right, work.solution)
+        change = 0.0
+        for k in range(q):
+            j = work.order[k]
+            new = work.solution[k] if abs(work.solution[k]) >= threshold * work.weight[j] else 0.0
+            change = max(change, abs(new - w[j]))
+            w[j] = new
+        if change == 0.0:
+            break
+    for j in range(q):
+        active[j] = w[j] != 0.0
+    return -1 if solve_active(mt, y, active, xi, work) > 0 else SR3_ITERATIONS
+
+
+@kernel
+def sparse_solve(solver, mt, y, threshold, xi, active, work):
+    """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns are dependent."""
+    if solver == STLS:
+        return solve_stls(mt, y, threshold, xi, active, work)
+    if solver == SR3:
+        return solve_sr3(mt, y, threshold, xi, active, work)
+    if solver == SSR:
+        return solve_ssr(mt, y, threshold, xi, active, work)
+    return solve_lasso(mt, y, threshold, xi, active, work)

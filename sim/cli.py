@@ -1,0 +1,187 @@
+"""The command `launchid` (`python -m sim` is the same).  The only place that prints.
+
+Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a
+traceback.  stdout is data, stderr is talk.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+
+from launchid_core import FORMULATIONS, SOLVERS, Config
+
+from .errors import InputError, UsageError
+from .identify import report, run, whole_log
+from .log import Log, read_log, write_flight, write_text
+from .nominal import Nominal, load_nominal
+
+USAGE_STATUS, INPUT_STATUS, INTERRUPTED_STATUS = 2, 3, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one line per error."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+
+def say(text: str) -> None:
+    """Talk, on stderr."""
+    print(text, file=sys.stderr)
+
+
+def parser() -> Parser:
+    """The command's words."""
+    top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    from .experiments import CASES
+    sub = commands.add_parser("reproduce", help="the paper's experiments: figures, table, verdict")
+    sub.add_argument("--case", default="all", choices=[*CASES, "all"])
+    sub.add_argument("--seeds", type=int, default=20, help="flights per case (20, the paper's)")
+    sub.add_argument("--out", default="results", metavar="DIR", help="folder for figures and tables (results)")
+    sub.set_defaults(run=reproduce_command)
+
+    sub = commands.add_parser("simulate", help="fly a nominal and write its log")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help="a file, or constant | vega_like | greensite_cr826")
+    sub.add_argument("--out", required=True, metavar="LOG.csv")
+    sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--suite", default="flight", choices=["flight", "ideal"])
+    sub.add_argument("--period", type=float, metavar="S", help="of the log; the suite's own if left out")
+    sub.set_defaults(run=simulate_command)
+
+    sub = commands.add_parser("identify", help="a6, k1 and the active terms of a log, window by window")
+    sub.add_argument("log", metavar="LOG.csv")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", help="what the simulation believes")
+    sub.add_argument("--window", default="1", metavar="S|all")
+    sub.add_argument("--compression", type=int, default=1)
+    sub.add_argument("--library", default="rigid-body")
+    sub.add_argument("--formulation", choices=FORMULATIONS)
+    sub.add_argument("--solver", default="stls", choices=SOLVERS)
+    sub.add_argument("--threshold", type=float, metavar="X")
+    sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--json", metavar="PATH|-")
+    sub.add_argument("--plot", metavar="PATH")
+    sub.set_defaults(run=identify_command)
+    return top
+
+
+def at_least(name: str, value: int, low: int) -> None:
+    """UsageError unless value >= low."""
+    if value < low:
+        raise UsageError(f"{name} {value}: expected an integer of at least {low}")
+
+
+def reproduce_command(args: argparse.Namespace) -> None:
+    """launchid reproduce"""
+    at_least("--seeds", args.seeds, 1)
+    from .experiments.report import reproduce
+    print(reproduce(args.case, args.seeds, args.out))
+
+
+def simulate_command(args: argparse.Namespace) -> None:
+    """launchid simulate"""
+    from .flight import fly_whole
+    at_least("--seed", args.seed, 0)
+    nominal = load_nominal(args.nominal)
+    flight = fly_whole(nominal, args.seed, args.suite, args.period)
+    write_flight(args.out, flight)
+    say(f"{args.out}: {len(flight.t)} rows, {flight.period:g} s apart, seed {args.seed}"
+        + ("; the vehicle was LOST and the log ends there" if flight.lost else ""))
+
+
+def read_noting(path: str) -> Log:
+    """Read a log and say which columns were ignored."""
+    log = read_log(path)
+    if log.ignored:
+        say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
+    return log
+
+
+def default_formulation(log: Log) -> str:
+    """Measured if the log has theta_ddot, else the integral form (the better one under noise, `reproduce`)."""
+    return "measured" if "theta_ddot" in log.columns else "integral"
+
+
+def identify_config(args: argparse.Namespace, log: Log) -> Config:
+    """Config for a log; UsageError for what the options ask and the log lacks."""
+    formulation = args.formulation or default_formulation(log)
+    if formulation == "measured" and "theta_ddot" not in log.columns:
+        raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
+    if args.window == "all":
+        t = log.t[np.isfinite(log.t)]
+        timing = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
+    else:
+        try:
+            timing = {"window": float(args.window), "sample_period": log.period}
+        except ValueError:
+            raise UsageError(f"--window {args.window!r}: expected seconds or 'all'") from None
+    try:
+        return Config(**timing, compression=args.compression, seed=args.seed, library=args.library,
+                      formulation=formulation, solver=args.solver, threshold=args.threshold)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
+def identify_table(result: dict[str, Any]) -> str:
+    """The windows as a table for a terminal."""
+    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
+
+    def pair(window: dict[str, Any], name: str) -> str:
+        if window[name] is None:
+            return f"{'-':>22}"
+        std = window[f"{name}_std"]
+        return f"{window[name]:>11.5g}" + (f" +- {std:<7.2g}" if std is not None else " " * 11)
+
+    for w in result["windows"]:
+        terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+    samples = result["samples"]
+    rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
+    lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
+    return "\n".join(lines)
+
+
+def identify_command(args: argparse.Namespace) -> None:
+    """launchid identify"""
+    log = read_noting(args.log)
+    nominal: Nominal | None = load_nominal(args.nominal) if args.nominal else None
+    config = identify_config(args, log)
+    estimates, estimator = run(config, log.samples())
+    result = report(estimates, estimator)
+    if args.plot:
+        from .plots import identify_figure, save
+        save(identify_figure(log, estimates, nominal), args.plot)
+    if args.json == "-":
+        print(json.dumps(result, indent=1))
+        return
+    if args.json:
+        write_text(args.json, [json.dumps(result, indent=1), "\n"])
+    print(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
+          f"window {config.window:g} s, period {config.sample_period:g} s, {config.kept_rows} of {config.rows} rows")
+    print(identify_table(result))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    try:
+        args = parser().parse_args(argv)
+        args.run(args)
+        sys.stdout.flush()
+    except UsageError as error:
+        say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))
+        return USAGE_STATUS
+    except InputError as error:
+        say(f"launchid: {error}")
+        return INPUT_STATUS
+    except KeyboardInterrupt:
+        say("launchid: interrupted; files already written are whole")
+        return INTERRUPTED_STATUS
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone (as `| head` does)
+    return 0

@@ -1,0 +1,174 @@
+"""Flies a nominal: whole, or one `Sample` at a time for a host loop.
+
+Two sensor suites: `ideal`, the paper's (true theta, theta_dot, beta, theta_ddot
+at the integration step, no unmodelled acceleration; navigation noise on the
+controller's attitude and command noise stay in the loop), and `flight` (the
+nominal's noises at `sensors.period`, unmodelled accelerations, no theta_ddot).
+
+Noise: one independent stream a source, one draw per integration step or
+controller period, so a flight's noise does not depend on the rate of its log.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from launchid_core import Sample
+
+from .errors import UsageError
+from .nominal import Nominal
+from .vehicle import step as st
+
+SUITES = ("flight", "ideal")
+LOST_ANGLE = 0.5  # rad: beyond it small angles fail and no deflection within its limit brings these vehicles back
+
+Factor = float | Callable[[np.ndarray], np.ndarray]  # of a parameter: a number, or a function of time [s]
+
+_STREAMS = {"theta": 0, "theta_dot": 1, "beta": 2, "command": 3, "acceleration": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A flown log.  Arrays of equal length, SI units; theta_ddot is NaN in the `flight` suite.
+
+    a6, k1 [1/s^2] are the truth at each row; `lost` tells that the vehicle left the small-angle
+    range and the log ends there.
+    """
+
+    t: np.ndarray
+    theta_ref: np.ndarray
+    beta_cmd: np.ndarray
+    beta: np.ndarray
+    theta: np.ndarray
+    theta_dot: np.ndarray
+    theta_ddot: np.ndarray
+    a6: np.ndarray
+    k1: np.ndarray
+    period: float
+    lost: bool
+
+    def samples(self) -> Iterator[Sample]:
+        """The log as the estimator's samples."""
+        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
+        return map(Sample._make, zip(*(column.tolist() for column in columns), strict=True))
+
+
+def whole(value: float, unit: float, name: str) -> int:
+    """value/unit as an integer >= 1; UsageError if it is none."""
+    ratio = value / unit
+    if not math.isfinite(ratio) or round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+        raise UsageError(f"{name} {value!r}: expected a whole number of simulation steps ({unit} s)")
+    return round(ratio)
+
+
+def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
+               k1_factor: Factor = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """True a6 and k1 at times t [s] of a vehicle whose parameters are the nominal's times the factors."""
+    a6, k1 = nominal.vehicle.at(t)
+    return (a6 * (a6_factor(t) if callable(a6_factor) else a6_factor),
+            k1 * (k1_factor(t) if callable(k1_factor) else k1_factor))
+
+
+def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Factor, Factor]:
+    """Factors 1 + sigma(t) delta of the two parameters (the paper's eq. 7)."""
+    nominal.require("uncertainty")
+    sigma = nominal.uncertainty
+    assert sigma is not None
+
+    def a6_factor(t: np.ndarray) -> np.ndarray:
+        return 1.0 + delta_a6 * sigma.at(t)[0]
+
+    def k1_factor(t: np.ndarray) -> np.ndarray:
+        return 1.0 + delta_k1 * sigma.at(t)[1]
+
+    return a6_factor, k1_factor
+
+
+def noise(seed: int, stream: str, std: float, count: int) -> np.ndarray:
+    """`count` normal draws of a source: same seed, same draws, whatever the other sources do."""
+    if std == 0.0:
+        return np.zeros(count)
+    return std * np.random.default_rng((_STREAMS[stream], seed)).standard_normal(count)
+
+
+def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_factor: Factor,
+            k1_factor: Factor) -> tuple[st.Vehicle, int]:
+    """A vehicle on the pad, and the steps of its flight."""
+    nominal.require("actuator", "controller", "guidance", "simulation")
+    if suite not in SUITES:
+        raise UsageError(f"suite {suite!r}: expected one of {', '.join(SUITES)}")
+    simulation, controller, actuator = nominal.simulation, nominal.controller, nominal.actuator
+    assert simulation is not None and controller is not None and actuator is not None and nominal.guidance is not None
+    h = simulation.step
+    log_every = whole(period or (h if suite == "ideal" else nominal.sensors.period), h, "period")
+    control_every = whole(controller.period, h, "controller.period")
+    steps = math.ceil(simulation.duration / h - 1e-9)
+    ticks = -(-steps // control_every)
+
+    half_steps = np.arange(2 * steps + 1) * (0.5 * h)
+    a6, k1 = parameters(nominal, half_steps, a6_factor, k1_factor)
+    reference = np.interp(np.arange(ticks) * controller.period, nominal.guidance.t, nominal.guidance.theta_ref)
+    sensors = nominal.sensors
+    constant = np.array([h, controller.period, actuator.natural_frequency, actuator.damping_ratio, actuator.delay,
+                         actuator.deflection_limit, controller.kp, controller.kd, controller.derivative_time_constant,
+                         sensors.theta_step, sensors.theta_dot_step, sensors.beta_step, LOST_ANGLE])
+    counter = np.zeros(st.N_COUNTERS, np.int64)
+    counter[st.CONTROL_EVERY], counter[st.LOG_EVERY] = control_every, log_every
+    acceleration = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
+    vehicle = st.Vehicle(
+        constant, np.zeros(st.N_STATE), counter, a6, k1, reference,
+        noise(seed, "command", actuator.command_noise_std, ticks), noise(seed, "acceleration", acceleration, ticks),
+        noise(seed, "theta", sensors.theta_std, steps), noise(seed, "theta_dot", sensors.theta_dot_std, steps),
+        noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks))
+    return vehicle, steps
+
+
+def _columns(suite: str) -> dict[str, int]:
+    """Which column of a row the suite's sensor reads."""
+    read = "true_" if suite == "ideal" else ""
+    return {name: st.COLUMNS.index(read + name) for name in ("theta", "theta_dot", "beta")}
+
+
+def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
+              a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flight:
+    """Fly to the end and return the log.
+
+    nominal    what is flown; needs [actuator], [controller], [guidance], [simulation]
+    seed       >= 0, of all noise
+    suite      `flight` or `ideal`
+    period     [s] of the log; None: the suite's
+    a6_factor, k1_factor  the true parameters over the nominal's: a number or a function of time
+    """
+    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor)
+    every = int(vehicle.counter[st.LOG_EVERY])
+    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
+    st.advance(vehicle, steps, rows)
+    n = int(vehicle.counter[st.ROWS])
+    log = {name: rows[:n, k].copy() for k, name in enumerate(st.COLUMNS)}
+    chosen = {name: rows[:n, k].copy() for name, k in _columns(suite).items()}
+    ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
+    index = 2 * every * np.arange(n)
+    return Flight(t=np.round(log["t"], 12), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"], theta_ddot=ddot,
+                  a6=vehicle.a6[index], k1=vehicle.k1[index], period=every * float(vehicle.constant[st.STEP]),
+                  lost=bool(vehicle.counter[st.LOST]), **chosen)
+
+
+def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
+        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Iterator[Sample]:
+    """The same flight, one Sample at a time: nothing is computed before it is asked for."""
+    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor)
+    every = int(vehicle.counter[st.LOG_EVERY])
+    column = _columns(suite)
+    row = np.empty((1, len(st.COLUMNS)))
+    for start in range(0, steps, every):
+        vehicle.counter[st.ROWS] = 0
+        st.advance(vehicle, min(every, steps - start), row)
+        if vehicle.counter[st.ROWS] == 0:
+            return
+        value = row[0].tolist()
+        yield Sample(round(value[0], 12), value[column["theta"]], value[column["theta_dot"]], value[column["beta"]],
+                     value[9] if suite == "ideal" else math.nan, value[2])
+        if vehicle.counter[st.LOST]:
+            return

@@ -1,0 +1,177 @@
+"""Flight logs: CSV in and out.
+
+Required columns t, theta, beta; optional theta_dot, theta_ddot, beta_cmd,
+theta_ref; others are ignored with one line of notice.  SI units.  An empty cell
+or `nan` is "not measured".  What cannot be read is an InputError naming file,
+line and column; bad time stamps and values are data, and pass.
+"""
+
+import contextlib
+import csv
+import math
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from launchid_core import Sample
+
+from .errors import InputError
+from .flight import Flight
+
+REQUIRED = ("t", "theta", "beta")
+OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref")
+
+# float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf\Z", re.ASCII)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log as arrays of equal length; NaN where not measured, whole columns of NaN where the file has none."""
+
+    path: str
+    columns: tuple[str, ...]   # the known ones that the file has
+    ignored: tuple[str, ...]   # the unknown ones
+    t: np.ndarray
+    theta: np.ndarray
+    theta_dot: np.ndarray
+    beta: np.ndarray
+    theta_ddot: np.ndarray
+    beta_cmd: np.ndarray
+    theta_ref: np.ndarray
+
+    @property
+    def period(self) -> float:
+        """Median step between finite stamps that go forward [s]; InputError if there is none."""
+        t = self.t[np.isfinite(self.t)]
+        steps = np.diff(t)
+        steps = steps[steps > 0]
+        if len(steps) == 0:
+            raise InputError(f"{self.path}: column t: no two increasing time stamps, so there is no sample period")
+        return float(np.median(steps))
+
+    def samples(self) -> Iterator[Sample]:
+        """The rows as the estimator's samples."""
+        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
+        return map(Sample._make, zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _shown(cell: str) -> str:
+    """A cell for a message: escaped and cut."""
+    return ascii(cell if len(cell) <= 40 else cell[:40] + "...")
+
+
+def _header(path: Path, header: list[str]) -> dict[str, int]:
+    names = [name.strip() for name in header]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: line 1: column {_shown(name)} stands {names.count(name)} times; expected once")
+    for name in REQUIRED:
+        if name not in names:
+            raise InputError(f"{path}: line 1: column '{name}' is missing (found {_shown(','.join(names))}); "
+                             "expected a header with t, theta, beta")
+    return {name: k for k, name in enumerate(names)}
+
+
+def _cell(path: Path, line: int, name: str, text: str) -> float:
+    text = text.strip()
+    if text == "" or text.lower() == "nan":
+        return math.nan
+    if not _NUMBER.match(text):
+        raise InputError(f"{path}: line {line}, column {name}: {_shown(text)} is no number; "
+                         "expected one such as -0.0123, or an empty cell")
+    return float(text)
+
+
+def read_log(path: str | Path) -> Log:
+    """Read a log; InputError in one line if it cannot be used."""
+    path = Path(path)
+    known: dict[str, int] = {}
+    names: dict[str, int] = {}
+    rows: list[list[float]] = []
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            header = next(reader, None)
+            if header is None:
+                raise InputError(f"{path}: empty file; expected a header with t, theta, beta")
+            names = _header(path, header)
+            known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
+            for cells in reader:
+                if not cells:
+                    continue
+                if len(cells) != len(header):
+                    raise InputError(f"{path}: line {reader.line_num}: {len(cells)} cells, "
+                                     f"expected {len(header)} as in the header")
+                rows.append([_cell(path, reader.line_num, name, cells[k]) for name, k in known.items()])
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a UTF-8 CSV log") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: {error}; expected comma-separated cells") from None
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(known))
+    values = {name: table[:, k].copy() for k, name in enumerate(known)}
+    usable = np.isfinite(np.stack([values[name] for name in REQUIRED])).all(axis=0) if rows else np.zeros(0, bool)
+    if not usable.any():
+        raise InputError(f"{path}: no usable row; expected rows with finite t, theta and beta")
+    missing = {name: np.full(len(rows), math.nan) for name in OPTIONAL if name not in known}
+    ignored = tuple(name for name in names if name not in known)
+    return Log(path=str(path), columns=tuple(known), ignored=ignored, **values, **missing)
+
+
+@contextlib.contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place when the block ends well, and goes when it does not."""
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+        os.close(handle)
+        os.chmod(name, 0o666 & ~_umask())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    temporary = Path(name)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_text(path: str | Path, lines: Iterable[str]) -> None:
+    """Write a text file whole or not at all."""
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(lines)
+
+
+def write_flight(path: str | Path, flight: Flight) -> None:
+    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (and theta_ddot if measured).
+
+    Shortest numbers that read back to the same bits.
+    """
+    names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
+    if not np.isnan(flight.theta_ddot).all():
+        names.append("theta_ddot")
+    columns = [getattr(flight, name).tolist() for name in names]
+
+    def lines() -> Iterator[str]:
+        yield ",".join(names) + "\n"
+        for row in zip(*columns, strict=True):
+            yield ",".join(map(repr, row)) + "\n"
+
+    write_text(path, lines())

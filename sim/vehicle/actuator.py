@@ -1,0 +1,32 @@
+"""Thrust vector control: a second-order servo behind a transport delay."""
+
+import math
+
+from .kernels import kernel
+
+
+@kernel
+def nozzle_acceleration(frequency, damping, command, beta, beta_dot):
+    """beta_ddot [rad/s^2] = w^2 (command - beta) - 2 zeta w beta_dot."""
+    return frequency * frequency * (command - beta) - 2.0 * damping * frequency * beta_dot
+
+
+@kernel
+def delayed_command(commands, tick, age, step, period, delay):
+    """Mean of the command over a step, seen `delay` later.  Assumption: step <= period.
+
+    commands (ticks,) [rad] in   noisy command of each controller period; before the first it was 0
+    tick            current controller period
+    age       [s]   time since it began, at the step's start
+    step, period, delay [s]
+    """
+    if delay == 0.0:
+        return commands[tick]
+    start = tick * period + age - delay
+    first = math.floor(start / period + 1e-9)
+    share = min(max(((first + 1) * period - start) / step, 0.0), 1.0)
+    early = commands[first] if first >= 0 else 0.0
+    if share == 1.0:
+        return early
+    late = commands[first + 1] if first + 1 >= 0 else 0.0
+    return share * early + (1.0 - share) * late

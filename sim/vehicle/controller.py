@@ -1,0 +1,15 @@
+"""PD control of the attitude error with a discrete pseudo-derivative filter."""
+
+from .kernels import kernel
+
+
+@kernel
+def pseudo_derivative(time_constant, period, error, previous_error, derivative):
+    """Backward-Euler filtered derivative: d <- (tau d + e - e_previous)/(tau + period)."""
+    return (time_constant * derivative + error - previous_error) / (time_constant + period)
+
+
+@kernel
+def pd_command(kp, kd, limit, error, derivative):
+    """kp e + kd d, limited to +-limit [rad]."""
+    return min(max(kp * error + kd * derivative, -limit), limit)
