@@ -4,13 +4,14 @@ What flies: fixed memory, bounded time, one sample at a time.  It knows no clock
 file, simulator or print.  numpy and numba only.
 """
 
-from .config import FORMULATIONS, Config
-from .estimate import Estimate
+from .config import FORMULATIONS, NOISE_LEVELS, Config
+from .estimate import Change, Estimate, Tracked
 from .estimator import Estimator
 from .library import LIBRARIES, polynomial
+from .model import Model
 from .sample import Sample
 from .sparse import SOLVERS
 from .status import EstimateStatus, Status
 
-__all__ = ["FORMULATIONS", "LIBRARIES", "SOLVERS", "Config", "Estimate", "EstimateStatus", "Estimator",
-           "Sample", "Status", "polynomial"]
+__all__ = ["FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config", "Estimate", "EstimateStatus",
+           "Estimator", "Model", "Sample", "Status", "Tracked", "polynomial"]

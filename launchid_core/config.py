@@ -5,10 +5,13 @@ import math
 from dataclasses import dataclass
 
 from .library import default_threshold, library_terms
+from .model import Model
+from .predictor import MAX_DELAY_SAMPLES
 from .ring import LAST_SAMPLE
 from .sparse import SOLVERS
 
-FORMULATIONS = ("measured", "difference", "integral")
+FORMULATIONS = ("measured", "difference", "integral", "filtered")
+NOISE_LEVELS = ("estimated", "declared")
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4
 
@@ -22,8 +25,10 @@ class Config:
     compression            keep one of N rows at random, N >= 1.  1: every row carries information under noise
     seed                   of the row choice, 0 <= seed < 2^63.  Same seed, same rows on every machine
     library                name or tuple of terms (`launchid_core.LIBRARIES`).  rigid-body: theta and beta alone
-    formulation            `measured` (needs theta_ddot), `difference` or `integral`.  integral: the one of these
-                           that noise does not bias most
+    formulation            `measured` (needs theta_ddot), `difference`, `integral` or `filtered` (needs `model`).
+                           integral: the best of those that need no model; filtered reaches the Cramer-Rao bound
+    model                  what the filtered formulation believes of the vehicle; None for the others
+    noise                  `estimated`: the model's noise levels are a prior, followed in flight; `declared`: exact
     solver                 stls (the paper's), sr3, ssr or lasso
     threshold              coefficients below it are cut, raw units; None: 0.5 (0 inside `lpv`, whose slopes are small)
     max_gap           [s]  a longer step between samples starts a new segment; None: 1.5 sample periods
@@ -43,6 +48,8 @@ class Config:
     seed: int = 0
     library: str | tuple[str, ...] = "rigid-body"
     formulation: str = "integral"
+    model: Model | None = None
+    noise: str = "estimated"
     solver: str = "stls"
     threshold: float | None = None
     max_gap: float | None = None
@@ -63,6 +70,7 @@ class Config:
         self._require_integer("seed", 0, 2**63 - 1)
         self._require_name("formulation", FORMULATIONS)
         self._require_name("solver", SOLVERS)
+        self._require_name("noise", NOISE_LEVELS)
         object.__setattr__(self, "library", self.library if isinstance(self.library, str) else tuple(self.library))
         terms = library_terms(self.library)
         if self.threshold is None:
@@ -74,11 +82,24 @@ class Config:
         for field in dataclasses.fields(self):
             if field.name.endswith(("_limit", "_saturation")):
                 self._require_real(field.name, 0.0, math.inf, above=True)
+        if self.formulation == "filtered":
+            self._require_filtered(terms)
         if self.kept_rows < len(terms) + 2:
             raise ValueError(
                 f"compression={self.compression!r} keeps {self.kept_rows} of the {self.rows} rows of a window, too few "
                 f"for the {len(terms)} terms of the library: allowed 1..{max(1, self.rows // (len(terms) + 2))} "
                 "(or a longer window)")
+
+    def _require_filtered(self, terms: tuple[str, ...]) -> None:
+        """What the filtered formulation asks for."""
+        if not isinstance(self.model, Model):
+            raise ValueError(f"model={self.model!r}: formulation 'filtered' expects a Model (profile, actuator, noises)")
+        if self.compression != 1:
+            raise ValueError(f"compression={self.compression!r}: formulation 'filtered' uses every sample, expected 1")
+        if "theta" not in terms or "beta" not in terms or any("tau" in term for term in terms):
+            raise ValueError(f"library={self.library!r}: formulation 'filtered' expects theta, beta and no term in tau")
+        if self.model.delay > MAX_DELAY_SAMPLES * self.sample_period - 2 * self.sample_period:
+            raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} sample periods")
 
     def _require_real(self, name: str, low: float, high: float, above: bool = False) -> None:
         """Convert to float and demand low <= value <= high (value > low if `above`)."""

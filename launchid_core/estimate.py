@@ -1,10 +1,47 @@
 """What leaves the estimator."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from .status import EstimateStatus
+
+
+class Tracked(NamedTuple):
+    """The tracked estimate at a window's end: all data so far, the slow deviation from the nominal followed.
+
+    valid        at least one parameter is known better than before the first sample
+    a6, k1       [1/s^2] at t_end, with standard deviations and correlation; NaN if not valid
+    """
+
+    valid: bool
+    a6: float
+    k1: float
+    a6_std: float
+    k1_std: float
+    a6_k1_corr: float
+
+
+class Change(NamedTuple):
+    """A sudden change of a6 or k1.
+
+    t, t_std [s]   when it began
+    parameter      `a6` or `k1` (a change of both is two entries)
+    before, after  [1/s^2] at t;  size = after - before, with its standard deviation
+    alarm    [s]   when the alarm was raised
+    final          the size is based on two seconds of data after the change
+    """
+
+    t: float
+    t_std: float
+    parameter: str
+    before: float
+    after: float
+    size: float
+    size_std: float
+    alarm: float
+    final: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +52,7 @@ class Estimate:
     valid                `status` is OK: the theta_ddot equation was identified
     status               why, or why not
     a6, k1       [1/s^2] coefficients of theta and beta in theta_ddot; 0 if thresholded away, NaN if not in the library
-    a6_std, k1_std       their standard deviations from the window's own residual; NaN where the term is not active
+    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: the residual); NaN where the term is not active
     a6_k1_corr           their correlation
     a6_dot, k1_dot [1/s^3]  coefficients of tau*theta, tau*beta
     a6_bound, k1_bound   Cramer-Rao bound of the window as standard deviations; NaN unless a noise model was given
@@ -24,6 +61,7 @@ class Estimate:
     support      (q, 3)  bool: the active terms; read-only
     terms                names of the rows
     rows                 rows used;  gaps: gaps inside the window
+    tracked              the tracked estimate (formulation `filtered`), else None
     """
 
     t_start: float
@@ -45,3 +83,4 @@ class Estimate:
     terms: tuple[str, ...]
     rows: int
     gaps: int
+    tracked: Tracked | None = None

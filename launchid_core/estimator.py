@@ -1,18 +1,27 @@
 """The one class: samples in by `update`, estimates out by `estimate`."""
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
+from . import changes as ch
+from . import onboard as ob
 from . import regression as rg
 from . import ring as rb
 from .compress import first_state
 from .config import Config
-from .estimate import Estimate
+from .estimate import Change, Estimate, Tracked
+from .filtered import BLOCK
 from .library import MAX_POWER, centred_variables, term_codes
+from .model import NOISES
+from .predictor import Belief
 from .sample import NAN, Sample
 from .sparse import SOLVERS
 from .status import EstimateStatus, Status
+from .tracker import FIRST_STD
+
+KNOWN = 0.9  # of FIRST_STD: the data have said something of a parameter
 
 _STATUSES = tuple(Status(code) for code in range(Status.BUSY, Status.CLOCK_RESET + 1))
 
@@ -44,6 +53,24 @@ def _plan(config: Config) -> rg.Plan:
                    np.array([config.max_gap]), saturation)
 
 
+def _belief(config: Config) -> Belief:
+    model = config.model
+    assert model is not None
+    term = np.array([config.terms.index("theta"), config.terms.index("beta")])
+    return Belief(np.array(model.profile_t), np.array(model.profile_a6), np.array(model.profile_k1),
+                  np.array([model.natural_frequency, model.damping_ratio, model.delay, config.sample_period]),
+                  model.variances(config.sample_period), term_codes(config.terms), term)
+
+
+def _arrays(value: object) -> Iterator[np.ndarray]:
+    """All arrays of a nest of tuples."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _arrays(item)
+
+
 class Estimator:
     """On-board identification of theta_ddot = a6 theta + k1 beta from samples, one at a time.
 
@@ -60,19 +87,30 @@ class Estimator:
         self._ring = np.zeros((m + 1, rb.N_COLUMNS))
         self._random = np.zeros(1, np.int64)
         self._plan = _plan(config)
-        self._work = rg.regression_work(m, p, q, MAX_POWER + 1)
         self._outcome = rg.outcome(q)
+        self._work: rg.Work | None = None
+        self._onboard: ob.Onboard | None = None
+        if config.formulation == "filtered":
+            self._onboard = ob.onboard(_belief(config), config.noise == "estimated")
+            self._take = self._take_filtered
+        else:
+            self._work = rg.regression_work(m, p, q, MAX_POWER + 1)
+            self._take = self._take_regression
         self._close = rg.close_integral if config.formulation == "integral" else rg.close_pointwise
+        self._enough = max(q + 2, (p + 1) // 2)
         self._push = rb.push
+        self._waiting = 0
         self._busy = False
         self._has_estimate = False
         self._compile()
         self.reset()
 
     def _compile(self) -> None:
-        """Compile (or load from the cache) both kernels, then refuse to compile in flight: an int is cast."""
+        """Compile (or load from the cache) every kernel, then refuse to compile in flight: an int is cast."""
         self.update(Sample(NAN, NAN, NAN, NAN))
-        self._close(self._plan, self._work, self._outcome, self._ring, self._count, self._random, 0.0)
+        self._take(rb.WINDOW_COMPLETE)
+        if self._onboard is not None:
+            ob.abandon_window(self._onboard, self.config.sample_period)
         if hasattr(self._push, "disable_compile"):
             self._push.disable_compile()
 
@@ -83,6 +121,9 @@ class Estimator:
         self._ring[:, :] = 0.0
         self._random[0] = first_state(self.config.seed)
         rg.clear_outcome(self._outcome, int(EstimateStatus.SHORT))
+        if self._onboard is not None:
+            ob.restart(self._onboard)
+        self._waiting = 0
         self._has_estimate = False
         self._busy = False
 
@@ -94,13 +135,34 @@ class Estimator:
         self._busy = True
         try:
             code = self._push(self._limits, self._clock, self._count, self._ring, *sample)
-            if code == rb.WINDOW_COMPLETE:
-                t_centre = self._clock[rb.T_CLOSED] + 0.5 * self.config.window
-                self._close(self._plan, self._work, self._outcome, self._ring, self._count, self._random, t_centre)
-                self._has_estimate = True
+            if code >= 0:
+                self._take(code)
         finally:
             self._busy = False
         return _STATUSES[code - rb.BUSY]
+
+    def _take_regression(self, code: int) -> None:
+        """A sample was accepted: the formulations that regress on the rows of a whole window."""
+        if code == rb.WINDOW_COMPLETE:
+            t_centre = self._clock[rb.T_CLOSED] + 0.5 * self.config.window
+            self._close(self._plan, self._work, self._outcome, self._ring, self._count, self._random, t_centre)
+            self._has_estimate = True
+
+    def _take_filtered(self, code: int) -> None:
+        """A sample was accepted: the predictor takes them a block at a time."""
+        self._waiting += 1
+        if self._waiting < BLOCK and code in (rb.ACCEPTED, rb.AFTER_GAP):
+            return
+        onboard, config = self._onboard, self.config
+        spare = self._count[rb.CLOSED_BACK] if code == rb.WINDOW_COMPLETE else int(code == rb.CLOCK_RESET)
+        ob.take_samples(onboard, self._ring, self._count, self._waiting, spare, config.max_gap, config.sample_period)
+        self._waiting = int(spare)
+        if code == rb.WINDOW_COMPLETE:
+            t_centre = self._clock[rb.T_CLOSED] + 0.5 * config.window
+            ob.close_filtered(onboard, self._outcome, t_centre, self._enough, config.sample_period)
+            self._has_estimate = True
+        elif code == rb.CLOCK_RESET:
+            ob.abandon_window(onboard, config.sample_period)
 
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
@@ -117,7 +179,52 @@ class Estimator:
             a6_k1_corr=number[rg.CORRELATION], a6_dot=number[rg.A6_DOT], k1_dot=number[rg.K1_DOT],
             a6_bound=number[rg.A6_BOUND], k1_bound=number[rg.K1_BOUND], condition=number[rg.CONDITION],
             xi=xi, support=support, terms=self.config.terms,
-            rows=int(self._outcome.flag[rg.USED]), gaps=int(self._outcome.flag[rg.GAPS]))
+            rows=int(self._outcome.flag[rg.USED]), gaps=int(self._outcome.flag[rg.GAPS]),
+            tracked=self._tracked(t_start + self.config.window))
+
+    def _profile(self, t: float) -> tuple[float, float]:
+        """The nominal's a6 and k1 at t."""
+        model = self.config.model
+        assert model is not None
+        return (float(np.interp(t, model.profile_t, model.profile_a6)),
+                float(np.interp(t, model.profile_t, model.profile_k1)))
+
+    def _tracked(self, t: float) -> Tracked | None:
+        if self._onboard is None:
+            return None
+        a, k, v_aa, v_ak, v_kk = self._onboard.bank.total.tolist()
+        if not (min(v_aa, v_kk) < (KNOWN * FIRST_STD) ** 2 and math.isfinite(a + k)):
+            return Tracked(False, NAN, NAN, NAN, NAN, NAN)
+        a6, k1 = self._profile(t)
+        sign = math.copysign(1.0, a6 * k1)
+        return Tracked(True, a6 * (1.0 + a), k1 * (1.0 + k), abs(a6) * math.sqrt(v_aa), abs(k1) * math.sqrt(v_kk),
+                       sign * v_ak / math.sqrt(v_aa * v_kk))
+
+    def changes(self) -> tuple[Change, ...]:
+        """Sudden changes found so far, oldest first (the last MAX_EVENTS alarms; formulation `filtered`)."""
+        if self._onboard is None:
+            return ()
+        found = []
+        events = int(self._onboard.watch.count[2])
+        for number in range(max(0, events - ch.MAX_EVENTS), events):
+            event = self._onboard.watch.event[number % ch.MAX_EVENTS].tolist()
+            t = event[ch.E_TIME]
+            rows = {"a6": (ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_A6_VARIANCE),
+                    "k1": (ch.E_K1_BEFORE, ch.E_K1_AFTER, ch.E_K1_VARIANCE)}
+            for name, nominal in zip(("a6", "k1"), self._profile(t), strict=True):
+                if name in ch.KINDS[int(event[ch.E_KIND])]:
+                    before, after, variance = (event[k] for k in rows[name])
+                    found.append(Change(t, event[ch.E_TIME_STD], name, nominal * (1 + before), nominal * (1 + after),
+                                        nominal * (after - before), abs(nominal) * math.sqrt(variance),
+                                        event[ch.E_ALARM], bool(event[ch.E_FINAL])))
+        return tuple(found)
+
+    @property
+    def noise_levels(self) -> dict[str, float]:
+        """Noise levels believed now, over the model's declared ones, by name (formulation `filtered`)."""
+        if self._onboard is None:
+            return {}
+        return {name: math.exp(level) for name, level in zip(NOISES, self._onboard.filter.level.tolist(), strict=True)}
 
     @property
     def counts(self) -> dict[str, int]:
@@ -127,7 +234,6 @@ class Estimator:
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays this estimator owns; constant after construction."""
-        sparse = self._work.sparse
-        arrays = [self._limits, self._clock, self._count, self._ring, self._random, *self._plan, *self._outcome,
-                  *sparse, *(array for array in self._work if array is not sparse)]
-        return sum(array.nbytes for array in arrays)
+        owned = (self._limits, self._clock, self._count, self._ring, self._random, self._plan, self._outcome,
+                 self._work, self._onboard)
+        return sum(array.nbytes for array in _arrays(owned))

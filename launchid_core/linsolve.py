@@ -193,3 +193,32 @@ def least_squares(at, y, order, tau, norms, z, x, tolerance):
     for k in range(n):
         x[order[k]] = z[k] / norms[order[k]]
     return rank
+
+
+@kernel
+def absorb_rows(r, rt, k):
+    """Triangle of [R; rows]: adds k rows of data to a square-root information matrix, by Householder.
+
+    r  (n, n) inout  upper triangular
+    rt (n, >=k) inout  the rows, column by column; destroyed
+    Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
+    """
+    n = r.shape[0]
+    for j in range(n):
+        v = rt[j]
+        square = dot(v, v, 0, k)
+        if square == 0.0:
+            continue
+        alpha = r[j, j]
+        beta = -math.copysign(math.sqrt(alpha * alpha + square), alpha)
+        tau = (beta - alpha) / beta
+        inverse = 1.0 / (alpha - beta)
+        for i in range(k):
+            v[i] *= inverse
+        r[j, j] = beta
+        for c in range(j + 1, n):
+            column = rt[c]
+            s = tau * (r[j, c] + dot(v, column, 0, k))
+            r[j, c] -= s
+            for i in range(k):
+                column[i] -= s * v[i]

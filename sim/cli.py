@@ -13,10 +13,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from launchid_core import FORMULATIONS, SOLVERS, Config
+from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 
 from .errors import InputError, UsageError
-from .identify import report, run, whole_log
+from .identify import onboard_model, report, run, whole_log
 from .log import Log, read_log, write_flight, write_text
 from .nominal import Nominal, load_nominal
 
@@ -65,6 +65,9 @@ def parser() -> Parser:
     sub.add_argument("--solver", default="stls", choices=SOLVERS)
     sub.add_argument("--threshold", type=float, metavar="X")
     sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared)")
+    sub.add_argument("--tracked", action="store_true", help="also the tracked estimate and sudden changes (filtered)")
     sub.add_argument("--json", metavar="PATH|-")
     sub.add_argument("--plot", metavar="PATH")
     sub.set_defaults(run=identify_command)
@@ -103,16 +106,23 @@ def read_noting(path: str) -> Log:
     return log
 
 
-def default_formulation(log: Log) -> str:
-    """Measured if the log has theta_ddot, else the integral form (the better one under noise, `reproduce`)."""
-    return "measured" if "theta_ddot" in log.columns else "integral"
-
-
-def identify_config(args: argparse.Namespace, log: Log) -> Config:
-    """Config for a log; UsageError for what the options ask and the log lacks."""
-    formulation = args.formulation or default_formulation(log)
+def choose_formulation(args: argparse.Namespace, log: Log) -> str:
+    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`)."""
+    default = "measured" if "theta_ddot" in log.columns else "integral"
+    formulation = args.formulation or ("filtered" if args.nominal else default)
     if formulation == "measured" and "theta_ddot" not in log.columns:
         raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
+    if formulation == "filtered" and not args.nominal:
+        raise UsageError("--formulation filtered needs --nominal NOMINAL.toml (profile, actuator, noises)")
+    if args.tracked and formulation != "filtered":
+        raise UsageError("--tracked needs --formulation filtered and --nominal NOMINAL.toml")
+    return str(formulation)
+
+
+def identify_config(args: argparse.Namespace, log: Log, nominal: Nominal | None) -> Config:
+    """Config for a log; UsageError for what the options ask and the log lacks."""
+    formulation = choose_formulation(args, log)
+    model = onboard_model(nominal) if formulation == "filtered" and nominal is not None else None
     if args.window == "all":
         t = log.t[np.isfinite(log.t)]
         timing = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
@@ -123,7 +133,8 @@ def identify_config(args: argparse.Namespace, log: Log) -> Config:
             raise UsageError(f"--window {args.window!r}: expected seconds or 'all'") from None
     try:
         return Config(**timing, compression=args.compression, seed=args.seed, library=args.library,
-                      formulation=formulation, solver=args.solver, threshold=args.threshold)
+                      formulation=formulation, solver=args.solver, threshold=args.threshold, model=model,
+                      noise=args.noise)
     except ValueError as error:
         raise UsageError(str(error)) from None
 
@@ -141,6 +152,9 @@ def identify_table(result: dict[str, Any]) -> str:
     for w in result["windows"]:
         terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+    for c in result.get("changes", []):
+        lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
+                     f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
@@ -151,9 +165,9 @@ def identify_command(args: argparse.Namespace) -> None:
     """launchid identify"""
     log = read_noting(args.log)
     nominal: Nominal | None = load_nominal(args.nominal) if args.nominal else None
-    config = identify_config(args, log)
+    config = identify_config(args, log, nominal)
     estimates, estimator = run(config, log.samples())
-    result = report(estimates, estimator)
+    result = report(estimates, estimator, args.tracked)
     if args.plot:
         from .plots import identify_figure, save
         save(identify_figure(log, estimates, nominal), args.plot)

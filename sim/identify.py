@@ -1,12 +1,37 @@
 """Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-from launchid_core import Config, Estimate, Estimator, Sample, Status
+from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
 
-Progress = Callable[[], None]
+from .nominal import Nominal
+
+SMALLEST_STD = 1.0e-9  # of a noise in a model
+
+
+def onboard_model(nominal: Nominal) -> Model:
+    """What the filtered formulation believes, from a nominal's [vehicle], [actuator], [sensors], [controller] and
+    [simulation].
+
+    Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
+    filter stays regular.
+    """
+    nominal.require("actuator", "controller", "simulation")
+    actuator, sensors, simulation = nominal.actuator, nominal.sensors, nominal.simulation
+    assert actuator is not None and simulation is not None and nominal.controller is not None
+
+    def std(value: float, step: float = 0.0) -> float:
+        return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
+
+    return Model(
+        profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(nominal.vehicle.a6), profile_k1=tuple(nominal.vehicle.k1),
+        natural_frequency=actuator.natural_frequency, damping_ratio=actuator.damping_ratio, delay=actuator.delay,
+        theta_std=std(sensors.theta_std, sensors.theta_step),
+        theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
+        beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
+        acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=nominal.controller.period)
 
 
 def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
@@ -43,9 +68,28 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
             "terms": {term: number(value) for term, value in active}}
 
 
-def report(estimates: list[Estimate], estimator: Estimator) -> dict[str, Any]:
-    """The identify JSON: windows, and what became of the samples."""
+def tracked_json(estimate: Estimate) -> dict[str, Any]:
+    """The tracked estimate at a window's end."""
+    tracked = estimate.tracked
+    assert tracked is not None
+    return {"valid": tracked.valid, **{name: number(getattr(tracked, name))
+                                       for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr")}}
+
+
+def change_json(change: Change) -> dict[str, Any]:
+    """One sudden change."""
+    return {"t": change.t, "t_std": change.t_std, "parameter": change.parameter, "before": change.before,
+            "after": change.after, "size": change.size, "size_std": change.size_std}
+
+
+def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False) -> dict[str, Any]:
+    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples."""
     counts = estimator.counts
-    return {"windows": [window_json(estimate) for estimate in estimates],
+    windows = [window_json(estimate) for estimate in estimates]
+    if tracked:
+        for window, estimate in zip(windows, estimates, strict=True):
+            window["tracked"] = tracked_json(estimate)
+    changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
+    return {"windows": windows, **changes,
             "samples": {"accepted": sum(n for name, n in counts.items() if Status[name] >= 0),
                         "rejected": {name: n for name, n in counts.items() if Status[name] < 0 and n > 0}}}

@@ -1,0 +1,231 @@
+"""The filtered formulation: prediction-error estimates of a window from whitened innovations.
+
+Each innovation is one row of a linear regression on (initial offset, terms); rows
+are gathered over a block of samples and absorbed into square-root information
+matrices: one per window (with the initial offset, so that only the window's own
+data speak), one for the structure (with forgetting, over many windows), and one
+per block for the tracker.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .kernels import kernel
+from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
+from .model import N_NOISES
+from .predictor import (
+    Belief,
+    Filter,
+    FilterWork,
+    correct,
+    predict,
+    start_segment,
+    take_command,
+)
+from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
+from .status import EstimateStatus
+
+BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
+N_OFFSET = 4            # columns of the initial offset
+WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
+LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
+LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
+
+OK = int(EstimateStatus.OK)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+NUMERICS = int(EstimateStatus.NUMERICS)
+SHORT = int(EstimateStatus.SHORT)
+
+
+class Accumulator(NamedTuple):
+    """Square-root information and the rows on their way into it.  n = 4 + q + 1 columns, right-hand side last."""
+
+    window: np.ndarray       # (n, n) of the current window
+    block: np.ndarray        # (3, 3) of the current block: theta, beta, right-hand side
+    rows: np.ndarray         # (n, 3 BLOCK) whitened innovations of the block, column by column
+    scratch: np.ndarray      # (n * n + n * 3 BLOCK,)
+    count: np.ndarray        # (2,) int64: rows in the block, samples in the window
+    score: np.ndarray        # (5,) of the noise levels over the block
+    information: np.ndarray  # (5, 5) of the noise levels over the block
+    level_information: np.ndarray  # (5, 5) over the flight, prior included
+    square: np.ndarray       # (5, 5) scratch
+    order: np.ndarray        # (5,) int64 scratch
+    tau: np.ndarray          # (5,) scratch
+    right: np.ndarray        # (5,) scratch
+    step: np.ndarray         # (5,) scratch
+
+
+def accumulator(q: int) -> Accumulator:
+    """Allocate for q terms."""
+    n = N_OFFSET + q + 1
+    five = N_NOISES
+    return Accumulator(np.zeros((n, n)), np.zeros((3, 3)), np.zeros((n, 3 * BLOCK)), np.zeros(n * n + 3 * n * BLOCK),
+                       np.zeros(2, np.int64), np.zeros(five), np.zeros((five, five)), np.zeros((five, five)),
+                       np.zeros((five, five)), np.zeros(five, np.int64), np.zeros(five), np.zeros(five),
+                       np.zeros(five))
+
+
+@kernel
+def start_window(acc):
+    """Forget the window's information but for the weak prior on the terms."""
+    acc.window[:, :] = 0.0
+    for j in range(N_OFFSET, acc.window.shape[0] - 1):
+        acc.window[j, j] = WEAK_PRIOR
+    acc.count[1] = 0
+
+
+@kernel
+def forget_offset(acc):
+    """The state is unknown again (a gap): keep what is known of the terms, drop the initial offset's rows."""
+    for i in range(N_OFFSET):
+        for j in range(acc.window.shape[0]):
+            acc.window[i, j] = 0.0
+
+
+@kernel
+def absorb_block(acc):
+    """Add the block's rows to the window's information."""
+    n, k = acc.window.shape[0], acc.count[0]
+    copy = acc.scratch[:n * k].reshape((n, k))
+    for j in range(n):
+        for i in range(k):
+            copy[j, i] = acc.rows[j, i]
+    absorb_rows(acc.window, copy, k)
+
+
+@kernel
+def reduce_block(acc, theta, beta):
+    """Information of the block's rows about theta's and beta's coefficients alone, the state being known."""
+    k = acc.count[0]
+    n = acc.window.shape[0]
+    copy = acc.scratch[:3 * k].reshape((3, k))
+    for i in range(k):
+        copy[0, i] = acc.rows[N_OFFSET + theta, i]
+        copy[1, i] = acc.rows[N_OFFSET + beta, i]
+        copy[2, i] = acc.rows[n - 1, i]
+    acc.block[:, :] = 0.0
+    absorb_rows(acc.block, copy, k)
+
+
+@kernel
+def take_sample(belief, fil, work, acc, row, max_gap):
+    """One sample of the ring into the predictor; its innovations become rows of the block.
+
+    row (6,) in   a row of the ring
+    """
+    t = row[T]
+    if fil.time[1] == 0.0 or t - fil.time[0] > max_gap or t <= fil.time[0]:
+        start_segment(belief, fil, t, row[THETA], row[THETA_DOT], row[BETA])
+        forget_offset(acc)
+    else:
+        predict(belief, fil, work, t)
+    theta, beta = N_OFFSET + belief.term[0], N_OFFSET + belief.term[1]
+    for channel in range(3):
+        z = row[THETA + channel]
+        if np.isnan(z):
+            continue
+        r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
+        e, variance = correct(fil, work, channel, z, r, acc.score, acc.information)
+        scale = 1.0 / np.sqrt(variance)
+        k = acc.count[0]
+        n = work.out.shape[0]
+        for j in range(n):
+            acc.rows[j, k] = work.out[j] * scale
+        acc.rows[n, k] = (e + work.out[theta] * fil.p_bar[0] + work.out[beta] * fil.p_bar[1]) * scale
+        acc.count[0] = k + 1
+    acc.count[1] += 1
+    take_command(belief.constant, fil, row[BETA_CMD])
+
+
+@kernel
+def update_levels(fil, acc):
+    """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
+    n = acc.score.shape[0]
+    for i in range(n):
+        for j in range(n):
+            prior = LEVEL_PRIOR if i == j else 0.0
+            old = LEVEL_MEMORY * (acc.level_information[i, j] - prior) + prior
+            acc.level_information[i, j] = old + acc.information[i, j]
+            acc.square[j, i] = acc.level_information[i, j]
+            acc.information[i, j] = 0.0
+        acc.right[i] = acc.score[i]
+        acc.score[i] = 0.0
+    rank = qr_factor(acc.square, acc.order, acc.tau, 1.0e-12)
+    if rank < n:
+        return
+    apply_q_transposed(acc.square, acc.tau, n, acc.right)
+    solve_triangle(acc.square, n, acc.right, acc.step)
+    for k in range(n):
+        fil.level[acc.order[k]] += acc.step[k]
+
+
+@kernel
+def relinearise(belief, fil, a, k):
+    """Move the point of linearisation to relative deviations (a, k), and the state with it."""
+    for i in range(fil.x.shape[0]):
+        fil.x[i] += (fil.s[i, N_OFFSET + belief.term[0]] * (a - fil.p_bar[0])
+                     + fil.s[i, N_OFFSET + belief.term[1]] * (k - fil.p_bar[1]))
+    fil.p_bar[0], fil.p_bar[1] = a, k
+
+
+@kernel
+def select_columns(acc, active, theta, beta, columns):
+    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, right-hand side.
+
+    columns (n,) out int64;  returns how many.
+    """
+    n = acc.window.shape[0]
+    m = N_OFFSET
+    for j in range(N_OFFSET):
+        columns[j] = j
+    for j in range(n - 1 - N_OFFSET):
+        if active[j] and j != theta and j != beta:
+            columns[m] = N_OFFSET + j
+            m += 1
+    if active[theta]:
+        columns[m] = N_OFFSET + theta
+        m += 1
+    if active[beta]:
+        columns[m] = N_OFFSET + beta
+        m += 1
+    columns[m] = n - 1
+    return m + 1
+
+
+@kernel
+def solve_window(belief, acc, active, columns, coefficient, deviation):
+    """Least squares of the window's active terms on its own data.
+
+    active      (q,) in   bool
+    columns     (n,) scratch int64
+    coefficient (q,) out  theta's and beta's are relative deviations; 0 for inactive terms
+    deviation   (3,) out  std of theta's, std of beta's, their correlation (NaN where inactive)
+    """
+    n = acc.window.shape[0]
+    theta, beta = belief.term[0], belief.term[1]
+    m = select_columns(acc, active, theta, beta, columns)
+    r = acc.scratch[:m * m].reshape((m, m))
+    rt = acc.scratch[m * m:m * m + m * n].reshape((m, n))
+    for c in range(m):
+        for i in range(m):
+            r[c, i] = 0.0
+        for i in range(n):
+            rt[c, i] = acc.window[i, columns[c]]
+    absorb_rows(r, rt, n)
+    coefficient[:] = 0.0
+    for k in range(m - 2, N_OFFSET - 1, -1):
+        value = r[k, m - 1]
+        for j in range(k + 1, m - 1):
+            value -= r[k, j] * coefficient[columns[j] - N_OFFSET]
+        coefficient[columns[k] - N_OFFSET] = value / r[k, k]
+    deviation[:] = np.nan
+    if active[theta] and active[beta]:
+        a, b, c = r[m - 3, m - 3], r[m - 3, m - 2], r[m - 2, m - 2]
+        deviation[0] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
+        deviation[1] = 1.0 / abs(c)
+        deviation[2] = -(b / c) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
+    elif active[theta]:
+        deviation[0] = 1.0 / abs(r[m - 2, m - 2])
+    elif active[beta]:
+        deviation[1] = 1.0 / abs(r[m - 2, m - 2])

@@ -1,0 +1,88 @@
+"""Which terms the vehicle has, learned on many windows' information.
+
+Per window the data cannot tell ten terms apart under sensor noise; the whitened
+innovations of the last ten seconds can.  Backward elimination by t-value on a
+square-root information matrix with forgetting; a term enters above ENTER and
+leaves below LEAVE.
+"""
+
+import math
+
+from .kernels import kernel
+from .linsolve import absorb_rows
+from .sparse import covariance_entry, invert_active, solve_active
+
+ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
+LEAVE = 3.5
+MEMORY = 9.5      # s: forgetting of 0.9 per second
+PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
+
+
+@kernel
+def absorb_structure(r, rows, first, count, scratch, dt):
+    """Fade the information r (q+1, q+1) by a block's time dt [s] and add its rows.
+
+    rows (n, >=count) in whitened innovations, columns from `first` on belong to the terms and the right-hand side
+    """
+    n = r.shape[0]
+    fade = math.exp(-0.5 * dt / MEMORY)
+    for i in range(n):
+        for j in range(n):
+            r[i, j] *= fade
+    copy = scratch[:n * count].reshape((n, count))
+    for j in range(n):
+        for i in range(count):
+            copy[j, i] = rows[first + j, i]
+    absorb_rows(r, copy, count)
+
+
+@kernel
+def weakest(active, held, coefficient, work):
+    """The active term whose t-value falls furthest below its limit; -1 if none does."""
+    size = 0
+    for j in range(active.shape[0]):
+        if active[j]:
+            size += 1
+    invert_active(work, size)
+    worst, worst_share = -1, 1.0
+    place = 0
+    for j in range(active.shape[0]):
+        if active[j]:
+            std = math.sqrt(covariance_entry(work, place, place))
+            share = abs(coefficient[j]) / (std * (LEAVE if held[j] else ENTER))
+            if share < worst_share:
+                worst, worst_share = j, share
+            place += 1
+    return worst
+
+
+@kernel
+def select_terms(r, theta, beta, active, held, mt, y, coefficient, work):
+    """Terms of theta_ddot that the accumulated information supports.
+
+    r      (q+1, q+1) in   square-root information, right-hand side last, theta's and beta's columns relative
+    active (q,) inout      bool: terms believed so far; out: terms believed now
+    held   (q,) scratch    bool
+    mt (q, q), y (q,), coefficient (q,) scratch;  work SparseWork
+    Returns how many terms changed.
+    """
+    q = active.shape[0]
+    for j in range(q):
+        held[j] = active[j]
+        active[j] = True
+        for i in range(q):
+            mt[j, i] = r[i, j]
+        y[j] = r[j, q] + r[j, theta] + r[j, beta]  # whole coefficients, not deviations from the nominal
+    for _ in range(q):
+        if solve_active(mt, y, active, coefficient, work) > 0:
+            break
+        worst = weakest(active, held, coefficient, work)
+        if worst < 0:
+            break
+        active[worst] = False
+        coefficient[worst] = 0.0
+    changed = 0
+    for j in range(q):
+        if active[j] != held[j]:
+            changed += 1
+    return changed

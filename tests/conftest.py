@@ -1,0 +1,23 @@
+"""Hypothesis profiles: `dev` by default, `ci` (derandomised) where CI is set, `long` by hand."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+SHARED_LOGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+
+_quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+settings.register_profile("dev", max_examples=40, deadline=None, suppress_health_check=_quiet)
+settings.register_profile("ci", max_examples=60, deadline=None, derandomize=True, suppress_health_check=_quiet)
+settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
+
+
+@pytest.fixture
+def real_logs() -> Path:
+    """Folder of the measured pendulum logs, which are not part of this project."""
+    if not SHARED_LOGS.is_dir():
+        pytest.skip("the real logs (shared/data/real beside the checkout) are not here")
+    return SHARED_LOGS
