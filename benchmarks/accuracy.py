@@ -24,7 +24,7 @@ INTERVAL = 1.96
 
 def job(name: str, seed: int, spread: float, noise_spread: bool, command_noise: float | None,
         noise: str) -> list[np.ndarray]:
-    """One flight through all window lengths: per window rows (error a6, k1, std a6, k1, bound a6, k1, valid), relative."""
+    """One flight, all window lengths: rows (error a6, k1, std a6, k1, bound a6, k1, valid), relative to the truth."""
     believed = nominal(name, command_noise)
     deviation, factors = draw(seed, spread, noise_spread)
     true = with_noise(believed, factors)
@@ -68,14 +68,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--spread", type=float, default=0.25, help="true parameters within +- this of the nominal")
     parser.add_argument("--noise", choices=["known", "true", "wrong"], default="known",
-                        help="known: declared levels are exact; true: estimated, declared right; wrong: off by 0.67..1.5")
+                        help="known: declared is exact; true: estimated, declared right; wrong: off by 0.67..1.5")
     parser.add_argument("--command-noise", type=float, help="rad, instead of the nominals' 7e-4")
     args = parser.parse_args()
     mode = "declared" if args.noise == "known" else "estimated"
     print(f"flights {args.flights}, seeds from {args.seed}, 100 Hz, spread +-{args.spread}, noise {args.noise}, "
           f"command noise {args.command_noise or 7e-4} rad")
-    print(f"{'nominal':16} {'window':>6} {'':3} {'windows':>7} {'bound':>7} {'RMS/bound':>9} {'normed':>7} {'bias/std':>8} "
-          f"{'cover':>6} {'worst z':>7} {'> 5':>4}")
+    print(f"{'nominal':16} {'window':>6} {'':3} {'windows':>7} {'bound':>7} {'RMS/bound':>9} {'normed':>7} "
+          f"{'bias/std':>8} {'cover':>6} {'worst z':>7} {'> 5':>4}")
     missed = 0
     for name in NOMINALS:
         jobs = [(name, seed, args.spread, args.noise == "wrong", args.command_noise, mode)

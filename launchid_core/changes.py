@@ -41,7 +41,7 @@ class Watch(NamedTuple):
     information: np.ndarray  # (HISTORY, 5) of each block: L aa, ak, kk, g a, g k
     belief: np.ndarray       # (HISTORY, 5) tracked before each block: mean a, k, covariance aa, ak, kk
     start: np.ndarray        # (HISTORY,) s, when each block began
-    count: np.ndarray        # (4,) int64: next slot, blocks kept, events, blocks since the last alarm
+    counts: np.ndarray       # (4,) int64: next slot, blocks kept, events, blocks since the last alarm
     event: np.ndarray        # (MAX_EVENTS, N_EVENT)
     onset: np.ndarray        # (len(LENGTHS),) log Bayes factors of the onsets tried
     reference: np.ndarray    # (5,) belief before the last change
@@ -70,7 +70,7 @@ def log_density(l_aa, l_ak, l_kk, d_a, d_k, v_aa, v_ak, v_kk):
 @kernel
 def remember(state, belief, block, t):
     """Store a block that began at t: what was believed before it, and what it says."""
-    slot = state.count[0]
+    slot = state.counts[0]
     for k in range(5):
         state.belief[slot, k] = belief[k]
     a, b, c = block[0, 0], block[0, 1], block[1, 1]
@@ -78,9 +78,9 @@ def remember(state, belief, block, t):
     row[0], row[1], row[2] = a * a, a * b, b * b + c * c
     row[3], row[4] = a * block[0, 2], b * block[0, 2] + c * block[1, 2]
     state.start[slot] = t
-    state.count[0] = (slot + 1) % HISTORY
-    state.count[1] = min(state.count[1] + 1, HISTORY)
-    state.count[3] += 1
+    state.counts[0] = (slot + 1) % HISTORY
+    state.counts[1] = min(state.counts[1] + 1, HISTORY)
+    state.counts[3] += 1
 
 
 @kernel
@@ -109,14 +109,14 @@ def search(state, total, dt):
     for k in range(len(LENGTHS)):
         state.onset[k] = -np.inf
         length = LENGTHS[k]
-        if length > state.count[1]:
+        if length > state.counts[1]:
             continue
         for back in range(done, length):
-            row = state.information[(state.count[0] - 1 - back) % HISTORY]
+            row = state.information[(state.counts[0] - 1 - back) % HISTORY]
             for i in range(5):
                 total[i] += row[i]
         done = length
-        belief = state.belief[(state.count[0] - length) % HISTORY]
+        belief = state.belief[(state.counts[0] - length) % HISTORY]
         for kind in range(3):
             value = bayes_factor(total, belief, kind, length * dt)
             state.onset[k] = max(state.onset[k], value)
@@ -139,7 +139,7 @@ def onset_time(state, length, dt):
         mean += w * age
         square += w * age * age
     mean /= norm
-    now = state.start[(state.count[0] - 1) % HISTORY] + dt
+    now = state.start[(state.counts[0] - 1) % HISTORY] + dt
     return now - mean, math.sqrt(max(square / norm - mean * mean, 0.0) + dt * dt / 3.0)
 
 
@@ -166,10 +166,10 @@ def raise_alarm(state, length, kind, t_onset, t_std, t_now, total, after):
 
     total (5,) scratch;  after (5,) out, the belief to restart the tracker with
     """
-    before = state.belief[(state.count[0] - length) % HISTORY]
+    before = state.belief[(state.counts[0] - length) % HISTORY]
     total[:] = 0.0
     for back in range(length):
-        row = state.information[(state.count[0] - 1 - back) % HISTORY]
+        row = state.information[(state.counts[0] - 1 - back) % HISTORY]
         for i in range(5):
             total[i] += row[i]
     jump = JUMP_STD * JUMP_STD
@@ -179,13 +179,13 @@ def raise_alarm(state, length, kind, t_onset, t_std, t_now, total, after):
     after[2] += jump if kind != K1_JUMP else 0.0
     after[4] += jump if kind != A6_JUMP else 0.0
     update_gaussian(after, total)
-    event = state.event[state.count[2] % MAX_EVENTS]
+    event = state.event[state.counts[2] % MAX_EVENTS]
     event[:] = 0.0
     event[E_TIME], event[E_TIME_STD], event[E_KIND], event[E_ALARM] = t_onset, t_std, kind, t_now
     size_event(state, event, after)
-    state.count[2] += 1
-    state.count[1] = 0
-    state.count[3] = length
+    state.counts[2] += 1
+    state.counts[1] = 0
+    state.counts[3] = length
 
 
 @kernel
@@ -200,9 +200,9 @@ def size_event(state, event, belief):
 @kernel
 def settle_event(state, belief):
     """SETTLE blocks after its onset, an event's size becomes final."""
-    if state.count[2] == 0 or state.count[3] < SETTLE:
+    if state.counts[2] == 0 or state.counts[3] < SETTLE:
         return
-    event = state.event[(state.count[2] - 1) % MAX_EVENTS]
+    event = state.event[(state.counts[2] - 1) % MAX_EVENTS]
     if event[E_FINAL] == 0.0:
         size_event(state, event, belief)
         event[E_FINAL] = 1.0

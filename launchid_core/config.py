@@ -93,13 +93,16 @@ class Config:
     def _require_filtered(self, terms: tuple[str, ...]) -> None:
         """What the filtered formulation asks for."""
         if not isinstance(self.model, Model):
-            raise ValueError(f"model={self.model!r}: formulation 'filtered' expects a Model (profile, actuator, noises)")
+            raise ValueError(f"model={self.model!r}: formulation 'filtered' expects a Model "
+                             "(profile, actuator, noises)")
         if self.compression != 1:
             raise ValueError(f"compression={self.compression!r}: formulation 'filtered' uses every sample, expected 1")
         if "theta" not in terms or "beta" not in terms or any("tau" in term for term in terms):
-            raise ValueError(f"library={self.library!r}: formulation 'filtered' expects theta, beta and no term in tau")
+            raise ValueError(f"library={self.library!r}: formulation 'filtered' expects theta, beta and "
+                             "no term in tau")
         if self.model.delay > MAX_DELAY_SAMPLES * self.sample_period - 2 * self.sample_period:
-            raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} sample periods")
+            raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} "
+                             "sample periods")
 
     def _require_real(self, name: str, low: float, high: float, above: bool = False) -> None:
         """Convert to float and demand low <= value <= high (value > low if `above`)."""

@@ -52,7 +52,8 @@ class Estimate:
     valid                `status` is OK: the theta_ddot equation was identified
     status               why, or why not
     a6, k1       [1/s^2] coefficients of theta and beta in theta_ddot; 0 if thresholded away, NaN if not in the library
-    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: the residual); NaN where the term is not active
+    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: from the residual);
+                         NaN where the term is not active
     a6_k1_corr           their correlation
     a6_dot, k1_dot [1/s^3]  coefficients of tau*theta, tau*beta
     a6_bound, k1_bound   Cramer-Rao bound of the window as standard deviations; NaN unless a noise model was given

@@ -205,7 +205,7 @@ class Estimator:
         if self._onboard is None:
             return ()
         found = []
-        events = int(self._onboard.watch.count[2])
+        events = int(self._onboard.watch.counts[2])
         for number in range(max(0, events - ch.MAX_EVENTS), events):
             event = self._onboard.watch.event[number % ch.MAX_EVENTS].tolist()
             t = event[ch.E_TIME]

@@ -15,9 +15,6 @@ from .kernels import kernel
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .model import N_NOISES
 from .predictor import (
-    Belief,
-    Filter,
-    FilterWork,
     correct,
     predict,
     start_segment,
@@ -45,7 +42,7 @@ class Accumulator(NamedTuple):
     block: np.ndarray        # (3, 3) of the current block: theta, beta, right-hand side
     rows: np.ndarray         # (n, 3 BLOCK) whitened innovations of the block, column by column
     scratch: np.ndarray      # (n * n + n * 3 BLOCK,)
-    count: np.ndarray        # (2,) int64: rows in the block, samples in the window
+    counts: np.ndarray       # (2,) int64: rows in the block, samples in the window
     score: np.ndarray        # (5,) of the noise levels over the block
     information: np.ndarray  # (5, 5) of the noise levels over the block
     level_information: np.ndarray  # (5, 5) over the flight, prior included
@@ -72,7 +69,7 @@ def start_window(acc):
     acc.window[:, :] = 0.0
     for j in range(N_OFFSET, acc.window.shape[0] - 1):
         acc.window[j, j] = WEAK_PRIOR
-    acc.count[1] = 0
+    acc.counts[1] = 0
 
 
 @kernel
@@ -86,7 +83,7 @@ def forget_offset(acc):
 @kernel
 def absorb_block(acc):
     """Add the block's rows to the window's information."""
-    n, k = acc.window.shape[0], acc.count[0]
+    n, k = acc.window.shape[0], acc.counts[0]
     copy = acc.scratch[:n * k].reshape((n, k))
     for j in range(n):
         for i in range(k):
@@ -97,7 +94,7 @@ def absorb_block(acc):
 @kernel
 def reduce_block(acc, theta, beta):
     """Information of the block's rows about theta's and beta's coefficients alone, the state being known."""
-    k = acc.count[0]
+    k = acc.counts[0]
     n = acc.window.shape[0]
     copy = acc.scratch[:3 * k].reshape((3, k))
     for i in range(k):
@@ -128,13 +125,13 @@ def take_sample(belief, fil, work, acc, row, max_gap):
         r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
         e, variance = correct(fil, work, channel, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
-        k = acc.count[0]
+        k = acc.counts[0]
         n = work.out.shape[0]
         for j in range(n):
             acc.rows[j, k] = work.out[j] * scale
         acc.rows[n, k] = (e + work.out[theta] * fil.p_bar[0] + work.out[beta] * fil.p_bar[1]) * scale
-        acc.count[0] = k + 1
-    acc.count[1] += 1
+        acc.counts[0] = k + 1
+    acc.counts[1] += 1
     take_command(belief.constant, fil, row[BETA_CMD])
 
 

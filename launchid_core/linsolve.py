@@ -96,7 +96,7 @@ def qr_factor(at, order, tau, tolerance):
     order     (n,)   out    int64: column k of A P is column order[k] of A
     tau       (n,)   out    Householder factors
     tolerance              a pivot at most this times the first one ends the factorisation
-    Returns the number of pivots above the tolerance, 0..min(m, n); 0 for a zero or non-finite matrix.
+    Returns the number of pivots above the tolerance, 0..min(m, n); a column that is not finite counts as dependent.
     """
     n, m = at.shape
     for j in range(n):

@@ -107,11 +107,11 @@ def restart(ob):
     acc.level_information[:, :] = 0.0
     for k in range(acc.level_information.shape[0]):
         acc.level_information[k, k] = LEVEL_PRIOR
-    acc.count[:] = 0
+    acc.counts[:] = 0
     start_window(acc)
     ob.bank.evidence[:] = 0.0
     restart_bank(ob.bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
-    ob.watch.count[:] = 0
+    ob.watch.counts[:] = 0
     ob.learner.r[:, :] = 0.0
     for j in range(ob.learner.active.shape[0]):
         ob.learner.r[j, j] = PRIOR
@@ -122,7 +122,7 @@ def restart(ob):
 def close_block(ob, t_end, period):
     """Use the rows gathered: structure, tracker, change detection, window, noise levels, linearisation."""
     acc, learn = ob.acc, ob.learner
-    if acc.count[0] == 0:
+    if acc.counts[0] == 0:
         return
     theta, beta = ob.belief.term[0], ob.belief.term[1]
     dt = t_end - learn.span[0] + period
@@ -136,9 +136,9 @@ def close_block(ob, t_end, period):
         restart_bank(ob.bank, learn.belief[0], learn.belief[1], learn.belief[2], learn.belief[3], learn.belief[4])
     settle_event(ob.watch, ob.bank.total)
     if learn.option[1] == 1:
-        absorb_structure(learn.r, acc.rows, N_OFFSET, acc.count[0], acc.scratch, dt)
+        absorb_structure(learn.r, acc.rows, N_OFFSET, acc.counts[0], acc.scratch, dt)
     absorb_block(acc)
-    acc.count[0] = 0
+    acc.counts[0] = 0
     if learn.option[0] == 1:
         update_levels(ob.filter, acc)
     relinearise(ob.belief, ob.filter, ob.bank.total[0], ob.bank.total[1])
@@ -155,12 +155,12 @@ def take_samples(ob, ring, count, waiting, spare, max_gap, period):
     for back in range(waiting, spare, -1):
         row = ring[(count[HEAD] - back) % capacity]
         gap = ob.filter.time[1] == 1.0 and not (0.0 < row[0] - ob.filter.time[0] <= max_gap)
-        if gap or acc.count[0] > 3 * (BLOCK - 1):
+        if gap or acc.counts[0] > 3 * (BLOCK - 1):
             close_block(ob, ob.filter.time[0], period)
-        if acc.count[0] == 0:
+        if acc.counts[0] == 0:
             ob.learner.span[0] = row[0]
         take_sample(ob.belief, ob.filter, ob.work, acc, row, max_gap)
-    if acc.count[0] > 3 * (BLOCK - 1):
+    if acc.counts[0] > 3 * (BLOCK - 1):
         close_block(ob, ob.filter.time[0], period)
 
 
@@ -178,9 +178,9 @@ def close_filtered(ob, out, t_centre, enough, period):
     out.number[:] = np.nan
     out.xi[:, :] = np.nan
     out.support[:, :] = False
-    out.flag[USED] = acc.count[1]
+    out.flag[USED] = acc.counts[1]
     out.flag[GAPS] = 0
-    if acc.count[1] < enough:
+    if acc.counts[1] < enough:
         out.flag[STATUS] = SHORT
     else:
         solve_window(ob.belief, acc, learn.active, learn.columns, learn.coefficient, learn.deviation)

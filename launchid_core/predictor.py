@@ -24,7 +24,6 @@ import numpy as np
 from .kernels import kernel
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .model import N_NOISES
-from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
 
 N_STATES = 4
 N_CHANNELS = 3  # theta, theta_dot, beta
@@ -134,7 +133,7 @@ def profile_at(belief, cell, t):
 
 @kernel
 def set_step(constant, h, work, step):
-    """Constants of a time step h [s]: exp of (integral integral beta, integral beta, beta, beta_dot, u) by Taylor series.
+    """Constants of a time step h [s]: exp of (double integral, integral, beta, beta_dot, u) by its Taylor series.
 
     Assumption: w h <= 4, where the remainder after TAYLOR_ORDER terms is below 1e-9.
     """

@@ -36,7 +36,7 @@ class SparseWork(NamedTuple):
     norms: np.ndarray     # (q,)
     right: np.ndarray     # (2q,)
     solution: np.ndarray  # (q,)
-    index: np.ndarray     # (q,) int64 active column numbers
+    places: np.ndarray    # (q,) int64 active column numbers
     scaled: np.ndarray    # (q, q)
     weight: np.ndarray    # (q,)
     auxiliary: np.ndarray  # (q,)
@@ -61,12 +61,12 @@ def solve_active(mt, y, active, xi, work):
     for j in range(q):
         xi[j] = 0.0
         if active[j]:
-            work.index[n] = j
+            work.places[n] = j
             n += 1
     at = work.columns[:n * q].reshape((n, q))
     for k in range(n):
         for i in range(q):
-            at[k, i] = mt[work.index[k], i]
+            at[k, i] = mt[work.places[k], i]
     scale_columns(at, work.norms[:n])
     rank = qr_factor(at, work.order[:n], work.tau[:n], ACTIVE_TOLERANCE)
     if rank < n:
@@ -78,7 +78,7 @@ def solve_active(mt, y, active, xi, work):
     solve_triangle(at, n, right, work.solution)
     for k in range(n):
         column = work.order[k]
-        xi[work.index[column]] = work.solution[k] / work.norms[column]
+        xi[work.places[column]] = work.solution[k] / work.norms[column]
     return 0
 
 
@@ -200,7 +200,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
         if largest_step <= 1.0e-12 * largest:
             break
     for j in range(q):
-        active[j] = work.solution[j] != 0.0
+        active[j] = work.solution[j] != 0.0 or threshold == 0.0
     return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
 
 
@@ -219,7 +219,7 @@ def solve_sr3(mt, y, threshold, xi, active, work):
     w = work.auxiliary
     stacked = work.columns.reshape((q, 2 * q))
     for j in range(q):
-        w[j] = xi[j] * work.weight[j] if abs(xi[j]) >= threshold else 0.0
+        w[j] = 0.0 if abs(xi[j]) < threshold else xi[j] * work.weight[j]
         for i in range(q):
             stacked[j, i] = work.scaled[j, i]
             stacked[j, q + i] = root if i == j else 0.0
@@ -233,19 +233,18 @@ def solve_sr3(mt, y, threshold, xi, active, work):
         change = 0.0
         for k in range(q):
             j = work.order[k]
-            new = work.solution[k] if abs(work.solution[k]) >= threshold * work.weight[j] else 0.0
+            active[j] = not abs(work.solution[k]) < threshold * work.weight[j]
+            new = work.solution[k] if active[j] else 0.0
             change = max(change, abs(new - w[j]))
             w[j] = new
         if change == 0.0:
             break
-    for j in range(q):
-        active[j] = w[j] != 0.0
     return -1 if solve_active(mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
 
 @kernel
 def sparse_solve(solver, mt, y, threshold, xi, active, work):
-    """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns are dependent."""
+    """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == STLS:
         return solve_stls(mt, y, threshold, xi, active, work)
     if solver == SR3:

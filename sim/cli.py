@@ -151,7 +151,8 @@ def identify_table(result: dict[str, Any]) -> str:
 
     for w in result["windows"]:
         terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
-        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
+                     f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")

@@ -295,7 +295,8 @@ def read_profile(path: Path) -> Profile:
                 if not math.isfinite(float(cell)):
                     raise ValueError
             except ValueError:
-                raise InputError(f"{path}: line {number}, column {column}: {cell.strip()[:40]!r} is no number") from None
+                raise InputError(f"{path}: line {number}, column {column}: {cell.strip()[:40]!r} "
+                                 "is no number") from None
         rows.append([float(cell) for cell in cells])
         if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
             raise InputError(f"{path}: line {number}, column t: {rows[-1][0]} is not after {rows[-2][0]}")

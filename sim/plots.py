@@ -1,5 +1,6 @@
 """Every figure: axes with units, truth drawn, readable in grey."""
 
+import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,14 @@ from matplotlib.patches import FancyBboxPatch
 from launchid_core import Estimate, polynomial
 
 from .experiments.campaign import (
-    A6, END, K1, START, TRUE_A6, TRUE_K1, Result, case_nominal,
+    A6,
+    END,
+    K1,
+    START,
+    TRUE_A6,
+    TRUE_K1,
+    Result,
+    case_nominal,
 )
 from .experiments.cases import CASES
 from .flight import dispersion, fly_whole, parameters
@@ -65,7 +73,7 @@ def loop_figure() -> Figure:
         axis.text(x + 0.8, y + 0.45, text, ha="center", va="center", fontsize=9)
 
     def arrow(points: list[tuple[float, float]], label: str, at: tuple[float, float]) -> None:
-        for start, end in zip(points, points[1:], strict=False):
+        for start, end in itertools.pairwise(points):
             style = "->" if end == points[-1] else "-"
             axis.annotate("", end, start, arrowprops={"arrowstyle": style, "color": "0.1", "shrinkA": 0, "shrinkB": 0})
         axis.text(*at, label, fontsize=9)

@@ -32,7 +32,7 @@ class Result:
 
 
 def proposed_sigma() -> Profile:
-    """A dispersion over flight time for the VEGA-like vehicle: an estimate, the paper's Fig. 7 is not public in numbers.
+    """A dispersion over flight time for the VEGA-like vehicle: an estimate, for the paper's Fig. 7 is not public.
 
     Source: project research note on dispersions (course and VS-50 practice): sigma_a6 0.30 in the transonic
     (20..35 s), 0.20 at maximum dynamic pressure, 0.30 after 70 s; sigma_k1 0.10 rising to 0.30 in tail-off.

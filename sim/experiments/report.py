@@ -15,7 +15,17 @@ from ..identify import number
 from ..log import write_text
 from ..nominal import built_in, load_nominal
 from .campaign import (
-    A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, jobs, processes, run_cases,
+    A6,
+    EXACT,
+    K1,
+    NODE,
+    TRUE_A6,
+    TRUE_K1,
+    VALID,
+    Result,
+    jobs,
+    processes,
+    run_cases,
 )
 from .cases import CASES, Case, Variant
 
@@ -97,7 +107,7 @@ def table_lines(all_scores: dict[str, list[dict[str, Any]]]) -> list[str]:
         "| verdict |", "|---|---|---|---|---|---|---|---|---|---|---|"]
     for name, rows in all_scores.items():
         case = CASES[name]
-        for k, (variant, s) in enumerate(zip(case.variants, rows, strict=True)):
+        for variant, s in zip(case.variants, rows, strict=True):
             exact = f"{s['exact_support']}/{s['windows']}" if variant.library == "quadratic" else "-"
             node = f" (+{s['over_node_inside']}/{s['over_node']} over nodes)" if s["over_node"] else ""
             lines.append(

@@ -1,0 +1,109 @@
+"""Random rows: exactly as many as asked, in order, uniform, and the same for the same seed."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from launchid_core.compress import MODULUS, MULTIPLIER, choose_rows, first_state
+
+seeds = st.integers(0, 2**40)
+
+
+def chosen(usable, p, state, n=None):
+    """(kept rows, generator state after) of one draw."""
+    usable = np.array(usable, dtype=np.int64)
+    random, kept = np.array([state], dtype=np.int64), np.full(max(p, 0) + 1, -1)
+    count = choose_rows(usable, usable.size if n is None else n, p, random, kept)
+    assert np.all(kept[count:] == -1)
+    return kept[:count].tolist(), int(random[0])
+
+
+# ---------------------------------------------------------------- laws
+
+
+@given(st.lists(st.integers(0, 1), max_size=60), st.integers(0, 70), seeds)
+def test_keeps_as_many_usable_rows_as_asked_in_order(usable, p, seed):
+    kept, state = chosen(usable, p, first_state(seed))
+    assert len(kept) == min(p, sum(usable))
+    assert kept == sorted(set(kept))
+    assert all(usable[i] == 1 for i in kept)
+    assert 1 <= state < MODULUS
+
+
+@given(st.lists(st.integers(0, 1), max_size=60), st.integers(0, 60), seeds)
+def test_same_seed_same_rows(usable, p, seed):
+    assert chosen(usable, p, first_state(seed)) == chosen(usable, p, first_state(seed))
+
+
+@given(st.lists(st.integers(0, 1), max_size=30), st.lists(st.integers(0, 1), max_size=9), st.integers(0, 30), seeds)
+def test_rows_beyond_n_do_not_count(usable, beyond, p, seed):
+    state = first_state(seed)
+    assert chosen(usable + beyond, p, state, len(usable)) == chosen(usable, p, state)
+
+
+@given(seeds)
+def test_state_of_any_seed_is_one_of_the_generator(seed):
+    assert 1 <= first_state(seed) < MODULUS
+
+
+@given(seeds)
+def test_neighbouring_seeds_differ(seed):
+    assert first_state(seed) != first_state(seed + 1)
+    everything = [1] * 100
+    assert chosen(everything, 50, first_state(seed))[0] != chosen(everything, 50, first_state(seed + 1))[0]
+
+
+def inclusion_statistic(draws, n, p):
+    """Pearson's statistic of the rows' counts, freed of the correlation of sampling without replacement."""
+    counts = np.bincount(np.concatenate(draws), minlength=n)
+    mean = len(draws) * p / n
+    return (n - 1) / n * float(np.sum((counts - mean)**2)) / (mean * (1 - p / n))
+
+
+@pytest.mark.parametrize("source", ["one stream", "neighbouring seeds"])
+def test_every_row_is_kept_equally_often(source):
+    """Chi-squared with 39 degrees of freedom: 99.8 % of all samples lie within 17.26..72.05."""
+    n, p, state, draws = 40, 10, first_state(1), []
+    for seed in range(2000):
+        if source == "neighbouring seeds":
+            state = first_state(seed)
+        rows, state = chosen([1] * n, p, state)
+        draws.append(rows)
+    assert 17.26 < inclusion_statistic(draws, n, p) < 72.05
+
+
+# ---------------------------------------------------------------- degenerate cases
+
+
+def test_no_rows():
+    assert chosen([], 3, 1) == ([], 1)
+
+
+def test_nothing_wanted():
+    assert chosen([1, 1, 1], 0, 1)[0] == []
+
+
+def test_nothing_usable():
+    assert chosen([0, 0, 0], 2, 5) == ([], 5)
+
+
+def test_all_rows_wanted():
+    assert chosen([1, 0, 1, 1], 3, 1)[0] == [0, 2, 3]
+
+
+def test_more_rows_wanted_than_there_are():
+    assert chosen([1, 0, 1, 1], 99, 1)[0] == [0, 2, 3]
+
+
+def test_seed_zero_gives_a_state():
+    assert 1 <= first_state(0) < MODULUS
+
+
+# ---------------------------------------------------------------- textbook numbers
+
+
+def test_ten_thousandth_number_of_the_minimal_standard():
+    """From state 1, multiplier 48271: 399268537 (ISO C++, [rand.predef], minstd_rand)."""
+    assert (MULTIPLIER, MODULUS) == (48271, 2**31 - 1)
+    assert chosen([1] * 10000, 5000, 1)[1] == 399268537

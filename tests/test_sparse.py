@@ -1,0 +1,357 @@
+"""Sparse regression on the reduced problem: laws all four solvers share, what each adds, and Lorenz's coefficients."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from launchid_core.sparse import (
+    LASSO,
+    LASSO_SWEEPS,
+    SOLVERS,
+    SR3,
+    SR3_ITERATIONS,
+    SSR,
+    STLS,
+    covariance_entry,
+    invert_active,
+    sparse_solve,
+    sparse_work,
+)
+
+EPS = np.finfo(np.float64).eps
+ALL = range(len(SOLVERS))
+seeds = st.integers(0, 2**32 - 1)
+thresholds = st.sampled_from((0.0, 0.05, 0.2, 0.5, 1.0, 2.0))
+
+
+def solve_reduced(solver, mt, y, threshold):
+    """(passes, xi, active, work) on a given reduced problem, columns of M as rows of mt."""
+    mt, y = np.array(mt, dtype=float), np.array(y, dtype=float)
+    q = y.size
+    xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), sparse_work(q)
+    passes = sparse_solve(solver, mt, y, float(threshold), xi, active, work)
+    return passes, xi, active, work
+
+
+def solve(solver, a, y, threshold):
+    """The same from a tall problem, reduced by numpy's QR."""
+    q, r = np.linalg.qr(a)
+    return solve_reduced(solver, r.T, q.T @ y, threshold)
+
+
+def tall_least_squares(a, y):
+    """numpy's answer on unit columns."""
+    norms = np.linalg.norm(a, axis=0)
+    return np.linalg.lstsq(a / norms, y, rcond=None)[0] / norms
+
+
+def assert_least_squares_on_the_active_set(a, y, xi, active):
+    assert np.all(xi[~active] == 0.0)
+    norms = np.linalg.norm(a, axis=0)
+    bound = 50 * y.size * EPS * norms * (norms @ np.abs(xi) + np.linalg.norm(y))
+    assert np.all(np.abs(a.T @ (a @ xi - y))[active] <= bound[active])
+
+
+@st.composite
+def tall_problems(draw, noises=(0.0, 0.1, 3.0)):
+    """(a, y, threshold): well-conditioned Gaussian columns of norms over two decades, sparse truth, noise."""
+    rng = np.random.default_rng(draw(seeds))
+    q = draw(st.integers(1, 8))
+    m = 4 * q + draw(st.integers(0, 20))
+    a = rng.standard_normal((m, q)) * 10.0 ** rng.uniform(-1, 1, q)
+    truth = rng.uniform(-2, 2, q) * (rng.random(q) < 0.7)
+    return a, a @ truth + draw(st.sampled_from(noises)) * rng.standard_normal(m), draw(thresholds)
+
+
+def nearly_orthogonal(rng, m, q):
+    """Columns of one common size, their cosines a few hundredths: here every solver finds every support."""
+    basis = np.linalg.qr(rng.standard_normal((m, q)))[0]
+    return basis @ (np.eye(q) + rng.uniform(-0.02, 0.02, (q, q))) * 10.0 ** rng.uniform(-2, 2)
+
+
+# ---------------------------------------------------------------- laws of all solvers
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(problem=tall_problems())
+def test_least_squares_on_the_active_terms_and_zero_elsewhere(solver, problem):
+    a, y, threshold = problem
+    passes, xi, active, _ = solve(solver, a, y, threshold)
+    assert passes > 0
+    assert_least_squares_on_the_active_set(a, y, xi, active)
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(problem=tall_problems())
+def test_work_is_bounded(solver, problem):
+    a, y, threshold = problem
+    passes = solve(solver, a, y, threshold)[0]
+    most = {STLS: a.shape[1] + 1, SSR: a.shape[1] + 1, SR3: SR3_ITERATIONS, LASSO: LASSO_SWEEPS}
+    assert 1 <= passes <= most[solver]
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(problem=tall_problems(noises=(0.1, 3.0)))
+def test_threshold_zero_keeps_every_term(solver, problem):
+    a, y, _ = problem
+    _, xi, active, _ = solve(solver, a, y, 0.0)
+    assert np.all(active)
+    norms = np.linalg.norm(a, axis=0)
+    assert np.all(np.abs(xi - tall_least_squares(a, y)) * norms <= 1e-12 * np.linalg.norm(y))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(seed=seeds, q=st.integers(1, 8))
+def test_noise_free_sparse_truth_is_found(solver, seed, q):
+    rng = np.random.default_rng(seed)
+    a = nearly_orthogonal(rng, 5 * q, q)
+    truth = rng.choice((-1.0, 1.0), q) * rng.uniform(1.5, 3.0, q) * (rng.random(q) < 0.6)
+    _, xi, active, _ = solve(solver, a, a @ truth, 0.5)
+    assert np.array_equal(active, truth != 0.0)
+    assert np.allclose(xi, truth, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(seed=seeds, q=st.integers(1, 8), threshold=thresholds)
+def test_orthogonal_columns_keep_exactly_the_coefficients_above_the_raw_threshold(solver, seed, q, threshold):
+    """Whatever the norms of the columns: the threshold is in units of each coefficient."""
+    rng = np.random.default_rng(seed)
+    norms = 10.0 ** rng.uniform(-2, 2, q)
+    basis = np.linalg.qr(rng.standard_normal((3 * q, q + 1)))[0]  # the last one is noise no column sees
+    truth = rng.uniform(-3, 3, q)
+    assume(np.min(np.abs(np.abs(truth) - threshold)) > 1e-3)
+    _, xi, active, _ = solve(solver, basis[:, :q] * norms, basis[:, :q] @ (norms * truth) + basis[:, q], threshold)
+    assert np.array_equal(active, np.abs(truth) >= threshold)
+    assert np.allclose(xi, np.where(active, truth, 0.0), rtol=0.0, atol=1e-10)
+
+
+# ---------------------------------------------------------------- laws of single solvers
+
+
+@pytest.mark.parametrize("solver", [STLS, SSR], ids=["stls", "ssr"])
+@given(problem=tall_problems())
+def test_no_active_term_is_below_the_threshold(solver, problem):
+    a, y, threshold = problem
+    _, xi, active, _ = solve(solver, a, y, threshold)
+    assert np.all(np.abs(xi[active]) >= threshold)
+
+
+def reference_stls(a, y, threshold):
+    """Sequentially thresholded least squares in numpy; also how close any coefficient came to the threshold."""
+    active = np.ones(a.shape[1], dtype=bool)
+    margin = np.inf
+    while True:
+        xi = np.zeros(a.shape[1])
+        if active.any():
+            xi[active] = tall_least_squares(a[:, active], y)
+            margin = min(margin, np.min(np.abs(np.abs(xi[active]) - threshold)))
+        keep = active & (np.abs(xi) >= threshold)
+        if np.array_equal(keep, active):
+            return xi, active, margin
+        active = keep
+
+
+@given(tall_problems())
+def test_stls_is_the_plain_algorithm(problem):
+    a, y, threshold = problem
+    wanted, kept, margin = reference_stls(a, y, threshold)
+    assume(margin > 1e-9)
+    _, xi, active, _ = solve(STLS, a, y, threshold)
+    assert np.array_equal(active, kept)
+    assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
+
+
+@pytest.mark.filterwarnings("ignore:Sparsity parameter is too big")
+@pytest.mark.parametrize("threshold", [0.05, 0.5, 1.0])
+def test_stls_is_pysindys(threshold):
+    """pysindy's STLSQ without ridge and without its final refit, on twenty random problems."""
+    stlsq = pytest.importorskip("pysindy").STLSQ
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        q = int(rng.integers(2, 9))
+        a = rng.standard_normal((60, q)) * 10.0 ** rng.uniform(-1, 1, q)
+        y = a @ rng.uniform(-2, 2, q) + 0.5 * rng.standard_normal(60)
+        peer = stlsq(threshold=threshold, alpha=0.0, unbias=False).fit(a, y[:, None]).coef_[0]
+        _, xi, active, _ = solve(STLS, a, y, threshold)
+        assert np.array_equal(active, peer != 0.0)
+        assert np.allclose(xi, peer, rtol=1e-10, atol=1e-10)
+
+
+def reference_ssr(a, y, threshold):
+    """Stepwise sparse regression in numpy; also the smallest difference a decision hung on."""
+    active = np.ones(a.shape[1], dtype=bool)
+    margin = np.inf
+    while active.any():
+        xi = np.zeros(a.shape[1])
+        xi[active] = tall_least_squares(a[:, active], y)
+        sizes = np.sort(np.abs(xi[active]))
+        margin = min(margin, abs(sizes[0] - threshold), *np.diff(sizes[:2]))
+        if sizes[0] >= threshold:
+            return xi, active, margin
+        active &= np.abs(xi) > sizes[0]
+    return np.zeros(a.shape[1]), active, margin
+
+
+@given(tall_problems())
+def test_ssr_is_the_plain_algorithm(problem):
+    a, y, threshold = problem
+    wanted, kept, margin = reference_ssr(a, y, threshold)
+    assume(margin > 1e-9)
+    _, xi, active, _ = solve(SSR, a, y, threshold)
+    assert np.array_equal(active, kept)
+    assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(problem=tall_problems())
+def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, problem):
+    """On the factor the solver leaves behind; the Gram matrix is harmless at these conditions."""
+    a, y, threshold = problem
+    _, _, active, work = solve(solver, a, y, threshold)
+    size = int(np.sum(active))
+    invert_active(work, size)
+    kept = a[:, active]
+    norms = np.linalg.norm(kept, axis=0)
+    wanted = np.linalg.inv((kept / norms).T @ (kept / norms))
+    found = np.array([[covariance_entry(work, i, j) for j in range(size)] for i in range(size)]).reshape(size, size)
+    assert np.allclose(found * np.outer(norms, norms), wanted, rtol=1e-9, atol=1e-10)
+
+
+# ---------------------------------------------------------------- degenerate cases
+
+
+def three_columns(rng):
+    return rng.standard_normal((20, 3)), rng.standard_normal(20)
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_duplicate_column(solver):
+    a, y = three_columns(np.random.default_rng(1))
+    passes, xi, _, _ = solve(solver, np.column_stack((a, a[:, 1])), y, 0.0)
+    assert passes == -1
+    assert np.array_equal(xi, np.zeros(4))
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.5])
+@pytest.mark.parametrize("solver", [STLS, SR3, SSR], ids=["stls", "sr3", "ssr"])
+@pytest.mark.parametrize("kind", ["sum of two", "zero"])
+def test_dependent_columns(kind, solver, threshold):
+    a, y = three_columns(np.random.default_rng(2))
+    extra = a[:, 0] + a[:, 2] if kind == "sum of two" else np.zeros(20)
+    passes, xi, _, _ = solve(solver, np.column_stack((a, extra)), y, threshold)
+    assert passes == -1
+    assert np.array_equal(xi, np.zeros(4))
+
+
+@pytest.mark.parametrize("kind", ["sum of two", "zero"])
+def test_lasso_chooses_among_dependent_columns(kind):
+    """It never solves on all columns, so only a dependent support fails."""
+    rng = np.random.default_rng(3)
+    a, _ = three_columns(rng)
+    a = np.column_stack((a, a[:, 0] + a[:, 2] if kind == "sum of two" else np.zeros(20)))
+    y = 2.0 * a[:, 0] + 3.0 * a[:, 1]
+    passes, xi, active, _ = solve(LASSO, a, y, 0.5)
+    assert passes > 0
+    assert active.tolist() == [True, True, False, False]
+    assert np.allclose(xi, [2.0, 3.0, 0.0, 0.0], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_nan_column(solver):
+    passes, xi, _, _ = solve_reduced(solver, [[1.0, 0.0], [np.nan, np.nan]], [1.0, 2.0], 0.5)
+    assert passes == -1
+    assert np.array_equal(xi, [0.0, 0.0])
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_nan_on_the_right_hand_side_is_not_an_empty_model(solver):
+    passes, xi, _, _ = solve_reduced(solver, np.eye(2), [np.nan, 2.0], 0.5)
+    assert passes == -1 or np.any(np.isnan(xi))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_threshold_above_every_coefficient_leaves_nothing(solver):
+    passes, xi, active, _ = solve_reduced(solver, np.eye(3), [1.0, -2.0, 3.0], 10.0)
+    assert passes > 0
+    assert not active.any()
+    assert np.array_equal(xi, np.zeros(3))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_zero_right_hand_side(solver):
+    passes, xi, active, _ = solve_reduced(solver, np.eye(3), np.zeros(3), 0.5)
+    assert passes > 0
+    assert not active.any()
+    assert np.array_equal(xi, np.zeros(3))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_threshold_zero_keeps_a_coefficient_that_is_exactly_zero(solver):
+    passes, xi, active, _ = solve_reduced(solver, np.eye(2), [1.0, 0.0], 0.0)
+    assert passes > 0
+    assert np.array_equal(xi, [1.0, 0.0])
+    assert active.tolist() == [True, True]
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_one_term(solver):
+    _, xi, active, _ = solve_reduced(solver, [[2.0]], [3.0], 0.5)
+    assert active.tolist() == [True]
+    assert math.isclose(xi[0], 1.5, rel_tol=4 * EPS)
+
+
+@pytest.mark.parametrize("solver", [STLS, SSR], ids=["stls", "ssr"])
+def test_coefficient_equal_to_the_threshold_stays(solver):
+    _, xi, active, _ = solve_reduced(solver, [[1.0]], [0.5], 0.5)
+    assert active.tolist() == [True]
+    assert xi.tolist() == [0.5]
+
+
+# ---------------------------------------------------------------- textbook numbers
+
+
+def test_stls_cuts_two_terms_at_once_where_ssr_keeps_one():
+    """Columns (1, 0) and (1/2, 1), y = 0.4 a + 0.45 b: without a, b has 0.45 + 0.4 (a'b)/(b'b) = 0.61 > 0.5."""
+    mt = [[1.0, 0.0], [0.5, 1.0]]
+    y = [0.4 + 0.45 * 0.5, 0.45]
+    assert solve_reduced(STLS, mt, y, 0.5)[1].tolist() == [0.0, 0.0]
+    _, xi, active, _ = solve_reduced(SSR, mt, y, 0.5)
+    assert active.tolist() == [False, True]
+    assert math.isclose(xi[1], 0.61, rel_tol=8 * EPS)
+
+
+def test_refit_after_a_cut():
+    """Columns (1, 0) and (1/2, 1), y = a + 0.2 b: b is cut at 0.5 and a takes over, 1 + 0.2 (a'b) = 1.1."""
+    _, xi, active, _ = solve_reduced(STLS, [[1.0, 0.0], [0.5, 1.0]], [1.1, 0.2], 0.5)
+    assert active.tolist() == [True, False]
+    assert math.isclose(xi[0], 1.1, rel_tol=8 * EPS)
+
+
+@pytest.mark.parametrize("solver", [STLS, SR3, SSR], ids=["stls", "sr3", "ssr"])
+def test_lorenz_system(solver):
+    """sigma = 10, rho = 28, beta = 8/3 among ten quadratic terms (Brunton, Proctor & Kutz, PNAS 113, 2016)."""
+    def rate(s):
+        return np.array([10 * (s[1] - s[0]), s[0] * (28 - s[2]) - s[1], s[0] * s[1] - 8 / 3 * s[2]])
+
+    state, states = np.array([-8.0, 8.0, 27.0]), []
+    for _ in range(500):
+        states.append(state)
+        k1 = rate(state)
+        k2 = rate(state + 0.005 * k1)
+        k3 = rate(state + 0.005 * k2)
+        k4 = rate(state + 0.01 * k3)
+        state = state + 0.01 / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    x, y, z = np.array(states).T
+    library = np.column_stack((np.ones(500), x, y, z, x * x, x * y, x * z, y * y, y * z, z * z))
+    rates = np.array([rate(s) for s in states])
+    truth = np.zeros((3, 10))
+    truth[0, [1, 2]] = -10.0, 10.0
+    truth[1, [1, 2, 6]] = 28.0, -1.0, -1.0
+    truth[2, [3, 5]] = -8 / 3, 1.0
+    for k in range(3):
+        _, xi, active, _ = solve(solver, library, rates[:, k], 0.025)
+        assert np.array_equal(active, truth[k] != 0.0)
+        assert np.allclose(xi, truth[k], rtol=1e-11, atol=0.0)
