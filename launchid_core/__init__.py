@@ -7,11 +7,12 @@ file, simulator or print.  numpy and numba only.
 from .config import FORMULATIONS, NOISE_LEVELS, Config
 from .estimate import Change, Estimate, Tracked
 from .estimator import Estimator
-from .library import LIBRARIES, polynomial
+from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
 from .model import Model
 from .sample import Sample
 from .sparse import SOLVERS
 from .status import EstimateStatus, Status
 
 __all__ = ["FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config", "Estimate", "EstimateStatus",
-           "Estimator", "Model", "Sample", "Status", "Tracked", "polynomial"]
+           "Estimator", "Model", "Sample", "Status", "Tracked", "function_value", "parse_term", "polynomial",
+           "term_name"]

@@ -2,9 +2,10 @@
 
 import dataclasses
 import math
+import operator
 from dataclasses import dataclass
 
-from .library import default_threshold, library_terms
+from .library import LIBRARIES, default_threshold, library_terms
 from .model import Model
 from .predictor import MAX_DELAY_SAMPLES
 from .ring import LAST_SAMPLE
@@ -14,6 +15,7 @@ FORMULATIONS = ("measured", "difference", "integral", "filtered")
 NOISE_LEVELS = ("estimated", "declared")
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4
+T_LIMIT_MAX = 1.0e12  # s: stamps are counted in windows, in 64 bits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +73,11 @@ class Config:
         self._require_name("formulation", FORMULATIONS)
         self._require_name("solver", SOLVERS)
         self._require_name("noise", NOISE_LEVELS)
-        object.__setattr__(self, "library", self.library if isinstance(self.library, str) else tuple(self.library))
+        if isinstance(self.library, list):
+            object.__setattr__(self, "library", tuple(self.library))
+        if not isinstance(self.library, str) and not (
+                isinstance(self.library, tuple) and all(isinstance(term, str) for term in self.library)):
+            raise ValueError(f"library={self.library!r}: expected a name ({', '.join(LIBRARIES)}) or a tuple of terms")
         terms = library_terms(self.library)
         if self.threshold is None:
             object.__setattr__(self, "threshold", default_threshold(terms))
@@ -79,6 +85,7 @@ class Config:
         if self.max_gap is None:
             object.__setattr__(self, "max_gap", LAST_SAMPLE * self.sample_period)
         self._require_real("max_gap", self.sample_period, 1e10)
+        self._require_real("t_limit", 0.0, T_LIMIT_MAX, above=True)
         for field in dataclasses.fields(self):
             if field.name.endswith(("_limit", "_saturation")):
                 self._require_real(field.name, 0.0, math.inf, above=True)
@@ -108,16 +115,21 @@ class Config:
         """Convert to float and demand low <= value <= high (value > low if `above`)."""
         value = getattr(self, name)
         expected = f"a number {'above' if above else 'from'} {low:g} to {high:g}"
-        if isinstance(value, (bool, str)) or not hasattr(value, "__float__"):
-            raise ValueError(f"{name}={value!r}: expected {expected}")
-        number = float(value)
+        try:
+            number = math.nan if isinstance(value, (bool, str)) else float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
         if not (low <= number <= high) or (above and number == low):
             raise ValueError(f"{name}={value!r}: expected {expected}")
         object.__setattr__(self, name, number)
 
     def _require_integer(self, name: str, low: int, high: int) -> None:
         value = getattr(self, name)
-        if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= int(value) <= high:
+        try:
+            good = not isinstance(value, bool) and low <= operator.index(value) <= high
+        except TypeError:
+            good = False
+        if not good:
             raise ValueError(f"{name}={value!r}: expected an integer from {low} to {high}")
         object.__setattr__(self, name, int(value))
 

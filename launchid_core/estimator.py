@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -89,9 +90,10 @@ class Estimator:
         self._plan = _plan(config)
         self._outcome = rg.outcome(q)
         self._work: rg.Work | None = None
+        self._memory: ob.Store = ob.Store(np.zeros(0), np.zeros(0, np.int64), 0, 0)
         self._onboard: ob.Onboard | None = None
         if config.formulation == "filtered":
-            self._onboard = ob.onboard(_belief(config), config.noise == "estimated")
+            self._memory, self._onboard = ob.new_store(_belief(config), config.noise == "estimated")
             self._take = self._take_filtered
         else:
             self._work = rg.regression_work(m, p, q, MAX_POWER + 1)
@@ -110,9 +112,25 @@ class Estimator:
         self.update(Sample(NAN, NAN, NAN, NAN))
         self._take(rb.WINDOW_COMPLETE)
         if self._onboard is not None:
-            ob.abandon_window(self._onboard, self.config.sample_period)
+            ob.abandon_window(*self._memory, self.config.sample_period)
         if hasattr(self._push, "disable_compile"):
             self._push.disable_compile()
+
+    def _state(self) -> tuple[np.ndarray, ...]:
+        """Arrays that persist between samples."""
+        return (self._clock, self._count, self._ring, self._random, *self._outcome, self._memory.floats,
+                self._memory.integers)
+
+    def __getstate__(self) -> dict[str, object]:
+        """For copy and pickle: the choices and what persists; memory is allocated anew."""
+        return {"config": self.config, "state": tuple(array.copy() for array in self._state()),
+                "waiting": self._waiting, "has_estimate": self._has_estimate}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__init__(saved["config"])  # type: ignore[misc]
+        for array, given in zip(self._state(), saved["state"], strict=True):
+            array[...] = given
+        self._waiting, self._has_estimate = saved["waiting"], saved["has_estimate"]
 
     def reset(self) -> None:
         """Forget every sample and estimate and restart the row generator; configuration and memory stay."""
@@ -122,7 +140,7 @@ class Estimator:
         self._random[0] = first_state(self.config.seed)
         rg.clear_outcome(self._outcome, int(EstimateStatus.SHORT))
         if self._onboard is not None:
-            ob.restart(self._onboard)
+            ob.restart(*self._memory)
         self._waiting = 0
         self._has_estimate = False
         self._busy = False
@@ -153,16 +171,16 @@ class Estimator:
         self._waiting += 1
         if self._waiting < BLOCK and code in (rb.ACCEPTED, rb.AFTER_GAP):
             return
-        onboard, config = self._onboard, self.config
+        memory, config = self._memory, self.config
         spare = self._count[rb.CLOSED_BACK] if code == rb.WINDOW_COMPLETE else int(code == rb.CLOCK_RESET)
-        ob.take_samples(onboard, self._ring, self._count, self._waiting, spare, config.max_gap, config.sample_period)
+        ob.take_samples(*memory, self._ring, self._count, self._waiting, spare, config.max_gap, config.sample_period)
         self._waiting = int(spare)
         if code == rb.WINDOW_COMPLETE:
             t_centre = self._clock[rb.T_CLOSED] + 0.5 * config.window
-            ob.close_filtered(onboard, self._outcome, t_centre, self._enough, config.sample_period)
+            ob.close_filtered(*memory, self._outcome, t_centre, self._enough, config.sample_period)
             self._has_estimate = True
         elif code == rb.CLOCK_RESET:
-            ob.abandon_window(onboard, config.sample_period)
+            ob.abandon_window(*memory, config.sample_period)
 
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
@@ -205,7 +223,7 @@ class Estimator:
         if self._onboard is None:
             return ()
         found = []
-        events = int(self._onboard.watch.counts[2])
+        events = int(self._onboard.watch.counts[ch.EVENTS])
         for number in range(max(0, events - ch.MAX_EVENTS), events):
             event = self._onboard.watch.event[number % ch.MAX_EVENTS].tolist()
             t = event[ch.E_TIME]
@@ -235,5 +253,5 @@ class Estimator:
     def nbytes(self) -> int:
         """Bytes of all arrays this estimator owns; constant after construction."""
         owned = (self._limits, self._clock, self._count, self._ring, self._random, self._plan, self._outcome,
-                 self._work, self._onboard)
+                 self._work, self._memory)
         return sum(array.nbytes for array in _arrays(owned))

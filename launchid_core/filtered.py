@@ -13,9 +13,12 @@ import numpy as np
 
 from .kernels import kernel
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
+from .memory import take, take2
 from .model import N_NOISES
 from .predictor import (
+    MAX_OUTLIERS,
     correct,
+    is_outlier,
     predict,
     start_segment,
     take_command,
@@ -25,8 +28,10 @@ from .status import EstimateStatus
 
 BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
 N_OFFSET = 4            # columns of the initial offset
+PAIR = N_OFFSET + 3     # offset, theta, beta, right-hand side
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
+LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
 LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
 
 OK = int(EstimateStatus.OK)
@@ -36,12 +41,20 @@ SHORT = int(EstimateStatus.SHORT)
 
 
 class Accumulator(NamedTuple):
-    """Square-root information and the rows on their way into it.  n = 4 + q + 1 columns, right-hand side last."""
+    """Square-root information and the rows on their way into it.  n = 4 + q + 1 columns, right-hand side last.
 
-    window: np.ndarray       # (n, n) of the current window
-    block: np.ndarray        # (3, 3) of the current block: theta, beta, right-hand side
+    The initial offset's sensitivities restart with every block; `psi` carries them back to the window's start.
+    """
+
+    window: np.ndarray       # (n, n) of the current window: offset at its start, terms
+    triangle: np.ndarray     # (n, n) of the current block: offset at its start, terms
+    pair: np.ndarray         # (7, 7) of the block: offset, theta, beta, right-hand side
+    block: np.ndarray        # (3, 3) of the block, the state known: theta, beta, right-hand side
+    psi: np.ndarray          # (4, 4) transition of an offset from the window's start to the block's
+    product: np.ndarray      # (4, 4) scratch
+    s_start: np.ndarray      # (4, 2) sensitivities for theta and beta at the block's start
     rows: np.ndarray         # (n, 3 BLOCK) whitened innovations of the block, column by column
-    scratch: np.ndarray      # (n * n + n * 3 BLOCK,)
+    scratch: np.ndarray      # (2 * n * n,)
     counts: np.ndarray       # (2,) int64: rows in the block, samples in the window
     score: np.ndarray        # (5,) of the noise levels over the block
     information: np.ndarray  # (5, 5) of the noise levels over the block
@@ -53,14 +66,30 @@ class Accumulator(NamedTuple):
     step: np.ndarray         # (5,) scratch
 
 
-def accumulator(q: int) -> Accumulator:
-    """Allocate for q terms."""
+@kernel
+def view_accumulator(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
     n = N_OFFSET + q + 1
-    five = N_NOISES
-    return Accumulator(np.zeros((n, n)), np.zeros((3, 3)), np.zeros((n, 3 * BLOCK)), np.zeros(n * n + 3 * n * BLOCK),
-                       np.zeros(2, np.int64), np.zeros(five), np.zeros((five, five)), np.zeros((five, five)),
-                       np.zeros((five, five)), np.zeros(five, np.int64), np.zeros(five), np.zeros(five),
-                       np.zeros(five))
+    window, at = take2(f, at, n, n)
+    triangle, at = take2(f, at, n, n)
+    pair, at = take2(f, at, PAIR, PAIR)
+    block, at = take2(f, at, 3, 3)
+    psi, at = take2(f, at, N_OFFSET, N_OFFSET)
+    product, at = take2(f, at, N_OFFSET, N_OFFSET)
+    s_start, at = take2(f, at, N_OFFSET, 2)
+    rows, at = take2(f, at, n, 3 * BLOCK)
+    scratch, at = take(f, at, 2 * n * n)
+    counts, m = take(i, m, 2)
+    score, at = take(f, at, N_NOISES)
+    information, at = take2(f, at, N_NOISES, N_NOISES)
+    level_information, at = take2(f, at, N_NOISES, N_NOISES)
+    square, at = take2(f, at, N_NOISES, N_NOISES)
+    order, m = take(i, m, N_NOISES)
+    tau, at = take(f, at, N_NOISES)
+    right, at = take(f, at, N_NOISES)
+    step, at = take(f, at, N_NOISES)
+    return Accumulator(window, triangle, pair, block, psi, product, s_start, rows, scratch, counts, score,
+                       information, level_information, square, order, tau, right, step), at, m
 
 
 @kernel
@@ -69,7 +98,16 @@ def start_window(acc):
     acc.window[:, :] = 0.0
     for j in range(N_OFFSET, acc.window.shape[0] - 1):
         acc.window[j, j] = WEAK_PRIOR
+    set_identity(acc.psi)
     acc.counts[1] = 0
+
+
+@kernel
+def set_identity(matrix):
+    """matrix (4, 4) out"""
+    for i in range(4):
+        for j in range(4):
+            matrix[i, j] = 1.0 if i == j else 0.0
 
 
 @kernel
@@ -78,31 +116,70 @@ def forget_offset(acc):
     for i in range(N_OFFSET):
         for j in range(acc.window.shape[0]):
             acc.window[i, j] = 0.0
+    set_identity(acc.psi)
 
 
 @kernel
-def absorb_block(acc):
-    """Add the block's rows to the window's information."""
-    n, k = acc.window.shape[0], acc.counts[0]
-    copy = acc.scratch[:n * k].reshape((n, k))
-    for j in range(n):
-        for i in range(k):
-            copy[j, i] = acc.rows[j, i]
-    absorb_rows(acc.window, copy, k)
+def begin_block(belief, fil, acc):
+    """A block begins: the offset's sensitivities are the identity, the terms' are remembered."""
+    for i in range(N_OFFSET):
+        for j in range(N_OFFSET):
+            fil.s[i, j] = 1.0 if i == j else 0.0
+        acc.s_start[i, 0] = fil.s[i, N_OFFSET + belief.term[0]]
+        acc.s_start[i, 1] = fil.s[i, N_OFFSET + belief.term[1]]
 
 
 @kernel
 def reduce_block(acc, theta, beta):
-    """Information of the block's rows about theta's and beta's coefficients alone, the state being known."""
-    k = acc.counts[0]
+    """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known."""
     n = acc.window.shape[0]
-    copy = acc.scratch[:3 * k].reshape((3, k))
-    for i in range(k):
-        copy[0, i] = acc.rows[N_OFFSET + theta, i]
-        copy[1, i] = acc.rows[N_OFFSET + beta, i]
-        copy[2, i] = acc.rows[n - 1, i]
+    acc.triangle[:, :] = 0.0
+    absorb_rows(acc.triangle, acc.rows, acc.counts[0])
+    pair = acc.scratch[:PAIR * n].reshape((PAIR, n))
+    for i in range(n):
+        for j in range(N_OFFSET):
+            pair[j, i] = acc.triangle[i, j]
+        pair[N_OFFSET, i] = acc.triangle[i, N_OFFSET + theta]
+        pair[N_OFFSET + 1, i] = acc.triangle[i, N_OFFSET + beta]
+        pair[N_OFFSET + 2, i] = acc.triangle[i, n - 1]
+    acc.pair[:, :] = 0.0
+    absorb_rows(acc.pair, pair, n)
+    known = acc.scratch[:3 * (PAIR - 1)].reshape((3, PAIR - 1))
+    for i in range(PAIR - 1):
+        for j in range(3):
+            known[j, i] = acc.pair[i, N_OFFSET + j]
     acc.block[:, :] = 0.0
-    absorb_rows(acc.block, copy, k)
+    absorb_rows(acc.block, known, PAIR - 1)
+
+
+@kernel
+def absorb_block(acc):
+    """Add the block to the window's information, its offset carried back to the window's start."""
+    n = acc.window.shape[0]
+    copy = acc.scratch[:n * n].reshape((n, n))
+    for i in range(n):
+        for c in range(N_OFFSET):
+            value = 0.0
+            for k in range(i, N_OFFSET):
+                value += acc.triangle[i, k] * acc.psi[k, c]
+            copy[c, i] = value
+        for c in range(N_OFFSET, n):
+            copy[c, i] = acc.triangle[i, c]
+    absorb_rows(acc.window, copy, n)
+
+
+@kernel
+def advance_psi(fil, acc):
+    """psi <- (transition over the block) psi."""
+    for i in range(N_OFFSET):
+        for j in range(N_OFFSET):
+            value = 0.0
+            for k in range(N_OFFSET):
+                value += fil.s[i, k] * acc.psi[k, j]
+            acc.product[i, j] = value
+    for i in range(N_OFFSET):
+        for j in range(N_OFFSET):
+            acc.psi[i, j] = acc.product[i, j]
 
 
 @kernel
@@ -112,7 +189,8 @@ def take_sample(belief, fil, work, acc, row, max_gap):
     row (6,) in   a row of the ring
     """
     t = row[T]
-    if fil.time[1] == 0.0 or t - fil.time[0] > max_gap or t <= fil.time[0]:
+    broken = max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
+    if broken or fil.time[1] == 0.0 or t - fil.time[0] > max_gap or t <= fil.time[0]:
         start_segment(belief, fil, t, row[THETA], row[THETA_DOT], row[BETA])
         forget_offset(acc)
     else:
@@ -123,6 +201,8 @@ def take_sample(belief, fil, work, acc, row, max_gap):
         if np.isnan(z):
             continue
         r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
+        if is_outlier(fil, channel, z, r):
+            continue
         e, variance = correct(fil, work, channel, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[0]
@@ -154,7 +234,7 @@ def update_levels(fil, acc):
     apply_q_transposed(acc.square, acc.tau, n, acc.right)
     solve_triangle(acc.square, n, acc.right, acc.step)
     for k in range(n):
-        fil.level[acc.order[k]] += acc.step[k]
+        fil.level[acc.order[k]] += min(max(acc.step[k], -LEVEL_STEP), LEVEL_STEP)
 
 
 @kernel
@@ -164,6 +244,20 @@ def relinearise(belief, fil, a, k):
         fil.x[i] += (fil.s[i, N_OFFSET + belief.term[0]] * (a - fil.p_bar[0])
                      + fil.s[i, N_OFFSET + belief.term[1]] * (k - fil.p_bar[1]))
     fil.p_bar[0], fil.p_bar[1] = a, k
+
+
+@kernel
+def jump(belief, fil, carried, before_a, before_k, after_a, after_k):
+    """The parameters jumped: move state and linearisation, forget how the state depended on the values before.
+
+    carried (4, 2) in  sensitivities at the onset, carried to now
+    """
+    theta, beta = N_OFFSET + belief.term[0], N_OFFSET + belief.term[1]
+    relinearise(belief, fil, before_a, before_k)
+    for i in range(fil.x.shape[0]):
+        fil.s[i, theta] -= carried[i, 0]
+        fil.s[i, beta] -= carried[i, 1]
+    relinearise(belief, fil, after_a, after_k)
 
 
 @kernel

@@ -8,16 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .changes import (
-    THRESHOLD,
-    Watch,
-    onset_time,
-    raise_alarm,
-    remember,
-    search,
-    settle_event,
-    watch,
-)
+from .changes import THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
 from .filtered import (
     BLOCK,
     LEVEL_PRIOR,
@@ -28,23 +19,39 @@ from .filtered import (
     SHORT,
     Accumulator,
     absorb_block,
-    accumulator,
+    advance_psi,
+    begin_block,
+    jump,
     reduce_block,
     relinearise,
     solve_window,
     start_window,
     take_sample,
     update_levels,
+    view_accumulator,
 )
 from .kernels import kernel
-from .predictor import Belief, Filter, FilterWork, filter_work, new_filter, profile_at, restart_offset
+from .library import CODE_LENGTH
+from .memory import take, take2
+from .model import N_NOISES
+from .predictor import (
+    MAX_OUTLIERS,
+    N_CONSTANTS,
+    Belief,
+    Filter,
+    FilterWork,
+    profile_at,
+    view_filter,
+    view_filter_work,
+)
 from .regression import A6, A6_BOUND, A6_STD, ATTITUDE, CONDITION, CORRELATION, GAPS, K1, K1_BOUND, K1_STD, STATUS, USED
 from .ring import HEAD
-from .sparse import SparseWork, sparse_work
+from .sparse import SparseWork, view_sparse
 from .structure import PRIOR, absorb_structure, select_terms
-from .tracker import FIRST_STD, SPEEDS, Bank, bank, restart_bank, track
+from .tracker import FIRST_STD, MEMBERS, Bank, restart_bank, track, view_bank
 from .tracker import MEMORY as TRACK_MEMORY
 
+ROOM = 60000         # numbers: more than any library's state needs; only counted, then allocated exactly
 NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
 
 
@@ -52,27 +59,35 @@ class Learner(NamedTuple):
     """Structure over many windows, and its scratch."""
 
     r: np.ndarray            # (q+1, q+1)
-    active: np.ndarray       # (q,) bool
-    held: np.ndarray         # (q,) bool
+    active: np.ndarray       # (q,) int64, 1 for the terms believed to be there
+    held: np.ndarray         # (q,) int64 scratch
     mt: np.ndarray           # (q, q)
     y: np.ndarray            # (q,)
     coefficient: np.ndarray  # (q,)
     columns: np.ndarray      # (4 + q + 1,) int64
     deviation: np.ndarray    # (3,)
     belief: np.ndarray       # (5,)
-    total: np.ndarray        # (5,)
-    span: np.ndarray         # (2,) s: first stamp of the block; unused
+    span: np.ndarray         # (2,) first stamp of the block [s]; the alarm's threshold [nats]
     option: np.ndarray       # (2,) int64: estimate the noise levels; learn the structure
-    speeds: np.ndarray       # (b,)
     sparse: SparseWork
 
 
-def learner(q: int, estimate_noise: bool) -> Learner:
-    """Allocate; with two terms there is no structure to learn."""
-    n = N_OFFSET + q + 1
-    return Learner(np.zeros((q + 1, q + 1)), np.ones(q, np.bool_), np.zeros(q, np.bool_), np.zeros((q, q)),
-                   np.zeros(q), np.zeros(q), np.zeros(n, np.int64), np.zeros(3), np.zeros(5), np.zeros(5), np.zeros(2),
-                   np.array([int(estimate_noise), int(q > 2)]), np.array(SPEEDS), sparse_work(q))
+@kernel
+def view_learner(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    r, at = take2(f, at, q + 1, q + 1)
+    active, m = take(i, m, q)
+    held, m = take(i, m, q)
+    mt, at = take2(f, at, q, q)
+    y, at = take(f, at, q)
+    coefficient, at = take(f, at, q)
+    columns, m = take(i, m, 5 + q)
+    deviation, at = take(f, at, 3)
+    belief, at = take(f, at, 5)
+    span, at = take(f, at, 2)
+    option, m = take(i, m, 2)
+    sparse, at, m = view_sparse(f, at, i, m, q)
+    return Learner(r, active, held, mt, y, coefficient, columns, deviation, belief, span, option, sparse), at, m
 
 
 class Onboard(NamedTuple):
@@ -87,15 +102,55 @@ class Onboard(NamedTuple):
     learner: Learner
 
 
-def onboard(belief: Belief, estimate_noise: bool) -> Onboard:
-    """Allocate for a belief."""
-    q = len(belief.codes)
-    return Onboard(belief, new_filter(q), filter_work(q), accumulator(q), bank(), watch(), learner(q, estimate_noise))
+@kernel
+def view_onboard(f, i, q, nodes):
+    """Cut everything from floats f and integers i, for q terms and `nodes` nodes; returns (it, floats, integers)"""
+    at, m = 0, 0
+    time, at = take(f, at, nodes)
+    a6, at = take(f, at, nodes)
+    k1, at = take(f, at, nodes)
+    constant, at = take(f, at, N_CONSTANTS)
+    variance, at = take(f, at, N_NOISES)
+    codes, m = take2(i, m, q, CODE_LENGTH)
+    term, m = take(i, m, 2)
+    fil, at, m = view_filter(f, at, i, m, q)
+    work, at, m = view_filter_work(f, at, i, m, q)
+    acc, at, m = view_accumulator(f, at, i, m, q)
+    bank, at, m = view_bank(f, at, i, m, q)
+    watch, at, m = view_watch(f, at, i, m, q)
+    learner, at, m = view_learner(f, at, i, m, q)
+    return Onboard(Belief(time, a6, k1, constant, variance, codes, term), fil, work, acc, bank, watch, learner), at, m
+
+
+class Store(NamedTuple):
+    """The memory of the filtered formulation, as it crosses into compiled code."""
+
+    floats: np.ndarray
+    integers: np.ndarray
+    terms: int
+    nodes: int
+
+
+def new_store(belief: Belief, estimate_noise: bool) -> tuple[Store, Onboard]:
+    """Allocate for a belief; returns the memory and its named parts."""
+    q, nodes = len(belief.codes), len(belief.time)
+    floats, integers = np.zeros(ROOM + 3 * nodes), np.zeros(ROOM, np.int64)
+    _, at, m = view_onboard(floats, integers, q, nodes)
+    store = Store(np.zeros(at), np.zeros(m, np.int64), q, nodes)
+    ob, _, _ = view_onboard(*store)
+    for part, given in zip(ob.belief, belief, strict=True):
+        part[...] = given
+    ob.bank.member[...] = MEMBERS
+    ob.learner.option[...] = int(estimate_noise), int(q > 2)
+    ob.learner.span[1] = THRESHOLD
+    restart(*store)
+    return store, ob
 
 
 @kernel
-def restart(ob):
+def restart(f, i, q, nodes):
     """Forget everything learned in flight."""
+    ob, _, _ = view_onboard(f, i, q, nodes)
     fil, acc = ob.filter, ob.acc
     fil.time[:] = 0.0
     fil.p_bar[:] = 0.0
@@ -112,64 +167,87 @@ def restart(ob):
     ob.bank.evidence[:] = 0.0
     restart_bank(ob.bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
     ob.watch.counts[:] = 0
+    ob.bank.weight[:] = 1.0 / ob.bank.weight.shape[0]
     ob.learner.r[:, :] = 0.0
     for j in range(ob.learner.active.shape[0]):
         ob.learner.r[j, j] = PRIOR
-        ob.learner.active[j] = True
+        ob.learner.active[j] = 1
+
+
+@kernel
+def watch_block(ob, dt, t_end):
+    """Track the block and look for a sudden change; returns True if the alarm was raised."""
+    acc, learn, bank, belief = ob.acc, ob.learner, ob.bank, ob.learner.belief
+    open_onset(ob.watch, bank.total, acc.s_start, learn.span[0])
+    still = track(bank, TRACK_MEMORY, dt, acc.block) - 0.5 * acc.block[2, 2] * acc.block[2, 2]
+    factor, slot, kind = follow_onsets(ob.watch, acc.pair, ob.filter.s, dt, still)
+    if not factor > learn.span[1]:
+        settle_event(ob.watch, bank.total)
+        return False
+    before = ob.watch.before[slot]
+    raise_alarm(ob.watch, slot, kind, factor, dt, t_end, belief)
+    jump(ob.belief, ob.filter, ob.watch.carried[slot], before[0], before[1], belief[0], belief[1])
+    restart_bank(bank, belief[0], belief[1], belief[2], belief[3], belief[4])
+    return True
 
 
 @kernel
 def close_block(ob, t_end, period):
-    """Use the rows gathered: structure, tracker, change detection, window, noise levels, linearisation."""
+    """Use the rows gathered: tracker, change detection, structure, window, noise levels, linearisation."""
     acc, learn = ob.acc, ob.learner
     if acc.counts[0] == 0:
         return
-    theta, beta = ob.belief.term[0], ob.belief.term[1]
     dt = t_end - learn.span[0] + period
-    reduce_block(acc, theta, beta)
-    remember(ob.watch, ob.bank.total, acc.block, learn.span[0])
-    track(ob.bank, learn.speeds, TRACK_MEMORY, dt, acc.block)
-    value, length, kind = search(ob.watch, learn.total, dt)
-    if value > THRESHOLD:
-        t_onset, t_std = onset_time(ob.watch, length, dt)
-        raise_alarm(ob.watch, length, kind, t_onset, t_std, t_end, learn.total, learn.belief)
-        restart_bank(ob.bank, learn.belief[0], learn.belief[1], learn.belief[2], learn.belief[3], learn.belief[4])
-    settle_event(ob.watch, ob.bank.total)
-    if learn.option[1] == 1:
-        absorb_structure(learn.r, acc.rows, N_OFFSET, acc.counts[0], acc.scratch, dt)
-    absorb_block(acc)
+    reduce_block(acc, ob.belief.term[0], ob.belief.term[1])
+    advance_psi(ob.filter, acc)
+    alarm = watch_block(ob, dt, t_end)
+    if alarm:  # the window begins again, and nothing of this block is noise or structure
+        start_window(acc)
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    else:
+        if learn.option[1] == 1:
+            absorb_structure(learn.r, acc.triangle, N_OFFSET, acc.scratch, dt)
+        absorb_block(acc)
+        if learn.option[0] == 1:
+            update_levels(ob.filter, acc)
+        quickest = ob.bank.mean.shape[0] - 1  # so that a drift does not pass for noise
+        relinearise(ob.belief, ob.filter, ob.bank.mean[quickest, 0], ob.bank.mean[quickest, 1])
     acc.counts[0] = 0
-    if learn.option[0] == 1:
-        update_levels(ob.filter, acc)
-    relinearise(ob.belief, ob.filter, ob.bank.total[0], ob.bank.total[1])
+    begin_block(ob.belief, ob.filter, acc)
 
 
 @kernel
-def take_samples(ob, ring, count, waiting, spare, max_gap, period):
+def take_samples(f, i, q, nodes, ring, count, waiting, spare, max_gap, period):
     """Take the `waiting` newest samples of the ring but for the newest `spare`, oldest first.
 
     A gap or a full block of rows closes the block.
     """
+    ob, _, _ = view_onboard(f, i, q, nodes)
     capacity = ring.shape[0]
     acc = ob.acc
     for back in range(waiting, spare, -1):
         row = ring[(count[HEAD] - back) % capacity]
-        gap = ob.filter.time[1] == 1.0 and not (0.0 < row[0] - ob.filter.time[0] <= max_gap)
+        worst = max(ob.filter.outliers[0], ob.filter.outliers[1], ob.filter.outliers[2])
+        gap = ob.filter.time[1] == 1.0 and (worst >= MAX_OUTLIERS or not 0.0 < row[0] - ob.filter.time[0] <= max_gap)
         if gap or acc.counts[0] > 3 * (BLOCK - 1):
             close_block(ob, ob.filter.time[0], period)
         if acc.counts[0] == 0:
             ob.learner.span[0] = row[0]
+            if gap or ob.filter.time[1] == 0.0:
+                begin_block(ob.belief, ob.filter, acc)
         take_sample(ob.belief, ob.filter, ob.work, acc, row, max_gap)
     if acc.counts[0] > 3 * (BLOCK - 1):
         close_block(ob, ob.filter.time[0], period)
 
 
 @kernel
-def close_filtered(ob, out, t_centre, enough, period):
+def close_filtered(f, i, q, nodes, out, t_centre, enough, period):
     """Close the window: its own estimate into `out`, and begin the next one.
 
     out  Outcome;  t_centre [s];  enough: samples below which a window is SHORT
     """
+    ob, _, _ = view_onboard(f, i, q, nodes)
     close_block(ob, ob.filter.time[0], period)
     acc, learn = ob.acc, ob.learner
     theta, beta = ob.belief.term[0], ob.belief.term[1]
@@ -186,7 +264,6 @@ def close_filtered(ob, out, t_centre, enough, period):
         solve_window(ob.belief, acc, learn.active, learn.columns, learn.coefficient, learn.deviation)
         out.flag[STATUS] = report_filtered(ob, out, t_centre)
     start_window(acc)
-    restart_offset(ob.filter)
 
 
 @kernel
@@ -203,7 +280,7 @@ def report_filtered(ob, out, t_centre):
         return LOW_INFORMATION
     for j in range(learn.coefficient.shape[0]):
         out.xi[j, ATTITUDE] = learn.coefficient[j]
-        out.support[j, ATTITUDE] = learn.active[j]
+        out.support[j, ATTITUDE] = learn.active[j] == 1
     out.xi[theta, ATTITUDE] = a6 * (1.0 + learn.coefficient[theta]) if learn.active[theta] else 0.0
     out.xi[beta, ATTITUDE] = k1 * (1.0 + learn.coefficient[beta]) if learn.active[beta] else 0.0
     out.number[A6], out.number[K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
@@ -215,9 +292,9 @@ def report_filtered(ob, out, t_centre):
 
 
 @kernel
-def abandon_window(ob, period):
+def abandon_window(f, i, q, nodes, period):
     """The clock was set back: the window is given up and the next one begins."""
+    ob, _, _ = view_onboard(f, i, q, nodes)
     close_block(ob, ob.filter.time[0], period)
     ob.filter.time[1] = 0.0
     start_window(ob.acc)
-    restart_offset(ob.filter)

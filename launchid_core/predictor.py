@@ -4,8 +4,8 @@ State x = (theta, theta_dot, beta, beta_dot), input the actuator's command, proc
 noise on the command and on the acceleration, held over a sample.  Beside x and
 its covariance run
 
-* s, the derivative of the predicted state for an initial offset (4 columns,
-  restarted per window) and for each library term of theta_ddot (q columns);
+* s, the derivative of the predicted state for an offset at the block's start
+  (4 columns) and for each library term of theta_ddot (q columns);
 * the derivative of x and of the covariance for the five log noise levels.
 
 The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that
@@ -23,6 +23,7 @@ import numpy as np
 
 from .kernels import kernel
 from .library import MAX_POWER, N_VARIABLES, library_row
+from .memory import take, take2, take3
 from .model import N_NOISES
 
 N_STATES = 4
@@ -32,10 +33,13 @@ TAYLOR_ORDER = 24
 UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without our knowing, if no command is logged
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
+OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
+MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # constant (f8)
 FREQUENCY, DAMPING, DELAY, PERIOD = range(4)
+N_CONSTANTS = 4
 # step (f8): constants of one time step
 STEP = 0
 PHI = 1    # 2x2 transition of the nozzle
@@ -62,7 +66,7 @@ class Filter(NamedTuple):
 
     x: np.ndarray          # (4,) predicted state
     p: np.ndarray          # (4, 4) its covariance
-    s: np.ndarray          # (4, 4 + q) sensitivities: initial offset, terms
+    s: np.ndarray          # (4, 4 + q) sensitivities: offset at the block's start, terms
     p_bar: np.ndarray      # (2,) relative deviations of a6, k1 it is linearised about
     level: np.ndarray      # (5,) log of noise standard deviations over the declared ones
     sx: np.ndarray         # (4, 5) derivative of x for the levels
@@ -71,12 +75,13 @@ class Filter(NamedTuple):
     time: np.ndarray       # (2,) last stamp [s]; 1 if running
     step: np.ndarray       # (N_STEP,) constants of the last time step
     cell: np.ndarray       # (1,) int64 cell of the profile
+    outliers: np.ndarray   # (3,) int64 measurements in a row that each channel's gate refused
 
 
 class FilterWork(NamedTuple):
     """Scratch of the predictor."""
 
-    f: np.ndarray          # (4, 4)
+    transition: np.ndarray  # (4, 4)
     matrix: np.ndarray     # (4, 4)
     column: np.ndarray     # (4,)
     gain: np.ndarray       # (4,)
@@ -91,18 +96,41 @@ class FilterWork(NamedTuple):
     dv: np.ndarray         # (5,) relative derivative of its variance for them
 
 
-def new_filter(q: int) -> Filter:
-    """Allocate the predictor's state for q terms."""
-    return Filter(np.zeros(4), np.zeros((4, 4)), np.zeros((4, 4 + q)), np.zeros(2), np.zeros(N_NOISES),
-                  np.zeros((4, N_NOISES)), np.zeros((N_NOISES, 4, 4)), np.zeros(MAX_DELAY_SAMPLES), np.zeros(2),
-                  np.zeros(N_STEP), np.zeros(1, np.int64))
+@kernel
+def view_filter(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    x, at = take(f, at, N_STATES)
+    p, at = take2(f, at, N_STATES, N_STATES)
+    s, at = take2(f, at, N_STATES, N_STATES + q)
+    p_bar, at = take(f, at, 2)
+    level, at = take(f, at, N_NOISES)
+    sx, at = take2(f, at, N_STATES, N_NOISES)
+    sp, at = take3(f, at, N_NOISES, N_STATES, N_STATES)
+    command, at = take(f, at, MAX_DELAY_SAMPLES)
+    time, at = take(f, at, 2)
+    step, at = take(f, at, N_STEP)
+    cell, m = take(i, m, 1)
+    outliers, m = take(i, m, N_CHANNELS)
+    return Filter(x, p, s, p_bar, level, sx, sp, command, time, step, cell, outliers), at, m
 
 
-def filter_work(q: int) -> FilterWork:
-    """Allocate the predictor's scratch for q terms."""
-    return FilterWork(np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros(4), np.zeros(4), np.zeros((2, 5, 5)),
-                      np.zeros(4), np.zeros((N_VARIABLES, MAX_POWER + 1)), np.zeros(q), np.zeros((2, q)),
-                      np.zeros(4 + q), np.zeros(N_NOISES), np.zeros(N_NOISES))
+@kernel
+def view_filter_work(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    transition, at = take2(f, at, N_STATES, N_STATES)
+    matrix, at = take2(f, at, N_STATES, N_STATES)
+    column, at = take(f, at, N_STATES)
+    gain, at = take(f, at, N_STATES)
+    slope, at = take(f, at, N_STATES)
+    taylor, at = take3(f, at, 2, 5, 5)
+    raw, at = take(f, at, N_VARIABLES)
+    powers, at = take2(f, at, N_VARIABLES, MAX_POWER + 1)
+    row, at = take(f, at, q)
+    drive, at = take2(f, at, 2, q)
+    out, at = take(f, at, N_STATES + q)
+    de, at = take(f, at, N_NOISES)
+    dv, at = take(f, at, N_NOISES)
+    return FilterWork(transition, matrix, column, gain, slope, taylor, raw, powers, row, drive, out, de, dv), at, m
 
 
 @kernel
@@ -185,18 +213,12 @@ def start_segment(belief, fil, t, theta, theta_dot, beta):
         fil.p[1, 1] = UNKNOWN_RATE_STD * UNKNOWN_RATE_STD
         fil.sp[1, 1, 1] = 0.0
     fil.p[3, 3] = START_NOZZLE_RATE_STD * START_NOZZLE_RATE_STD
-    restart_offset(fil)
+    for i in range(N_STATES):
+        fil.s[i, i] = 1.0
     fil.command[:] = np.nan
+    fil.outliers[:] = 0
     fil.time[0] = t
     fil.time[1] = 1.0
-
-
-@kernel
-def restart_offset(fil):
-    """A window begins: the initial offset's sensitivities are the identity."""
-    for i in range(N_STATES):
-        for j in range(N_STATES):
-            fil.s[i, j] = 1.0 if i == j else 0.0
 
 
 @kernel
@@ -300,7 +322,7 @@ def predict(belief, fil, work, t):
     drive_terms(belief, fil, work, a6, k1, u)
     a6 *= 1.0 + fil.p_bar[0]
     k1 *= 1.0 + fil.p_bar[1]
-    f = work.f
+    f = work.transition
     fill_transition(fil, f, a6, k1)
     x = fil.x
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
@@ -337,6 +359,15 @@ def add_process_noise(fil, b0, b1, b2, b3, command_variance, acceleration_varian
             q = w[i] * w[j] * acceleration_variance
             fil.p[i, j] += q
             fil.sp[4, i, j] += 2.0 * q
+
+
+@kernel
+def is_outlier(fil, channel, z, r):
+    """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
+    e = z - fil.x[channel]
+    outlier = e * e > OUTLIER * OUTLIER * (fil.p[channel, channel] + r)
+    fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
+    return outlier
 
 
 @kernel

@@ -17,6 +17,7 @@ import numpy as np
 
 from .kernels import kernel
 from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .memory import take, take2
 
 SOLVERS = ("stls", "sr3", "ssr", "lasso")
 STLS, SR3, SSR, LASSO = range(4)
@@ -43,11 +44,27 @@ class SparseWork(NamedTuple):
     inverse: np.ndarray   # (q, q)
 
 
+@kernel
+def view_sparse(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    columns, at = take(f, at, 2 * q * q)
+    order, m = take(i, m, q)
+    tau, at = take(f, at, q)
+    norms, at = take(f, at, q)
+    right, at = take(f, at, 2 * q)
+    solution, at = take(f, at, q)
+    places, m = take(i, m, q)
+    scaled, at = take2(f, at, q, q)
+    weight, at = take(f, at, q)
+    auxiliary, at = take(f, at, q)
+    inverse, at = take2(f, at, q, q)
+    return SparseWork(columns, order, tau, norms, right, solution, places, scaled, weight, auxiliary, inverse), at, m
+
+
 def sparse_work(q: int) -> SparseWork:
     """Allocate the scratch for q terms."""
-    return SparseWork(
-        np.zeros(2 * q * q), np.zeros(q, np.int64), np.zeros(q), np.zeros(q), np.zeros(2 * q), np.zeros(q),
-        np.zeros(q, np.int64), np.zeros((q, q)), np.zeros(q), np.zeros(q), np.zeros((q, q)))
+    work, _, _ = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)
+    return work
 
 
 @kernel

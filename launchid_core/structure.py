@@ -19,21 +19,21 @@ PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are d
 
 
 @kernel
-def absorb_structure(r, rows, first, count, scratch, dt):
-    """Fade the information r (q+1, q+1) by a block's time dt [s] and add its rows.
+def absorb_structure(r, triangle, first, scratch, dt):
+    """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle.
 
-    rows (n, >=count) in whitened innovations, columns from `first` on belong to the terms and the right-hand side
+    triangle (n, n) in  columns from `first` on belong to the terms and the right-hand side, the state being known
     """
-    n = r.shape[0]
+    n, rows = r.shape[0], triangle.shape[0]
     fade = math.exp(-0.5 * dt / MEMORY)
     for i in range(n):
         for j in range(n):
             r[i, j] *= fade
-    copy = scratch[:n * count].reshape((n, count))
+    copy = scratch[:n * rows].reshape((n, rows))
     for j in range(n):
-        for i in range(count):
-            copy[j, i] = rows[first + j, i]
-    absorb_rows(r, copy, count)
+        for i in range(rows):
+            copy[j, i] = triangle[i, first + j]
+    absorb_rows(r, copy, rows)
 
 
 @kernel

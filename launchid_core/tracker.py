@@ -1,9 +1,12 @@
 """The tracked estimate: relative deviations of a6 and k1, followed from block to block.
 
-A bank of Kalman filters, each believing the deviations to be random walks of
-another speed, weighted by how well each predicted the last seconds (dynamic
-model averaging: Raftery, Karny & Ettler, Technometrics 52, 2010).  No single
-speed serves a constant and a drifting deviation; the weights choose.
+A bank of Kalman filters, each with its own belief of how the deviations move: a
+random walk of some speed, and a slope that forgets itself over SLOPE_TIME with
+some standard deviation.  They are weighted by how well each predicted the last
+seconds (dynamic model averaging: Raftery, Karny & Ettler, Technometrics 52, 2010).
+A constant deviation wants a slow walk; a drifting one wants a slope: a faster
+walk instead is judged by the ratio a6/k1, which the data know a hundred times
+better than a6 and k1 themselves and follow with any speed.
 
 A block's data reach the bank as two scalar measurements with unit noise, the
 rows of its square-root information.
@@ -15,49 +18,91 @@ from typing import NamedTuple
 import numpy as np
 
 from .kernels import kernel
+from .memory import take, take2, take3
 
-SPEEDS = (0.0015, 0.008, 0.025)  # relative per sqrt(s): still, slow, and 10 % in a quarter of 60 s
-MEMORY = 30.0                    # s over which the speeds are judged
-FIRST_STD = 0.5                  # relative: what is known of the deviations before the first sample
+# (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
+STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
+DRIFTING = (0.003, 0.01)   # 10 % with a period of 60 s has slopes of 0.0074, root mean square
+MEMBERS = (STEADY, DRIFTING)
+SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
+MEMORY = 30.0              # s over which the members are judged
+FIRST_STD = 0.5            # relative: what is known of the deviations before the first sample
 
 
 class Bank(NamedTuple):
-    """State of the tracker with b speeds."""
+    """State of the tracker with b members; a member's state is (a6, k1, slope of a6, slope of k1), relative."""
 
-    mean: np.ndarray        # (b, 2)
-    covariance: np.ndarray  # (b, 3) a6 a6, a6 k1, k1 k1
+    mean: np.ndarray        # (b, 4)
+    covariance: np.ndarray  # (b, 4, 4)
     evidence: np.ndarray    # (b,) forgotten sum of log predictive densities
-    total: np.ndarray       # (5,) mean a6, mean k1, covariance (3) of the mixture
+    total: np.ndarray       # (5,) mean a6, mean k1, covariance aa, ak, kk of the mixture
     weight: np.ndarray      # (b,)
+    density: np.ndarray     # (b,) log predictive densities of the last block
+    column: np.ndarray      # (4,) scratch
+    member: np.ndarray      # (b, 2) random walk, slope
 
 
-def bank() -> Bank:
-    """Allocate the tracker."""
-    b = len(SPEEDS)
-    return Bank(np.zeros((b, 2)), np.zeros((b, 3)), np.zeros(b), np.zeros(5), np.full(b, 1.0 / b))
+@kernel
+def view_bank(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    b = len(MEMBERS)
+    mean, at = take2(f, at, b, 4)
+    covariance, at = take3(f, at, b, 4, 4)
+    evidence, at = take(f, at, b)
+    total, at = take(f, at, 5)
+    weight, at = take(f, at, b)
+    density, at = take(f, at, b)
+    column, at = take(f, at, 4)
+    member, at = take2(f, at, b, 2)
+    return Bank(mean, covariance, evidence, total, weight, density, column, member), at, m
 
 
 @kernel
 def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
-    """Every member believes the same; the speeds' evidence stays."""
+    """Every member believes the same; the members' evidence stays."""
     for i in range(state.mean.shape[0]):
+        state.mean[i, :] = 0.0
         state.mean[i, 0], state.mean[i, 1] = mean_a6, mean_k1
-        state.covariance[i, 0], state.covariance[i, 1], state.covariance[i, 2] = v_aa, v_ak, v_kk
+        state.covariance[i, :, :] = 0.0
+        state.covariance[i, 0, 0], state.covariance[i, 1, 1] = v_aa, v_kk
+        state.covariance[i, 0, 1], state.covariance[i, 1, 0] = v_ak, v_ak
+        for k in range(2, 4):
+            state.covariance[i, k, k] = state.member[i, 1] * state.member[i, 1]
     mix(state)
 
 
 @kernel
-def measure(mean, covariance, h0, h1, z):
+def move(mean, covariance, walk, slope, dt):
+    """Time update of one member over dt [s]."""
+    keep = math.exp(-dt / SLOPE_TIME)
+    for i in range(2):
+        mean[i] += dt * mean[2 + i]
+        mean[2 + i] *= keep
+    for j in range(4):
+        for i in range(2):
+            covariance[i, j] += dt * covariance[2 + i, j]
+            covariance[2 + i, j] *= keep
+    for i in range(4):
+        for j in range(2):
+            covariance[i, j] += dt * covariance[i, 2 + j]
+            covariance[i, 2 + j] *= keep
+    for i in range(2):
+        covariance[i, i] += walk * walk * dt
+        covariance[2 + i, 2 + i] += slope * slope * (1.0 - keep * keep)
+
+
+@kernel
+def absorb(mean, covariance, column, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
-    c0, c1, c2 = covariance[0], covariance[1], covariance[2]
-    y0, y1 = c0 * h0 + c1 * h1, c1 * h0 + c2 * h1
-    variance = h0 * y0 + h1 * y1 + 1.0
+    for i in range(4):
+        column[i] = covariance[i, 0] * h0 + covariance[i, 1] * h1
+    variance = h0 * column[0] + h1 * column[1] + 1.0
     e = z - h0 * mean[0] - h1 * mean[1]
-    mean[0] += y0 / variance * e
-    mean[1] += y1 / variance * e
-    covariance[0] = c0 - y0 * y0 / variance
-    covariance[1] = c1 - y0 * y1 / variance
-    covariance[2] = c2 - y1 * y1 / variance
+    for i in range(4):
+        gain = column[i] / variance
+        mean[i] += gain * e
+        for j in range(4):
+            covariance[i, j] -= gain * column[j]
     return -0.5 * (math.log(variance) + e * e / variance)
 
 
@@ -80,28 +125,33 @@ def mix(state):
         total[1] += state.weight[i] * state.mean[i, 1]
     for i in range(b):
         w, d0, d1 = state.weight[i], state.mean[i, 0] - total[0], state.mean[i, 1] - total[1]
-        total[2] += w * (state.covariance[i, 0] + d0 * d0)
-        total[3] += w * (state.covariance[i, 1] + d0 * d1)
-        total[4] += w * (state.covariance[i, 2] + d1 * d1)
+        total[2] += w * (state.covariance[i, 0, 0] + d0 * d0)
+        total[3] += w * (state.covariance[i, 0, 1] + d0 * d1)
+        total[4] += w * (state.covariance[i, 1, 1] + d1 * d1)
 
 
 @kernel
-def track(state, speeds, memory, dt, block):
+def track(state, memory, dt, block):
     """Follow one block.
 
     state  inout
-    speeds (b,) in   relative per sqrt(s)
     memory [s]  in
     dt     [s]  in   time the block spans
     block  (3, 3) in its square-root information about (a6, k1), right-hand side last
+    Returns the block's log predictive density, but for a constant.
     """
     fade = math.exp(-dt / memory)
+    best = -np.inf
     for i in range(state.mean.shape[0]):
-        growth = speeds[i] * speeds[i] * dt
         mean, covariance = state.mean[i], state.covariance[i]
-        covariance[0] += growth
-        covariance[2] += growth
-        density = measure(mean, covariance, block[0, 0], block[0, 1], block[0, 2])
-        density += measure(mean, covariance, 0.0, block[1, 1], block[1, 2])
+        move(mean, covariance, state.member[i, 0], state.member[i, 1], dt)
+        density = absorb(mean, covariance, state.column, block[0, 0], block[0, 1], block[0, 2])
+        density += absorb(mean, covariance, state.column, 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density
+        state.density[i] = density
+        best = max(best, density)
+    total = 0.0
+    for i in range(state.mean.shape[0]):
+        total += state.weight[i] * math.exp(state.density[i] - best)
     mix(state)
+    return best + math.log(total)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .flight import Factor, fly_whole, parameters
+from .flight import Factor, Flight, fly_whole, parameters
 from .nominal import Nominal
 from .vehicle.kernels import kernel
 
@@ -122,7 +122,7 @@ def correct(x, p, s, channel, z, r, information):
 
 
 @kernel
-def window_information(t, z, u, a6, k1, actuator, noises, window_of, information):
+def window_information(t, z, u, a6, k1, actuator, noises, window_of, information, k1_information):
     """Information of each window about (initial state, relative a6, relative k1).
 
     t, u (n,)   [s, rad]  in
@@ -132,6 +132,7 @@ def window_information(t, z, u, a6, k1, actuator, noises, window_of, information
     noises (5,)           in   variances: theta, theta_dot, beta, command, acceleration (held over a sample)
     window_of (n,)        in   int64 window of each row, -1 for none
     information (w, 6, 6) out
+    k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
     """
     x, p, s = np.zeros(N_STATES), np.zeros((N_STATES, N_STATES)), np.zeros((N_STATES, N_UNKNOWN))
     f, fa, fk = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
@@ -151,6 +152,7 @@ def window_information(t, z, u, a6, k1, actuator, noises, window_of, information
             if np.isfinite(z[k, channel]):
                 correct(x, p, s, channel, z[k, channel], noises[channel],
                         information[current] if current >= 0 else unused)
+        k1_information[k] = information[current, 5, 5] if current >= 0 else 0.0
         if k + 1 < len(t):
             transition(a6[k], k1[k], actuator[0], actuator[1], t[k + 1] - t[k], f, fa, fk)
             predict(x, p, s, u[k], f, fa, fk, a6[k], k1[k], noises[3], noises[4])
@@ -166,9 +168,9 @@ def noise_variances(nominal: Nominal, period: float) -> np.ndarray:
                      actuator.command_noise_std**2 * held, simulation.acceleration_noise_std**2 * held])
 
 
-def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
-                 a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Bound:
-    """Bound of every window of one flight (`flight` suite).
+def flight_information(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
+                       a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> np.ndarray:
+    """Information (w, 2, 2) about (relative a6, relative k1) in each window of one flight (`flight` suite).
 
     nominal  what flies and how noisy it is;  window [s];  period [s] of the log, None: sensors.period
     a6_factor, k1_factor  true parameters over the nominal's
@@ -182,19 +184,55 @@ def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float |
     information = np.zeros((windows, N_UNKNOWN, N_UNKNOWN))
     assert nominal.actuator is not None
     actuator = np.array([nominal.actuator.natural_frequency, nominal.actuator.damping_ratio])
-    window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), flight.beta_cmd,
-                       middle_a6, middle_k1, actuator, noise_variances(nominal, flight.period), index, information)
-    return bounds_of(information, np.arange(windows) * window)
+    window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), flight.beta_cmd, middle_a6,
+                       middle_k1, actuator, noise_variances(nominal, flight.period), index, information,
+                       np.zeros(len(t)))
+    return without_offset(information)
 
 
-def bounds_of(information: np.ndarray, t_start: np.ndarray) -> Bound:
-    """Bounds from information matrices (w, 6, 6): the initial state is removed by a Schur complement."""
+def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
+                 a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Bound:
+    """Bound of every window of one flight; arguments as `flight_information`."""
+    return bounds_of(flight_information(nominal, window, seed, period, a6_factor, k1_factor), window)
+
+
+def known_state_information(nominal: Nominal, flight: Flight, onset: float, a6_factor: Factor = 1.0,
+                            k1_factor: Factor = 1.0, horizon: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
+    """Information about a relative change of k1 at `onset`, the state before it known, as it grows with time.
+
+    Returns times [s] of the rows after the onset, up to `horizon` later, and the information (1/relative^2) by then.
+    The factors are those before the change; the flight may have any.
+    """
+    assert nominal.actuator is not None
+    begin = int(np.searchsorted(flight.t, onset))
+    first = max(begin - 200, 0)  # 2 s at 100 Hz: the filter's covariance settles
+    end = min(len(flight.t), begin + round(horizon / flight.period))
+    rows = slice(first, end)
+    t = flight.t[rows]
+    a6, k1 = parameters(nominal, t + 0.5 * flight.period, a6_factor, k1_factor)
+    actuator = np.array([nominal.actuator.natural_frequency, nominal.actuator.damping_ratio])
+    z = np.column_stack([flight.theta, flight.theta_dot, flight.beta])[rows]
+    variances = noise_variances(nominal, flight.period)
+    index = np.where(np.arange(first, end) >= begin, 0, -1).astype(np.int64)
+    grown = np.zeros(end - first)
+    window_information(t, z, flight.beta_cmd[rows], a6, k1, actuator, variances, index,
+                       np.zeros((1, N_UNKNOWN, N_UNKNOWN)), grown)
+    return flight.t[begin:end], grown[begin - first:]
+
+
+def without_offset(information: np.ndarray) -> np.ndarray:
+    """(w, 2, 2) from (w, 6, 6): the unknown initial state removed by a Schur complement."""
     nuisance = information[:, :4, :4]
     cross = information[:, :4, 4:]
     scale = np.sqrt(np.einsum("wii->wi", nuisance))
     scaled = nuisance / scale[:, :, None] / scale[:, None, :]
-    reduced = information[:, 4:, 4:] - np.einsum(
-        "wki,wkj->wij", cross / scale[:, :, None], np.linalg.solve(scaled, cross / scale[:, :, None]))
-    covariance = np.linalg.inv(reduced)
+    explained = np.einsum("wki,wkj->wij", cross / scale[:, :, None],
+                          np.linalg.solve(scaled, cross / scale[:, :, None]))
+    return information[:, 4:, 4:] - explained
+
+
+def bounds_of(information: np.ndarray, window: float) -> Bound:
+    """Bounds from information matrices (w, 2, 2) of windows end to end."""
+    covariance = np.linalg.inv(information)
     std = np.sqrt(np.einsum("wii->wi", covariance))
-    return Bound(t_start, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]))
+    return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]))

@@ -18,8 +18,9 @@ from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 from .errors import InputError, UsageError
 from .identify import onboard_model, report, run, whole_log
 from .log import Log, read_log, write_flight, write_text
-from .nominal import Nominal, load_nominal
+from .nominal import Nominal, load_nominal, write_nominal
 
+ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
 USAGE_STATUS, INPUT_STATUS, INTERRUPTED_STATUS = 2, 3, 130
 
 
@@ -31,8 +32,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def say(text: str) -> None:
-    """Talk, on stderr."""
-    print(text, file=sys.stderr)
+    """Talk, on stderr: one line, whatever a path or a key holds."""
+    print("".join(c if c.isprintable() else ascii(c)[1:-1] for c in text), file=sys.stderr)
 
 
 def parser() -> Parser:
@@ -53,6 +54,8 @@ def parser() -> Parser:
     sub.add_argument("--seed", type=int, default=0)
     sub.add_argument("--suite", default="flight", choices=["flight", "ideal"])
     sub.add_argument("--period", type=float, metavar="S", help="of the log; the suite's own if left out")
+    sub.add_argument("--effect", action="append", default=[], metavar="NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]",
+                     help="fly a cause of the catalogue too; repeatable")
     sub.set_defaults(run=simulate_command)
 
     sub = commands.add_parser("identify", help="a6, k1 and the active terms of a log, window by window")
@@ -71,7 +74,29 @@ def parser() -> Parser:
     sub.add_argument("--json", metavar="PATH|-")
     sub.add_argument("--plot", metavar="PATH")
     sub.set_defaults(run=identify_command)
+    sub = commands.add_parser("plan", help="the smallest test input that reaches an accuracy")
+    sub.add_argument("nominal", metavar="NOMINAL.toml")
+    sub.add_argument("--accuracy", type=float, required=True, metavar="X", help="relative, one sigma, of a6 and k1")
+    sub.add_argument("--window", type=float, required=True, metavar="S")
+    sub.add_argument("--out", required=True, metavar="NEW.toml")
+    sub.set_defaults(run=plan_command)
     return top
+
+
+def plan_command(args: argparse.Namespace) -> None:
+    """launchid plan"""
+    from .plan import plan
+    result = plan(load_nominal(args.nominal), args.accuracy, args.window)
+    write_nominal(result.nominal, args.out)
+    multisine = result.nominal.test_input
+    print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % without input, "
+          f"{100 * result.after:.3g} % with it")
+    if multisine is None:
+        print(f"{args.out}: no test input needed")
+        return
+    lines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
+                      for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
+    print(f"{args.out}: {lines}; {result.root_mean_square:.2e} rad rms, peak {result.peak:.2e} rad")
 
 
 def at_least(name: str, value: int, low: int) -> None:
@@ -89,10 +114,12 @@ def reproduce_command(args: argparse.Namespace) -> None:
 
 def simulate_command(args: argparse.Namespace) -> None:
     """launchid simulate"""
+    from .effects import from_text
     from .flight import fly_whole
     at_least("--seed", args.seed, 0)
+    effects = [from_text(text) for text in args.effect]
     nominal = load_nominal(args.nominal)
-    flight = fly_whole(nominal, args.seed, args.suite, args.period)
+    flight = fly_whole(nominal, args.seed, args.suite, args.period, effects=effects)
     write_flight(args.out, flight)
     say(f"{args.out}: {len(flight.t)} rows, {flight.period:g} s apart, seed {args.seed}"
         + ("; the vehicle was LOST and the log ends there" if flight.lost else ""))
@@ -125,6 +152,7 @@ def identify_config(args: argparse.Namespace, log: Log, nominal: Nominal | None)
     model = onboard_model(nominal) if formulation == "filtered" and nominal is not None else None
     if args.window == "all":
         t = log.t[np.isfinite(log.t)]
+        t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
         timing = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
     else:
         try:

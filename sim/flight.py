@@ -4,25 +4,31 @@ Two sensor suites: `ideal`, the paper's (true theta, theta_dot, beta, theta_ddot
 at the integration step, no unmodelled acceleration; navigation noise on the
 controller's attitude and command noise stay in the loop), and `flight` (the
 nominal's noises at `sensors.period`, unmodelled accelerations, no theta_ddot).
+Effects on a sensor (bias, scale, delay) show in both.
 
 Noise: one independent stream a source, one draw per integration step or
 controller period, so a flight's noise does not depend on the rate of its log.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from launchid_core import Sample
 
-from .errors import UsageError
+from .effects import Effect, Table, effect, pack, plant
+from .errors import InputError, UsageError
 from .nominal import Nominal
 from .vehicle import step as st
 
 SUITES = ("flight", "ideal")
+MAX_STEPS = 2e7      # of one flight: 1 GB of noise draws
 LOST_ANGLE = 0.5  # rad: beyond it small angles fail and no deflection within its limit brings these vehicles back
+LOST_ANGLE_TERMS = math.pi  # rad: a plant given by its terms holds at any angle, until it has turned over
+
+CLOCK_DIGITS = 12  # decimals of a time [s] in the log, and wherever a time is compared with a given one
 
 Factor = float | Callable[[np.ndarray], np.ndarray]  # of a parameter: a number, or a function of time [s]
 
@@ -64,11 +70,25 @@ def whole(value: float, unit: float, name: str) -> int:
 
 
 def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
-               k1_factor: Factor = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """True a6 and k1 at times t [s] of a vehicle whose parameters are the nominal's times the factors."""
+               k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """True a6 and k1 at times t (n,) [s]: the nominal's times the factors, with its effects and these further ones.
+
+    Of a plant given by terms they are the coefficients of `theta` and `beta`.
+    """
     a6, k1 = nominal.vehicle.at(t)
-    return (a6 * (a6_factor(t) if callable(a6_factor) else a6_factor),
-            k1 * (k1_factor(t) if callable(k1_factor) else k1_factor))
+    a6 = a6 * (a6_factor(t) if callable(a6_factor) else a6_factor)
+    k1 = k1 * (k1_factor(t) if callable(k1_factor) else k1_factor)
+    table = packed(nominal, effects)
+    if len(table.plant) > 0:
+        plant.parameters_over_time(table.plant, np.round(t, CLOCK_DIGITS), a6, k1)
+    return a6, k1
+
+
+def packed(nominal: Nominal, effects: Iterable[Effect] = ()) -> Table:
+    """The nominal's further terms, its effects and these, as the compiled step reads them."""
+    step = nominal.simulation.step if nominal.simulation is not None else 0.0
+    terms = [effect("missing_term", term=term, coefficient=value) for term, value in nominal.terms]
+    return pack([*terms, *nominal.effects, *effects], step)
 
 
 def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Factor, Factor]:
@@ -93,8 +113,14 @@ def noise(seed: int, stream: str, std: float, count: int) -> np.ndarray:
     return std * np.random.default_rng((_STREAMS[stream], seed)).standard_normal(count)
 
 
+def excitation(nominal: Nominal, ticks: int, period: float) -> np.ndarray:
+    """The test input [rad] of each controller period; -0.0, which changes no bit of a sum, where there is none."""
+    t = np.round(np.arange(ticks) * period, CLOCK_DIGITS)
+    return np.full(ticks, -0.0) if nominal.test_input is None else nominal.test_input.at(t)
+
+
 def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_factor: Factor,
-            k1_factor: Factor) -> tuple[st.Vehicle, int]:
+            k1_factor: Factor, effects: Iterable[Effect] = ()) -> tuple[st.Vehicle, int]:
     """A vehicle on the pad, and the steps of its flight."""
     nominal.require("actuator", "controller", "guidance", "simulation")
     if suite not in SUITES:
@@ -102,18 +128,26 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     simulation, controller, actuator = nominal.simulation, nominal.controller, nominal.actuator
     assert simulation is not None and controller is not None and actuator is not None and nominal.guidance is not None
     h = simulation.step
-    log_every = whole(period or (h if suite == "ideal" else nominal.sensors.period), h, "period")
+    own = h if suite == "ideal" else nominal.sensors.period
+    log_every = whole(own if period is None else period, h, "period")
+    if simulation.duration / h > MAX_STEPS:
+        raise InputError(f"{nominal.path}: simulation.duration = {simulation.duration!r}: expected at most {MAX_STEPS:g} "
+                         f"steps of {h:g} s")
     control_every = whole(controller.period, h, "controller.period")
     steps = math.ceil(simulation.duration / h - 1e-9)
     ticks = -(-steps // control_every)
 
+    effects = tuple(effects)
+    table = packed(nominal, effects)
+    seen = steps if len(table.sensor) > 0 else 0
     half_steps = np.arange(2 * steps + 1) * (0.5 * h)
-    a6, k1 = parameters(nominal, half_steps, a6_factor, k1_factor)
+    a6, k1 = parameters(nominal, half_steps, a6_factor, k1_factor, effects)
     reference = np.interp(np.arange(ticks) * controller.period, nominal.guidance.t, nominal.guidance.theta_ref)
     sensors = nominal.sensors
     constant = np.array([h, controller.period, actuator.natural_frequency, actuator.damping_ratio, actuator.delay,
                          actuator.deflection_limit, controller.kp, controller.kd, controller.derivative_time_constant,
-                         sensors.theta_step, sensors.theta_dot_step, sensors.beta_step, LOST_ANGLE])
+                         sensors.theta_step, sensors.theta_dot_step, sensors.beta_step,
+                         LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE])
     counter = np.zeros(st.N_COUNTERS, np.int64)
     counter[st.CONTROL_EVERY], counter[st.LOG_EVERY] = control_every, log_every
     acceleration = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
@@ -121,18 +155,19 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
         constant, np.zeros(st.N_STATE), counter, a6, k1, reference,
         noise(seed, "command", actuator.command_noise_std, ticks), noise(seed, "acceleration", acceleration, ticks),
         noise(seed, "theta", sensors.theta_std, steps), noise(seed, "theta_dot", sensors.theta_dot_std, steps),
-        noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks))
+        noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks), np.zeros(ticks),
+        excitation(nominal, ticks, controller.period), np.zeros((2, seen)), *table)
     return vehicle, steps
 
 
 def _columns(suite: str) -> dict[str, int]:
     """Which column of a row the suite's sensor reads."""
-    read = "true_" if suite == "ideal" else ""
+    read = "exact_" if suite == "ideal" else ""
     return {name: st.COLUMNS.index(read + name) for name in ("theta", "theta_dot", "beta")}
 
 
 def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
-              a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flight:
+              a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> Flight:
     """Fly to the end and return the log.
 
     nominal    what is flown; needs [actuator], [controller], [guidance], [simulation]
@@ -140,8 +175,9 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     suite      `flight` or `ideal`
     period     [s] of the log; None: the suite's
     a6_factor, k1_factor  the true parameters over the nominal's: a number or a function of time
+    effects    flown beside the nominal's own, see `sim.effects`
     """
-    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor)
+    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     every = int(vehicle.counter[st.LOG_EVERY])
     rows = np.empty((-(-steps // every), len(st.COLUMNS)))
     st.advance(vehicle, steps, rows)
@@ -150,15 +186,15 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     chosen = {name: rows[:n, k].copy() for name, k in _columns(suite).items()}
     ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
     index = 2 * every * np.arange(n)
-    return Flight(t=np.round(log["t"], 12), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"], theta_ddot=ddot,
-                  a6=vehicle.a6[index], k1=vehicle.k1[index], period=every * float(vehicle.constant[st.STEP]),
-                  lost=bool(vehicle.counter[st.LOST]), **chosen)
+    return Flight(t=np.round(log["t"], CLOCK_DIGITS), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"],
+                  theta_ddot=ddot, a6=vehicle.a6[index], k1=vehicle.k1[index],
+                  period=every * float(vehicle.constant[st.STEP]), lost=bool(vehicle.counter[st.LOST]), **chosen)
 
 
 def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
-        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Iterator[Sample]:
+        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> Iterator[Sample]:
     """The same flight, one Sample at a time: nothing is computed before it is asked for."""
-    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor)
+    vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     every = int(vehicle.counter[st.LOG_EVERY])
     column = _columns(suite)
     row = np.empty((1, len(st.COLUMNS)))
@@ -168,7 +204,7 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
         if vehicle.counter[st.ROWS] == 0:
             return
         value = row[0].tolist()
-        yield Sample(round(value[0], 12), value[column["theta"]], value[column["theta_dot"]], value[column["beta"]],
-                     value[9] if suite == "ideal" else math.nan, value[2])
+        yield Sample(round(value[0], CLOCK_DIGITS), value[column["theta"]], value[column["theta_dot"]],
+                     value[column["beta"]], value[9] if suite == "ideal" else math.nan, value[2])
         if vehicle.counter[st.LOST]:
             return

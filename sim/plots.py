@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib
 
 matplotlib.use("Agg")
+matplotlib.rcParams["svg.hashsalt"] = "launchid"  # the same bytes each time
 
 import matplotlib.pyplot as plt
 import numpy as np

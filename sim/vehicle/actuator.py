@@ -2,6 +2,7 @@
 
 import math
 
+from ..effects.actuator import limited_acceleration, limited_rate
 from .kernels import kernel
 
 
@@ -9,6 +10,13 @@ from .kernels import kernel
 def nozzle_acceleration(frequency, damping, command, beta, beta_dot):
     """beta_ddot [rad/s^2] = w^2 (command - beta) - 2 zeta w beta_dot."""
     return frequency * frequency * (command - beta) - 2.0 * damping * frequency * beta_dot
+
+
+@kernel
+def servo_slopes(frequency, damping, rate, command, beta, beta_dot):
+    """(beta' [rad/s], beta_dot' [rad/s^2]) of the servo behind its rate limit [rad/s], inf: none."""
+    beta_ddot = nozzle_acceleration(frequency, damping, command, beta, beta_dot)
+    return limited_rate(rate, beta_dot), limited_acceleration(rate, beta_dot, beta_ddot)
 
 
 @kernel

@@ -10,6 +10,6 @@ def pseudo_derivative(time_constant, period, error, previous_error, derivative):
 
 
 @kernel
-def pd_command(kp, kd, limit, error, derivative):
-    """kp e + kd d, limited to +-limit [rad]."""
-    return min(max(kp * error + kd * derivative, -limit), limit)
+def pd_command(kp, kd, limit, error, derivative, excitation=-0.0):
+    """kp e + kd d + excitation, limited to +-limit [rad].  -0.0, no test input, changes no bit of any sum."""
+    return min(max(kp * error + kd * derivative + excitation, -limit), limit)

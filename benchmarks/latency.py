@@ -1,0 +1,214 @@
+"""Time of Estimator.update from a Python host loop, of a window close beside numpy and pysindy, of a simulated flight.
+
+    python benchmarks/latency.py [--repeats 5]
+
+Every call is timed alone by perf_counter_ns; the clock's own cost stands beside and is not subtracted.  The cyclic
+garbage collector is off in the timed loops, as a flight host would have it.  Ratios are of medians in the same run.
+`mean` is over all calls; `best` the mean of the best repeat, which the demand is about: other processes only add.
+Exit status 1 if a demand is missed.
+"""
+
+import argparse
+import gc
+import importlib.util
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from flights import nominal
+
+from launchid_core import Config, Estimator, Sample, Status
+from launchid_core.library import LIBRARIES
+from sim.flight import fly_whole
+from sim.identify import onboard_model
+
+PYSINDY_RATIO = 100.0   # demand: a window close at least so much faster than pysindy.SINDy.fit on the same rows
+FLIGHT_TIME = 0.1       # s, demand: 70 s of flight at 1 kHz
+FILTERED_MEAN = 5.0     # us, demand: update of the filtered form, close included
+A6, K1 = 2.0, -7.0      # 1/s^2, of the noise-free rows
+ROWS, PERIOD, THRESHOLD = 100, 0.01, 0.5
+TONES = ((0.05, 2.0, 0.3), (0.03, 4.5, 1.1), (0.02, 7.0, 2.0))  # amplitude [rad], frequency [rad/s], phase
+
+
+def timed(call: Callable[[Any], Any], arguments: list[Any]) -> tuple[np.ndarray, list[Any]]:
+    """Microseconds of every call, and what it returned; garbage collector off."""
+    clock = time.perf_counter_ns
+    spent, answers = [0] * len(arguments), []
+    gc.collect()
+    gc.disable()
+    try:
+        for i, argument in enumerate(arguments):
+            start = clock()
+            answer = call(argument)
+            spent[i] = clock() - start
+            answers.append(answer)
+    finally:
+        gc.enable()
+    return np.array(spent) / 1000.0, answers
+
+
+def floor() -> np.ndarray:
+    """Microseconds between two readings of the clock around an empty call."""
+    return timed(lambda _: None, [None] * 200_000)[0]
+
+
+def line(name: str, repeats: list[np.ndarray], first: float | None = None) -> float:
+    """One row of percentiles; returns the mean of the best repeat."""
+    spent = np.concatenate(repeats)
+    p50, p99, p999 = np.percentile(spent, [50.0, 99.0, 99.9])
+    best = min(float(np.mean(repeat)) for repeat in repeats)
+    print(f"{name:44} {len(spent):8d} {p50:8.2f} {p99:8.2f} {p999:8.2f} {np.max(spent):9.2f} {np.mean(spent):8.2f} "
+          f"{best:8.2f} {'' if first is None else f'{first:8.2f}'}", flush=True)
+    return best
+
+
+def update_times(name: str, config: Config, samples: list[Sample], repeats: int) -> float:
+    """Rows of one configuration: all updates, and the closes alone.  Returns the mean per update of the best repeat."""
+    estimator = Estimator(config)
+    first = timed(estimator.update, samples[:1])[0][0]
+    everything, closes = [], []
+    for _ in range(repeats):
+        estimator.reset()
+        spent, status = timed(estimator.update, samples)
+        everything.append(spent)
+        closes.append(spent[np.array(status) == Status.WINDOW_COMPLETE])
+    best = line(name, everything, first)
+    line("  its window closes", closes)
+    return best
+
+
+def noise_free() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """t (n,), states (n, 3) and their exact derivatives (n, 3) of theta_ddot = A6 theta + K1 beta, a sum of sines."""
+    t = np.arange(ROWS) * PERIOD
+    derivative = [sum(a * w**k * np.sin(w * t + p + 0.5 * np.pi * k) for a, w, p in TONES) for k in range(4)]
+    beta = (derivative[2] - A6 * derivative[0]) / K1
+    beta_dot = (derivative[3] - A6 * derivative[1]) / K1
+    return (t, np.column_stack([derivative[0], derivative[1], beta]),
+            np.column_stack([derivative[1], derivative[2], beta_dot]))
+
+
+def numpy_stls(states: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Sequentially thresholded least squares on the ten quadratic terms with np.linalg.lstsq; returns Xi (10, 3)."""
+    theta, rate, beta = states.T
+    library = np.column_stack([np.ones(len(theta)), theta, rate, beta, theta**2, theta * rate, theta * beta, rate**2,
+                               rate * beta, beta**2])
+    xi = np.linalg.lstsq(library, slopes, rcond=None)[0]
+    active = np.abs(xi) >= THRESHOLD
+    for _ in range(library.shape[1]):
+        xi = np.zeros_like(xi)
+        for equation in range(slopes.shape[1]):
+            chosen = active[:, equation]
+            if chosen.any():
+                xi[chosen, equation] = np.linalg.lstsq(library[:, chosen], slopes[:, equation], rcond=None)[0]
+        small = active & (np.abs(xi) < THRESHOLD)
+        if not small.any():
+            break
+        active &= ~small
+    return xi
+
+
+def worst(a6: float, k1: float) -> float:
+    """Larger of the two relative errors."""
+    return max(abs(a6 / A6 - 1.0), abs(k1 / K1 - 1.0))
+
+
+def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
+    """Microseconds and worst relative error of one window, 100 rows x ten terms, by each tool.
+
+    All get theta_ddot exactly; numpy and pysindy get the exact beta_dot too, which launchid differences.
+    """
+    t, states, slopes = noise_free()
+    estimator = Estimator(Config(window=ROWS * PERIOD, sample_period=PERIOD, library="quadratic",
+                                 formulation="measured", threshold=THRESHOLD))
+    windows = [np.column_stack([t + k * ROWS * PERIOD, states, slopes[:, 1]]) for k in range(100 * repeats)]
+    spent, status = timed(estimator.update, [Sample(*row) for row in np.concatenate(windows).tolist()])
+    estimate = estimator.estimate()
+    assert estimate is not None
+    results = {"launchid": (spent[np.array(status) == Status.WINDOW_COMPLETE], worst(estimate.a6, estimate.k1))}
+    theta, beta = (LIBRARIES["quadratic"].index(term) for term in ("theta", "beta"))
+    spent, answers = timed(lambda _: numpy_stls(states, slopes), [None] * 100 * repeats)
+    results["numpy"] = (spent, worst(answers[-1][theta, 1], answers[-1][beta, 1]))
+    if importlib.util.find_spec("pysindy") is not None:
+        import pysindy
+
+        def fit(_: None) -> Any:
+            model = pysindy.SINDy(optimizer=pysindy.STLSQ(threshold=THRESHOLD, alpha=0.0),
+                                  feature_library=pysindy.PolynomialLibrary(degree=2))
+            model.fit(states, t=t, x_dot=slopes)
+            return model
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            fit(None)
+            spent, answers = timed(fit, [None] * 10 * repeats)
+        coefficients = answers[-1].coefficients()[1]
+        results["pysindy"] = (spent, worst(coefficients[theta], coefficients[beta]))
+    return results
+
+
+def flight_time(repeats: int) -> float:
+    """Seconds to simulate 70 s at 1 kHz, median."""
+    believed = nominal("constant")
+    fly_whole(believed, 0, "ideal")
+    spent, _ = timed(lambda seed: fly_whole(believed, seed, "ideal"), list(range(max(repeats, 5))))
+    return float(np.median(spent)) / 1e6
+
+
+def all_updates(repeats: int) -> dict[str, float]:
+    """Rows of every formulation; returns the best means of the filtered ones [us]."""
+    print(f"{'[us]':44} {'calls':>8} {'p50':>8} {'p99':>8} {'p99.9':>8} {'max':>9} {'mean':>8} {'best':>8} "
+          f"{'first':>8}")
+    line("clock alone", [floor()])
+    believed = nominal("constant")
+    ideal = list(fly_whole(believed, 0, "ideal").samples())
+    update_times("measured, ten terms, 1 kHz ideal, 1 s", Config(window=1.0, sample_period=0.001, library="quadratic",
+                 formulation="measured"), ideal, repeats)
+    noisy = list(fly_whole(believed, 0).samples())
+    common: dict[str, Any] = {"window": 1.0, "sample_period": 0.01}
+    update_times("difference, ten terms, 100 Hz, 1 s", Config(**common, library="quadratic", formulation="difference"),
+                 noisy, repeats)
+    update_times("integral, two terms, 100 Hz, 1 s", Config(**common, formulation="integral"), noisy, repeats)
+    means = {}
+    for library in ("rigid-body", "quadratic"):
+        for noise in ("declared", "estimated"):
+            config = Config(**common, formulation="filtered", library=library, noise=noise,
+                            model=onboard_model(believed))
+            name = f"filtered, {library}, {noise}"
+            means[name] = update_times(f"{name}, 100 Hz, 1 s", config, noisy, repeats)
+    return means
+
+
+def main() -> int:
+    """Run and print; exit status 1 if a demand is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=5)
+    args = parser.parse_args()
+    print(f"70 s flights of `constant`, seed 0, {args.repeats} repeats; Python host loop, garbage collector off while "
+          "timing; clock included\n")
+    filtered = all_updates(args.repeats)
+    print(f"\n{'window close, 100 rows x ten terms':44} {'median us':>10} {'over launchid':>14} {'max rel. error':>15}")
+    closes = close_times(args.repeats)
+    base = float(np.median(closes["launchid"][0]))
+    for name, (spent, error) in closes.items():
+        print(f"{name:44} {np.median(spent):10.2f} {np.median(spent) / base:14.1f} {error:15.1e}")
+    flight = flight_time(args.repeats)
+    print(f"\n70 s flight at 1 kHz: {1000 * flight:.1f} ms\n")
+    ratio = float(np.median(closes["pysindy"][0])) / base if "pysindy" in closes else float("nan")
+    demands = [(f"close at least {PYSINDY_RATIO:g} times faster than pysindy.SINDy.fit", f"{ratio:.0f}",
+                ratio >= PYSINDY_RATIO),
+               (f"simulated flight below {FLIGHT_TIME:g} s", f"{flight:.3f} s", flight < FLIGHT_TIME)]
+    demands += [(f"{name}: at most {FILTERED_MEAN:g} us per update on average, best repeat", f"{mean:.2f} us",
+                 mean <= FILTERED_MEAN) for name, mean in filtered.items()]
+    if "pysindy" not in closes:
+        print("pysindy is not installed: its demand is not checked")
+        demands = demands[1:]
+    for demand, value, met in demands:
+        print(f"{'met   ' if met else 'MISSED'}  {demand}: {value}")
+    return int(not all(met for _, _, met in demands))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""The catalogue of causes: by name, from text, from TOML tables, and packed for the compiled step.
+
+What may be left out: a parameter with a default takes it; one with a neutral value
+takes that, provided at least one parameter of the effect is given; any other is
+required.  An effect may stand several times (two gusts, two bending modes).
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from launchid_core import parse_term, term_name
+
+from ..errors import UsageError
+from . import actuator, controller, environment, plant, sensor
+from .table import CODE, N_COLUMNS, P0, PLACES, TERM, Cause, Effect, Parameter, Table
+
+CATALOGUE: dict[str, Cause] = {
+    cause.name: cause for place in (plant, environment, actuator, sensor, controller) for cause in place.EFFECTS}
+_CODE = {cause.name: code for place in (plant, environment, actuator, sensor, controller)
+         for code, cause in enumerate(place.EFFECTS)}
+
+RADIANS_PER_STEP = 0.5  # Runge-Kutta 4 loses 0.02 % of an oscillation's amplitude a radian at this frequency times step
+
+
+def find(name: str) -> Cause:
+    """The cause of this name; UsageError naming the ones there are."""
+    if name not in CATALOGUE:
+        raise UsageError(f"unknown effect {name!r}; expected one of {', '.join(CATALOGUE)}")
+    return CATALOGUE[name]
+
+
+def effect(name: str, /, **given: Any) -> Effect:
+    """An effect with its values, checked; UsageError naming effect, parameter and what is allowed."""
+    cause = find(name)
+    known = ", ".join(parameter.name for parameter in cause.parameters)
+    for key in given:
+        if key not in {parameter.name for parameter in cause.parameters}:
+            raise UsageError(f"effect {name}: unknown parameter {key!r}; expected {known}")
+    if not given:
+        raise UsageError(f"effect {name}: no parameter given; expected {known}")
+    return Effect(name, tuple(_value(cause, parameter, given) for parameter in cause.parameters))
+
+
+def _value(cause: Cause, parameter: Parameter, given: Mapping[str, Any]) -> float | str:
+    """The parameter's value, given or left out."""
+    if parameter.name not in given:
+        if parameter.is_required:
+            raise UsageError(f"effect {cause.name}: parameter {parameter.name!r} is missing; "
+                             f"expected {parameter.expected}")
+        left_out = parameter.default if parameter.neutral is None else parameter.neutral
+        assert left_out is not None
+        return left_out
+    value = given[parameter.name]
+    refusal = UsageError(f"effect {cause.name}: {parameter.name} = {value!r}: expected {parameter.expected}")
+    if parameter.is_term:
+        return _term(value, refusal)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise refusal
+    try:
+        number = float(value)
+    except OverflowError:
+        raise refusal from None
+    if not parameter.allows(number):
+        raise refusal
+    return number
+
+
+def _term(value: object, refusal: UsageError) -> str:
+    """Canonical name of a library term of theta, theta_dot, beta (tau, a window's time, means nothing in a flight)."""
+    if not isinstance(value, str):
+        raise refusal
+    try:
+        code = parse_term(value)
+    except ValueError:
+        raise refusal from None
+    if code[3]:
+        raise refusal
+    return term_name(code)
+
+
+def values(of: Effect) -> dict[str, float | str]:
+    """Parameter name -> value."""
+    return dict(zip((parameter.name for parameter in CATALOGUE[of.name].parameters), of.values, strict=True))
+
+
+def from_text(text: str) -> Effect:
+    """NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]; UsageError in one line if it is none."""
+    name, colon, rest = text.partition(":")
+    cause = find(name.strip())
+    given: dict[str, float | str] = {}
+    for part in rest.split(",") if colon and rest.strip() else ():
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals:
+            raise UsageError(f"effect {text!r}: {part!r} is no PARAMETER=VALUE")
+        if key in given:
+            raise UsageError(f"effect {text!r}: parameter {key!r} stands twice")
+        parameter = next((p for p in cause.parameters if p.name == key), None)
+        given[key] = value if parameter is None or parameter.is_term else _number(cause, parameter, value)
+    return effect(cause.name, **given)
+
+
+def _number(cause: Cause, parameter: Parameter, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"effect {cause.name}: {parameter.name} = {text!r}: expected {parameter.expected}") from None
+
+
+def from_table(table: object) -> Effect:
+    """One `[[effects]]` table of a nominal: `name` and parameters; UsageError if it is none."""
+    if not isinstance(table, dict):
+        raise UsageError(f"{table!r}: expected a table with name and parameters")
+    name = table.get("name")
+    if not isinstance(name, str):
+        raise UsageError(f"name = {name!r}: expected one of {', '.join(CATALOGUE)}")
+    return effect(name, **{str(key): value for key, value in table.items() if key != "name"})
+
+
+def _sorting(of: Effect) -> tuple[int, tuple[str, ...]]:
+    return _CODE[of.name], tuple(map(repr, of.values))
+
+
+def pack(effects: Iterable[Effect], step: float) -> Table:
+    """The effects as the compiled step reads them, in an order of their own.
+
+    effects  any order, any number of each
+    step     [s] of integration; UsageError if it does not resolve an effect's frequency
+    """
+    ordered = sorted(effects, key=_sorting)
+    rows = {place: [_row(of, step) for of in ordered if CATALOGUE[of.name].where == place] for place in PLACES}
+    return Table(*(np.array(rows[place], dtype=np.float64).reshape(-1, N_COLUMNS) for place in PLACES))
+
+
+def _row(of: Effect, step: float) -> np.ndarray:
+    """One effect as a row (N_COLUMNS,), its states at rest."""
+    row = np.zeros(N_COLUMNS)
+    row[CODE] = _CODE[of.name]
+    for k, (parameter, value) in enumerate(zip(CATALOGUE[of.name].parameters, of.values, strict=True)):
+        if isinstance(value, str):
+            code = parse_term(value)
+            row[TERM:TERM + len(code)] = code
+            continue
+        if parameter.name == "frequency" and not value * step <= RADIANS_PER_STEP:
+            raise UsageError(f"effect {of.name}: frequency = {value!r}: expected at most "
+                             f"{RADIANS_PER_STEP / step:g} rad/s, what the simulation's step of {step:g} s resolves")
+        row[P0 + k] = value
+    return row

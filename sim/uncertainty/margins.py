@@ -1,0 +1,202 @@
+"""Classical margins of the discrete loop, cut at the controller's output, at one delta, many, or the worst of a box.
+
+The loop gain L(z) is the sampled one (`lft.loop_gain`), so the hold, the sampling and the delay are in it exactly.
+The closed loop has a root on the unit circle at gain factor g exactly where 1 + g L = 0.
+
+Two gain margins.  The plant is unstable (a6 > 0): cut the feedback and the launcher falls over, so the gain may
+neither rise nor fall too far.  At z = 1 the hold keeps the plant's static gain -k1/a6, L(1) = kp k1/a6, and the loop
+is lost when g kp |k1| no longer beats a6: the low-frequency (aerodynamic) margin, g = -a6/(kp k1) < 1.  At the upper
+phase crossover actuator, hold and delay have eaten the controller's lead: the high-frequency margin, g > 1
+(Greensite, Analysis and Design of Space Vehicle Flight Control Systems, NASA CR-820 ff., 1967-68).  The loop is stable
+for all g between the two and at neither.  A stable plant (a6 < 0) may lose the feedback: its low margin is 0.
+
+Limitation: crossings are bracketed on a frequency grid; two within one step (5 %, or 0.3 rad of phase) are not seen.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..nominal import Nominal
+from .lft import Lft, Sampled, lft_at, loop_gain, sample, spectral_radius
+
+LOWEST = 1e-5          # of half the sampling rate: where the frequency grid starts
+LOG_POINTS = 240       # 5 % apart
+PHASE_STEP = 0.3       # rad a linear step may turn the delay, the hold and the filter
+LAGS = 3.0             # periods of lag beside the delay
+BISECTIONS = 38        # of a bracket 5 % wide: to 2e-13 of its frequency
+ZOOMS, ZOOM_POINTS = 6, 17   # of the modulus margin's minimum
+BOX_POINTS, BOX_ZOOMS = 5, 2  # of the worst case over a box
+
+
+class Margins(NamedTuple):
+    """Arrays (m,), one entry per loop.  NaN where the loop is unstable; inf where nothing limits it."""
+
+    stable: np.ndarray       # bool: every eigenvalue of the closed loop inside the unit circle
+    gain_low: np.ndarray     # the factor the loop gain may fall to, below 1; 0 if it may vanish
+    gain_high: np.ndarray    # the factor it may rise to, above 1
+    phase: np.ndarray        # rad, the least over the gain crossovers, either sign
+    delay: np.ndarray        # s, the least lag/omega over the gain crossovers
+    modulus: np.ndarray      # least |1 + L|; its inverse is the largest sensitivity
+
+    @property
+    def phase_deg(self) -> np.ndarray:
+        return np.degrees(self.phase)
+
+    @property
+    def gain_low_db(self) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            return 20.0 * np.log10(self.gain_low)
+
+    @property
+    def gain_high_db(self) -> np.ndarray:
+        return 20.0 * np.log10(self.gain_high)
+
+
+def frequency_grid(period: float, delay: float) -> np.ndarray:
+    """Increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for `delay` [s]."""
+    top = math.pi / period
+    linear = math.ceil(math.pi * (delay / period + LAGS) / PHASE_STEP)
+    return np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
+
+
+def crossings(loop: Sampled, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
+              gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where f(L) changes sign along the grid, bisected on the exact response.
+
+    loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
+    f      L -> real, sign-changing at the crossing
+    Returns which loop (k,), omega (k,), L there (k,).
+    """
+    above = f(gain) > 0.0
+    which, place = np.nonzero(above[:, 1:] != above[:, :-1])
+    low, high, side = omega[place], omega[place + 1], above[which, place]
+    loops = loop.take(which)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        left = (f(loop_gain(loops, middle[:, None])[:, 0]) > 0.0) == side
+        low, high = np.where(left, middle, low), np.where(left, high, middle)
+    return which, low, loop_gain(loops, low[:, None])[:, 0]
+
+
+def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> Margins:
+    """Margins of the loop at each delta (m, 2) or (2,), any real."""
+    delta = np.atleast_2d(np.asarray(delta, dtype=float))
+    loop = sample(lft, delta)
+    omega = frequency_grid(lft.period, lft.delay)
+    gain = loop_gain(loop, omega)
+    low, high = _gain_margins(lft, delta, loop, omega, gain)
+    phase, delay = _phase_margins(loop, omega, gain)
+    modulus = _modulus_margin(loop, omega, gain)
+    stable = spectral_radius(loop) < 1.0
+    return Margins(stable, *(np.where(stable, x, np.nan) for x in (low, high, phase, delay, modulus)))
+
+
+def _gain_margins(lft: Lft, delta: np.ndarray, loop: Sampled, omega: np.ndarray,
+                  gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Next critical gain factors below and above 1 (m,): those at z = 1, z = -1 and between."""
+    a6, k1 = lft.parameters(delta)
+    inside = slice(0, -1)    # the last frequency is z = -1, where L is real
+    which, _, at = crossings(loop, np.imag, omega[inside], gain[:, inside])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        static, alternating = -a6 / (lft.kp * k1), -1.0 / gain[:, -1].real
+    every = np.arange(len(delta))
+    which = np.concatenate([every, every, which])
+    factor = np.concatenate([static, alternating, -1.0 / at.real])
+    low, high = np.zeros(len(delta)), np.full(len(delta), np.inf)
+    falls, rises = (factor > 0.0) & (factor < 1.0), factor > 1.0
+    np.maximum.at(low, which[falls], factor[falls])
+    np.minimum.at(high, which[rises], factor[rises])
+    return low, high
+
+
+def _phase_margins(loop: Sampled, omega: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least |phase| [rad] and least lag/omega [s] (m,) over the gain crossovers."""
+    which, at_omega, at = crossings(loop, lambda x: np.abs(x) - 1.0, omega, gain)
+    phase, delay = np.full(len(gain), np.inf), np.full(len(gain), np.inf)
+    np.minimum.at(phase, which, np.abs(np.angle(-at)))
+    np.minimum.at(delay, which, np.mod(np.angle(-at), 2.0 * math.pi) / at_omega)
+    return phase, delay
+
+
+def _modulus_margin(loop: Sampled, omega: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Least |1 + L| (m,): around the grid's least, zoomed in."""
+    least = np.argmin(np.abs(1.0 + gain), axis=1)
+    low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
+    every = np.arange(len(gain))
+    for _ in range(ZOOMS):
+        points = np.linspace(low, high, ZOOM_POINTS, axis=-1)
+        distance = np.abs(1.0 + loop_gain(loop, points))
+        least = np.argmin(distance, axis=1)
+        low = points[every, np.maximum(least - 1, 0)]
+        high = points[every, np.minimum(least + 1, ZOOM_POINTS - 1)]
+    return distance[every, least]
+
+
+def actuator_delay_margin(nominal: Nominal, t: float, delta: tuple[float, float] = (0.0, 0.0)) -> float:
+    """Least transport delay [s], added to the actuator's, that destabilises the loop; 0 if unstable, inf if none.
+
+    Exact for delays inside a period, by eigenvalues, where `Margins.delay` turns the sampled loop by omega tau.
+    """
+    def unstable(extra: float) -> bool:
+        actuator = nominal.actuator
+        assert actuator is not None
+        later = replace(nominal, actuator=replace(actuator, delay=actuator.delay + extra))
+        return bool(spectral_radius(sample(lft_at(later, t), np.array(delta))) >= 1.0)
+
+    lft = lft_at(nominal, t)
+    classical = float(margins(lft, delta).delay[0])
+    if math.isnan(classical):
+        return 0.0
+    if math.isinf(classical):
+        return math.inf
+    step = min(classical, lft.period) / 4.0
+    low = 0.0
+    while not unstable(low + step):
+        low += step
+    high = low + step
+    while high - low > 1e-10 * high:
+        low, high = (low, 0.5 * (low + high)) if unstable(0.5 * (low + high)) else (0.5 * (low + high), high)
+    return high
+
+
+def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),
+                  radius: tuple[float, float] = (1.0, 1.0)) -> Margins:
+    """Worst of each margin over the box centre +- radius of delta, arrays (1,).
+
+    Vertices, edges and inside on a grid, then finer grids around each worst: exact where the worst is a vertex (the
+    gain margins at these vehicles), else within the last grid's step.  Any unstable loop on the grid: unstable.
+    """
+    middle, half = np.asarray(centre, dtype=float), np.asarray(radius, dtype=float)
+    low, high = middle - half, middle + half
+    side = np.linspace(-1.0, 1.0, BOX_POINTS)
+    pattern = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    delta = middle + half * pattern
+    for zoom in range(BOX_ZOOMS + 1):
+        found = margins(lft, delta)
+        if not found.stable.all():
+            return Margins(np.array([False]), *(np.array([np.nan]) for _ in range(5)))
+        badness = (-found.gain_low, found.gain_high, found.phase, found.delay, found.modulus)
+        worst = delta[[int(np.argmin(x)) for x in badness]]
+        best_of = Margins(np.array([True]), found.gain_low.max(keepdims=True), *(
+            x.min(keepdims=True) for x in badness[1:]))
+        step = half * (2.0 / (BOX_POINTS - 1)) ** (zoom + 1)
+        delta = np.unique(np.clip(worst[:, None] + step * pattern, low, high).reshape(-1, 2), axis=0)
+    return best_of
+
+
+def margins_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple[float, float] = (0.0, 0.0),
+                      radius: np.ndarray | tuple[float, float] = (1.0, 1.0)) -> Margins:
+    """Worst margins (n,) at times (n,) [s] over the box centre +- radius of delta, each (2,) or (n, 2).
+
+    The full box is what is known before identification; after it, centre and radius are the estimate and its
+    half-width in delta.
+    """
+    times = np.asarray(times, dtype=float)
+    centres, radii = (np.broadcast_to(np.asarray(x, dtype=float), (len(times), 2)) for x in (centre, radius))
+    rows = [worst_margins(lft_at(nominal, float(t)), tuple(c), tuple(r))
+            for t, c, r in zip(times, centres, radii, strict=True)]
+    return Margins(*(np.concatenate(column) for column in zip(*rows, strict=True)))

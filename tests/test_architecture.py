@@ -1,0 +1,180 @@
+"""The layers, by walking the syntax trees: what each package may import, call and do."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import launchid_core
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = sorted((ROOT / "launchid_core").rglob("*.py"))
+SIM = sorted((ROOT / "sim").rglob("*.py"))
+NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", "subprocess", "pathlib", "io",
+                "threading"}
+STANDARD = set(sys.stdlib_module_names)
+DRAWING = {"sim/plots.py", "sim/experiments/report.py"}
+ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
+              "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",
+              "outer", "append"}
+BUILT_IN = {"list", "dict", "set", "tuple", "sorted", "open", "print", "str", "eval", "exec"}
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def imports(path: Path) -> Iterator[tuple[str, tuple[str, ...], int]]:
+    """(absolute module, names taken from it, line) of every import, at any depth of the file."""
+    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, (), node.lineno
+        elif isinstance(node, ast.ImportFrom):
+            base = package[:len(package) - node.level + 1] if node.level else ()
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield module, tuple(alias.name for alias in node.names), node.lineno
+
+
+def dotted(node: ast.expr) -> str:
+    """`np.linalg.inv` of the expression that says so; '' for what is no dotted name."""
+    parts = []
+    while isinstance(node, ast.Attribute):
+        parts.append(node.attr)
+        node = node.value
+    return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else ""
+
+
+def calls(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            yield dotted(node.func), node.lineno
+
+
+def kernels(path: Path) -> list[ast.FunctionDef]:
+    """Functions under @kernel (or any form of numba's decorators)."""
+    marks = {"kernel", "numba.njit", "njit", "numba.jit", "jit"}
+    return [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef) and any(
+        dotted(d.func if isinstance(d, ast.Call) else d) in marks for d in node.decorator_list)]
+
+
+def kernel_faults(function: ast.FunctionDef) -> list[str]:
+    """What must not stand in a flight kernel: it raises, may not end, or allocates."""
+    faults = []
+    forbidden = (ast.Raise, ast.Try, ast.While, ast.ListComp, ast.DictComp, ast.SetComp, ast.GeneratorExp, ast.Lambda,
+                 ast.With, ast.Assert, ast.Yield, ast.YieldFrom, ast.List, ast.Dict, ast.Set, ast.Global, ast.JoinedStr)
+    for node in ast.walk(function):
+        if isinstance(node, forbidden):
+            faults.append(f"{type(node).__name__} in line {node.lineno}")
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
+            faults.append(f"@ in line {node.lineno}")
+        elif isinstance(node, ast.For) and not (isinstance(node.iter, ast.Call) and dotted(node.iter.func) == "range"):
+            faults.append(f"for over no range in line {node.lineno}")
+        elif isinstance(node, ast.FunctionDef) and node is not function:
+            faults.append(f"function inside a function in line {node.lineno}")
+        elif isinstance(node, ast.Call):
+            name = dotted(node.func)
+            method = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+            if method in ALLOCATORS or name in BUILT_IN or ".linalg" in name:
+                faults.append(f"{name or method}() in line {node.lineno}")
+    return faults
+
+
+def test_there_is_something_to_walk():
+    assert len(CORE) >= 10 and len(SIM) >= 10
+    assert sum(len(kernels(path)) for path in CORE) >= 40
+
+
+# ---- the core
+
+
+@pytest.mark.parametrize("path", CORE, ids=name_of)
+def test_core_imports_numpy_numba_the_standard_library_and_itself(path):
+    for module, _, line in imports(path):
+        top = module.split(".")[0]
+        assert top in {"numpy", "numba", "launchid_core"} | STANDARD, f"{name_of(path)}:{line} {module}"
+        assert top not in NOT_ON_BOARD, f"{name_of(path)}:{line} {module}"
+
+
+@pytest.mark.parametrize("path", CORE, ids=name_of)
+def test_core_kernels_neither_raise_nor_allocate_nor_loop_without_bound(path):
+    for function in kernels(path):
+        assert kernel_faults(function) == [], f"{name_of(path)}: {function.name}"
+
+
+@pytest.mark.parametrize("body", [
+    "raise ValueError", "try:\n  x = 1\n finally:\n  x = 2", "while x:\n  x -= 1", "y = [i for i in x]",
+    "y = {i: 1 for i in x}", "y = np.zeros(3)", "y = np.empty(3)", "y = np.ones(3)", "y = np.array(x)",
+    "y = np.dot(x, x)", "y = np.linalg.inv(x)", "y = x @ x", "y = x.copy()", "y = []",
+    "for i in x:\n  pass", "y = lambda: 1"])
+def test_the_walk_sees_every_fault_in_a_kernel(body):
+    tree = ast.parse(f"@kernel\ndef f(x):\n {body}\n")
+    assert kernel_faults(tree.body[0])
+
+
+def test_core_calls_no_kernel_of_its_own_in_a_circle():
+    """No recursion: the call graph of the kernels has an order."""
+    names = {function.name for path in CORE for function in kernels(path)}
+    graph = {function.name: {name for name, _ in calls(function)} & names
+             for path in CORE for function in kernels(path)}
+    while graph:
+        leaves = {name for name, callees in graph.items() if not callees & set(graph)}
+        assert leaves, f"a circle among {sorted(graph)}"
+        graph = {name: callees for name, callees in graph.items() if name not in leaves}
+
+
+def test_public_names_exist():
+    assert sorted(launchid_core.__all__) == sorted(set(launchid_core.__all__))
+    for name in launchid_core.__all__:
+        assert getattr(launchid_core, name) is not None
+
+
+# ---- the simulator
+
+
+@pytest.mark.parametrize("path", SIM, ids=name_of)
+def test_sim_takes_only_public_names_from_the_core(path):
+    for module, names, line in imports(path):
+        if module.split(".")[0] == "launchid_core":
+            assert module == "launchid_core" and names, f"{name_of(path)}:{line}: only `from launchid_core import ...`"
+            assert set(names) <= set(launchid_core.__all__), f"{name_of(path)}:{line}: {names}"
+
+
+@pytest.mark.parametrize("path", SIM, ids=name_of)
+def test_sim_imports_numpy_and_numba_and_draws_in_two_files_only(path):
+    allowed = {"numpy", "numba", "launchid_core", "sim"} | STANDARD
+    if name_of(path) in DRAWING:
+        allowed |= {"matplotlib", "tqdm"}
+    for module, _, line in imports(path):
+        assert module.split(".")[0] in allowed, f"{name_of(path)}:{line} {module}"
+
+
+# ---- both
+
+
+@pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/cli.py"], ids=name_of)
+def test_nothing_prints_but_the_command(path):
+    said = [line for name, line in calls(tree_of(path))
+            if name in {"print", "input"} or name.endswith(("stdout.write", "stderr.write"))]
+    assert said == [], f"{name_of(path)}: lines {said}"
+
+
+@pytest.mark.parametrize("path", CORE + SIM, ids=name_of)
+def test_no_code_is_made_from_data(path):
+    for module, _, line in imports(path):
+        assert module.split(".")[0] not in {"pickle", "cPickle", "dill", "marshal", "shelve", "importlib", "yaml"}, line
+    for name, line in calls(tree_of(path)):
+        assert name.split(".")[-1] not in {"exec", "eval", "__import__", "system", "popen"}, line
+        assert name != "compile", line
+
+
+@pytest.mark.parametrize("path", CORE + SIM, ids=name_of)
+def test_no_import_by_star(path):
+    assert all("*" not in names for _, names, _ in imports(path))

@@ -1,0 +1,540 @@
+"""The simulator: its integration, loop and sensors against plain Python, and nominal files that cannot be used."""
+
+import copy
+import dataclasses
+import itertools
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as hs
+
+from sim.errors import InputError, UsageError
+from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
+from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal, read_profile
+from sim.vehicle import step as st
+from sim.vehicle.actuator import delayed_command
+from sim.vehicle.controller import pd_command, pseudo_derivative
+from sim.vehicle.sensors import measure
+
+CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
+SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
+
+
+def short(duration: float = 4.0, **sections: dict[str, float]) -> Nominal:
+    """The constant nominal for some seconds, with values replaced: short(sensors={"theta_std": 0.0})."""
+    nominal = load_nominal("constant")
+    simulation = dataclasses.replace(nominal.simulation, duration=duration, **sections.pop("simulation", {}))
+    replaced = {name: dataclasses.replace(getattr(nominal, name), **values) for name, values in sections.items()}
+    return dataclasses.replace(nominal, simulation=simulation, **replaced)
+
+
+def columns(flight: Flight) -> dict[str, np.ndarray]:
+    names = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
+    return {name: getattr(flight, name) for name in names}
+
+
+# ---- integration
+
+
+def fly_open_loop(steps: int, duration: float = 0.4, frequency: float = 20.0) -> np.ndarray:
+    """State after `duration` of a varying plant under a constant command, in this many steps."""
+    h = duration / steps
+    half = np.arange(2 * steps + 1) * (0.5 * h)
+    constant = np.zeros(st.N_CONSTANTS)
+    constant[st.STEP], constant[st.FREQUENCY], constant[st.DAMPING] = h, frequency, 0.7
+    state = np.zeros(st.N_STATE)
+    state[:4] = 0.1, -0.2, 0.05, 0.3
+    one = np.zeros(1)
+    vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), 2.0 + np.sin(9.0 * half),
+                         -7.0 + np.cos(7.0 * half), one, one, one, one, one, one, one)
+    for i in range(steps):
+        st.runge_kutta_4(vehicle, i, 0.04, 0.1)
+    return state[:4].copy()
+
+
+def test_runge_kutta_is_of_fourth_order():
+    fine = fly_open_loop(16 * 128)
+    errors = [np.linalg.norm(fly_open_loop(steps) - fine) for steps in (32, 64, 128)]
+    orders = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
+    assert (np.abs(orders - 4.0) < 0.35).all(), orders
+
+
+def test_runge_kutta_on_a_constant_plant_is_the_exponential():
+    """theta alone, k1 = 0: theta = c cosh + s sinh."""
+    h, steps, a6 = 0.001, 500, 2.0
+    constant = np.zeros(st.N_CONSTANTS)
+    constant[st.STEP] = h
+    state = np.zeros(st.N_STATE)
+    state[:2] = 0.1, 0.3
+    one = np.zeros(1)
+    vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), np.full(2 * steps + 1, a6),
+                         np.zeros(2 * steps + 1), one, one, one, one, one, one, one)
+    for i in range(steps):
+        st.runge_kutta_4(vehicle, i, 0.0, 0.0)
+    root, t = math.sqrt(a6), h * steps
+    assert state[0] == pytest.approx(0.1 * math.cosh(root * t) + 0.3 / root * math.sinh(root * t), rel=1e-12)
+    assert state[1] == pytest.approx(0.1 * root * math.sinh(root * t) + 0.3 * math.cosh(root * t), rel=1e-12)
+
+
+def test_logged_acceleration_is_the_equation_of_motion():
+    flight = fly_whole(short(8.0), 1, "ideal")
+    assert np.array_equal(flight.theta_ddot, 2.0 * flight.theta + -7.0 * flight.beta)
+
+
+def test_logged_rates_are_the_derivatives_of_the_logged_states():
+    flight = fly_whole(short(8.0), 1, "ideal")
+    h = flight.period
+    assert np.allclose((flight.theta[2:] - flight.theta[:-2]) / (2 * h), flight.theta_dot[1:-1], atol=2e-6)
+    assert np.allclose((flight.theta_dot[2:] - flight.theta_dot[:-2]) / (2 * h), flight.theta_ddot[1:-1], atol=2e-3)
+
+
+# ---- the log
+
+
+@pytest.mark.parametrize("suite", SUITES)
+@pytest.mark.parametrize(("seed", "period"), [(0, None), (3, 0.02), (7, 0.003)])
+def test_one_sample_at_a_time_is_the_whole_flight_bit_for_bit(suite, seed, period):
+    nominal = short()
+    whole = list(fly_whole(nominal, seed, suite, period).samples())
+    one_by_one = list(fly(nominal, seed, suite, period))
+    assert len(whole) > 100
+    assert np.array(whole).tobytes() == np.array(one_by_one).tobytes()
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_lost_flight_ends_alike_in_both(suite):
+    nominal = short(20.0)
+    flight = fly_whole(nominal, 0, suite, a6_factor=40.0)
+    assert flight.lost and 1 < len(flight.t) < 20.0 / flight.period
+    one_by_one = list(fly(nominal, 0, suite, a6_factor=40.0))
+    assert np.array(list(flight.samples())).tobytes() == np.array(one_by_one).tobytes()
+
+
+@pytest.mark.parametrize("suite", SUITES)
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_noise_does_not_depend_on_the_period_of_the_log(suite, every):
+    nominal = short()
+    fine = columns(fly_whole(nominal, 5, suite, 0.001))
+    coarse = columns(fly_whole(nominal, 5, suite, 0.001 * every))
+    for name, column in coarse.items():
+        assert column.tobytes() == fine[name][::every].tobytes(), name
+
+
+def test_streams_are_independent():
+    draws = {name: noise(3, name, 1.0, 4000) for name in ("theta", "theta_dot", "beta", "command", "acceleration")}
+    for a, b in itertools.combinations(draws, 2):
+        assert abs(np.corrcoef(draws[a], draws[b])[0, 1]) < 0.08, (a, b)
+    assert np.array_equal(noise(3, "beta", 2.0, 4000), 2.0 * draws["beta"])
+    assert not np.array_equal(noise(4, "beta", 1.0, 4000), draws["beta"])
+    assert np.array_equal(noise(3, "theta", 0.0, 5), np.zeros(5))
+
+
+def test_one_source_s_noise_is_left_alone_by_the_others():
+    loud, still = fly_whole(short(), 2), fly_whole(short(sensors={"theta_dot_std": 0.0, "beta_std": 0.0}), 2)
+    assert np.array_equal(loud.theta, still.theta)
+    assert not np.array_equal(loud.theta_dot, still.theta_dot)
+    assert not np.array_equal(loud.beta, still.beta)
+
+
+@pytest.mark.parametrize(("suite", "period"), [("flight", 0.01), ("ideal", 0.001)])
+def test_rows_are_every_period_from_zero_to_before_the_end(suite, period):
+    flight = fly_whole(short(3.0), 0, suite)
+    assert flight.period == pytest.approx(period, rel=1e-12)
+    assert flight.t.tolist() == [round(k * period, 12) for k in range(round(3.0 / period))]
+    assert np.isnan(flight.theta_ddot).all() == (suite == "flight")
+
+
+def test_ideal_sensors_read_the_truth_and_flight_sensors_have_the_nominal_s_noise():
+    nominal = short(60.0, simulation={"acceleration_noise_std": 0.0})
+    truth, read = fly_whole(nominal, 0, "ideal", 0.01), fly_whole(nominal, 0, "flight", 0.01)
+    for name in ("theta", "theta_dot", "beta"):
+        residual = getattr(read, name) - getattr(truth, name)
+        assert np.std(residual) == pytest.approx(getattr(nominal.sensors, f"{name}_std"), rel=0.05)
+        assert abs(np.mean(residual)) < 5 * np.std(residual) / math.sqrt(len(residual))
+
+
+@pytest.mark.parametrize("period", [0.0105, -0.01, 1e-4, math.nan, math.inf])
+def test_period_that_is_no_whole_number_of_steps_is_refused(period):
+    with pytest.raises(UsageError, match="period"):
+        fly_whole(short(), period=period)
+
+
+def test_period_zero_is_refused():
+    with pytest.raises(UsageError, match="period"):
+        fly_whole(short(), period=0.0)
+
+
+def test_unknown_suite_is_refused():
+    with pytest.raises(UsageError, match="suite"):
+        fly_whole(short(), suite="perfect")
+
+
+# ---- sensors
+
+
+@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1), step=hs.floats(1e-6, 0.5))
+def test_quantised_value_is_the_nearest_multiple(truth, error, step):
+    value = measure(truth, error, step)
+    assert abs(value / step - round(value / step)) < 1e-9
+    assert abs(value - (truth + error)) <= 0.5 * step * (1 + 1e-9)
+
+
+@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1))
+def test_step_zero_is_no_quantisation(truth, error):
+    assert measure(truth, error, 0.0) == truth + error
+
+
+def test_quantised_flight_shows_multiples_only():
+    steps = {"theta_step": 2.0**-12, "theta_dot_step": 2.0**-10, "beta_step": 2.0**-11}
+    flight = fly_whole(short(sensors=steps), 0)
+    for name in ("theta", "theta_dot", "beta"):
+        multiple = getattr(flight, name) / steps[f"{name}_step"]
+        assert np.array_equal(multiple, np.round(multiple)), name
+        assert len(set(multiple.tolist())) > 3
+
+
+# ---- the loop
+
+
+@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name in BUILT_IN for seed in (0, 11)])
+def test_logged_command_is_the_controller_s_from_the_logged_attitude(name, seed):
+    """Plain Python on two columns of the log gives a third one back, bit for bit."""
+    nominal = load_nominal(name)
+    flight = fly_whole(nominal, seed)
+    kp, kd, tau, period = (getattr(nominal.controller, key) for key in
+                           ("kp", "kd", "derivative_time_constant", "period"))
+    limit = nominal.actuator.deflection_limit
+    derivative, previous = 0.0, None
+    commands = []
+    for theta, reference in zip(flight.theta.tolist(), flight.theta_ref.tolist(), strict=True):
+        error = theta - reference
+        derivative = (tau * derivative + error - (error if previous is None else previous)) / (tau + period)
+        previous = error
+        commands.append(min(max(kp * error + kd * derivative, -limit), limit))
+    assert flight.beta_cmd.tolist() == commands
+
+
+def test_command_is_limited():
+    flight = fly_whole(short(12.0, actuator={"deflection_limit": 0.01}), 0)
+    assert np.max(np.abs(flight.beta_cmd)) == 0.01
+
+
+def test_command_is_held_over_the_controller_s_period():
+    flight = fly_whole(short(2.0), 0, "flight", 0.001)
+    held = flight.beta_cmd.reshape(-1, 10)
+    assert (held == held[:, :1]).all()
+    assert len(np.unique(held[:, 0])) > 150
+
+
+def test_reference_is_the_guidance_table():
+    flight = fly_whole(load_nominal("constant"), 0)
+    expected = np.interp(flight.t, CONSTANT["guidance"]["t"], CONSTANT["guidance"]["theta_ref"])
+    assert np.allclose(flight.theta_ref, expected, atol=1e-15)
+    assert np.abs(flight.theta - flight.theta_ref).max() < 0.1
+
+
+@given(kp=hs.floats(-5, 5), kd=hs.floats(-5, 5), error=hs.floats(-1, 1), derivative=hs.floats(-5, 5))
+def test_pd_command_is_within_its_limit(kp, kd, error, derivative):
+    free = kp * error + kd * derivative
+    assert pd_command(kp, kd, 0.12, error, derivative) == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
+
+
+def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():
+    derivative = 0.0
+    for k in range(1, 400):
+        derivative = pseudo_derivative(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
+    assert derivative == pytest.approx(0.3, rel=1e-12)
+
+
+# ---- the actuator's delay
+
+
+@given(seed=hs.integers(0, 1000), tick=hs.integers(0, 19), phase=hs.integers(0, 9),
+       delay=hs.one_of(hs.floats(0.0, 0.15), hs.integers(0, 150).map(lambda k: k * 0.001)))
+def test_delayed_command_is_the_mean_of_the_held_command_over_the_step(seed, tick, phase, delay):
+    period, step = 0.01, 0.001
+    commands = np.random.default_rng(seed).standard_normal(20)
+    first = tick * period + phase * step - delay
+    overlap = [max(0.0, min(first + step, (k + 1) * period) - max(first, k * period)) for k in range(20)]
+    expected = float(np.dot(commands, overlap)) / step
+    assert delayed_command(commands, tick, phase * step, step, period, delay) == pytest.approx(expected, abs=1e-9)
+
+
+def test_no_delay_is_the_command_itself():
+    commands = np.array([1.0, 2.0, 3.0])
+    assert delayed_command(commands, 1, 0.009, 0.001, 0.01, 0.0) == 2.0
+
+
+def test_command_before_the_first_was_zero():
+    assert delayed_command(np.array([1.0, 2.0]), 1, 0.0, 0.001, 0.01, 0.05) == 0.0
+
+
+@pytest.mark.parametrize("delay", [0.01, 0.03, 0.035, 0.002])
+def test_delay_shifts_the_nozzle(delay):
+    """Open loop, gains zero: the nozzle follows the command noise alone, and does so `delay` later."""
+    loop = {"controller": {"kp": 0.0, "kd": 0.0}}
+    prompt = fly_whole(short(2.0, **loop), 4, "ideal")
+    late = fly_whole(short(2.0, actuator={"delay": delay}, **loop), 4, "ideal")
+    n = round(delay / 0.001)
+    assert np.allclose(late.beta[:n], 0.0, atol=1e-12)
+    assert np.allclose(late.beta[n:], prompt.beta[:-n], atol=1e-11)
+    assert np.std(prompt.beta) > 1e-4
+
+
+def test_delay_destabilises_what_was_stable():
+    assert not fly_whole(short(40.0), 0).lost
+    assert fly_whole(short(40.0, actuator={"delay": 0.3}), 0).lost
+
+
+# ---- the nominals that come with it
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_built_in_nominal_has_every_section(name):
+    nominal = load_nominal(name)
+    nominal.require(*SECTIONS)
+    assert nominal.name == name
+    assert (nominal.vehicle.k1 < 0).all()
+    assert load_nominal(built_in(name)).name == name
+
+
+def test_constant_nominal_is_its_file():
+    nominal = load_nominal("constant")
+    for section in ("actuator", "controller", "sensors", "simulation"):
+        for key, value in CONSTANT[section].items():
+            assert getattr(getattr(nominal, section), key) == value, (section, key)
+    assert (nominal.vehicle.a6.tolist(), nominal.vehicle.k1.tolist()) == ([2.0], [-7.0])
+    assert (nominal.actuator.delay, nominal.diagnosis.tolerance, nominal.sensors.theta_step) == (0.0, 0.02, 0.0)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("corner", list(itertools.product((-1, 1), repeat=2)))
+def test_dispersed_flights_are_not_lost(name, corner):
+    nominal = load_nominal(name)
+    a6_factor, k1_factor = dispersion(nominal, *corner)
+    flight = fly_whole(nominal, 1, a6_factor=a6_factor, k1_factor=k1_factor)
+    assert not flight.lost
+    assert len(flight.t) == round(nominal.simulation.duration / flight.period)
+    a6, k1 = nominal.vehicle.at(flight.t)
+    sigma_a6, sigma_k1 = nominal.uncertainty.at(flight.t)
+    assert np.allclose(flight.a6, a6 * (1 + corner[0] * sigma_a6))
+    assert np.allclose(flight.k1, k1 * (1 + corner[1] * sigma_k1))
+
+
+def test_profile_is_linear_between_nodes_and_held_beyond():
+    profile = Profile(np.array([1.0, 3.0]), np.array([2.0, 6.0]), np.array([-1.0, -2.0]))
+    a6, k1 = profile.at(np.array([0.0, 1.0, 1.5, 3.0, 9.0]))
+    assert a6.tolist() == [2.0, 2.0, 3.0, 6.0, 6.0]
+    assert k1.tolist() == [-1.0, -1.0, -1.25, -2.0, -2.0]
+
+
+# ---- files that cannot be used
+
+
+def toml_of(table: dict) -> str:
+    """Just enough of a TOML writer for nominals."""
+    def literal(value) -> str:
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, str):
+            return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        return "[" + ", ".join(map(literal, value)) + "]" if isinstance(value, list) else repr(value)
+
+    plain = [f"{key} = {literal(value)}" for key, value in table.items() if not isinstance(value, dict)]
+    parts = [f"\n[{name}]\n" + "\n".join(f"{key} = {literal(value)}" for key, value in section.items())
+             for name, section in table.items() if isinstance(section, dict)]
+    return "\n".join(plain + parts) + "\n"
+
+
+def refused(path: Path, text: str | bytes) -> str:
+    """The message with which a file is refused: one line that begins with its name."""
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError) as caught:
+        load_nominal(path)
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert message.startswith(str(path.parent))
+    return message
+
+
+def edited(section: str, key: str, value: object) -> str:
+    table = copy.deepcopy(CONSTANT)
+    table.setdefault(section, {})[key] = value
+    return toml_of(table)
+
+
+NUMBERS = [(section, key) for section in SECTIONS for key, value in CONSTANT[section].items()
+           if not isinstance(value, list)]
+OPTIONAL = {("actuator", "delay"), ("actuator", "command_noise_std"), ("actuator", "deflection_limit"),
+            ("simulation", "step"), ("simulation", "acceleration_noise_std")}
+EXTRA = [("actuator", "delay"), ("sensors", "theta_step"), ("sensors", "theta_dot_step"), ("sensors", "beta_step"),
+         ("diagnosis", "tolerance")]
+SIGNED = {("vehicle", "a6"), ("vehicle", "k1"), ("controller", "kp"), ("controller", "kd")}
+POSITIVE = {("actuator", "natural_frequency"), ("actuator", "deflection_limit"), ("controller", "period"),
+            ("sensors", "period"), ("simulation", "step"), ("simulation", "duration"), ("uncertainty", "a6"),
+            ("uncertainty", "k1")}
+
+
+def test_the_little_writer_writes_what_loads(tmp_path):
+    path = tmp_path / "same.toml"
+    path.write_text(toml_of(CONSTANT))
+    assert tomllib.loads(path.read_text()) == CONSTANT
+    assert load_nominal(path).actuator == load_nominal("constant").actuator
+
+
+@pytest.mark.parametrize(("section", "key"), NUMBERS + EXTRA)
+@pytest.mark.parametrize("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
+def test_wrong_number_is_named(tmp_path, section, key, value):
+    place = (section, key)
+    fine = (value == -1.0 and place in SIGNED) or (value == 0.0 and place not in POSITIVE)
+    path = tmp_path / "nominal.toml"
+    if fine and not isinstance(value, (bool, str, list)):
+        path.write_text(edited(section, key, value))
+        assert load_nominal(path).name == "constant"
+        return
+    message = refused(path, edited(section, key, value))
+    assert f"{section}.{key}" in message
+    assert repr(value) in message
+    assert "expected a number" in message
+
+
+@pytest.mark.parametrize(("section", "key"), [*NUMBERS, ("guidance", "t"), ("guidance", "theta_ref")])
+def test_missing_key_is_named_unless_it_has_a_default(tmp_path, section, key):
+    table = copy.deepcopy(CONSTANT)
+    del table[section][key]
+    path = tmp_path / "nominal.toml"
+    if (section, key) in OPTIONAL:
+        path.write_text(toml_of(table))
+        assert load_nominal(path).name == "constant"
+    else:
+        assert f"'{section}.{key}' is missing" in refused(path, toml_of(table))
+
+
+@pytest.mark.parametrize("section", ["vehicle", "sensors"])
+def test_missing_required_section_is_named(tmp_path, section):
+    table = {name: value for name, value in CONSTANT.items() if name != section}
+    assert f"[{section}] is missing" in refused(tmp_path / "nominal.toml", toml_of(table))
+
+
+@pytest.mark.parametrize("section", ["actuator", "controller", "guidance", "simulation"])
+def test_section_that_a_flight_needs_is_named(tmp_path, section):
+    path = tmp_path / "nominal.toml"
+    path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != section}))
+    with pytest.raises(InputError, match=rf"\[{section}\] is missing") as caught:
+        fly_whole(load_nominal(path))
+    assert str(path) in str(caught.value)
+
+
+def test_section_that_dispersion_needs_is_named(tmp_path):
+    path = tmp_path / "nominal.toml"
+    path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != "uncertainty"}))
+    with pytest.raises(InputError, match=r"\[uncertainty\] is missing"):
+        dispersion(load_nominal(path), 1, 1)
+
+
+@pytest.mark.parametrize("section", [*SECTIONS, "diagnosis"])
+def test_unknown_key_is_named(tmp_path, section):
+    assert f"unknown key '{section}.colour'" in refused(tmp_path / "nominal.toml", edited(section, "colour", 1.0))
+
+
+def test_unknown_section_is_named(tmp_path):
+    assert "unknown key 'weather'" in refused(tmp_path / "nominal.toml", edited("weather", "wind", 1.0))
+
+
+@pytest.mark.parametrize("section", [*SECTIONS, "diagnosis"])
+@pytest.mark.parametrize("value", [3.0, "text", [1.0]])
+def test_value_in_place_of_a_section_is_named(tmp_path, section, value):
+    message = refused(tmp_path / "nominal.toml", toml_of({**CONSTANT, section: value}))
+    assert f"{section} = {value!r}" in message
+
+
+@pytest.mark.parametrize(("key", "value", "expected"), [
+    ("t", [], "guidance.t"), ("t", 3.0, "guidance.t"), ("t", "0, 1", "guidance.t"), ("t", [0.0, "1"], "guidance.t[1]"),
+    ("theta_ref", [0.0, math.nan], "guidance.theta_ref[1]"), ("theta_ref", [0.0, 1.0], "guidance.theta_ref"),
+    ("t", [0.0, 6.0, 6.0, 28.0, 34.0, 44.0, 48.0, 56.0, 70.0], "increasing"),
+    ("t", [0.0, 6.0, 5.0, 28.0, 34.0, 44.0, 48.0, 56.0, 70.0], "increasing")])
+def test_wrong_guidance_is_named(tmp_path, key, value, expected):
+    message = refused(tmp_path / "nominal.toml", edited("guidance", key, value))
+    assert expected in message and "guidance" in message
+
+
+@pytest.mark.parametrize(("section", "key", "value"), [
+    ("sensors", "period", 0.0105), ("controller", "period", 0.0005), ("simulation", "step", 0.003),
+    ("simulation", "step", 0.02)])
+def test_periods_that_are_no_whole_steps_are_named(tmp_path, section, key, value):
+    message = refused(tmp_path / "nominal.toml", edited(section, key, value))
+    assert "period" in message and "whole number of simulation steps" in message
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("name = ", "end of document"), ("[vehicle\na6 = 2", "line 1"), ("a = 1\na = 2\n", "line 2"),
+    ("name = 3\n", "name = 3"), (b"\xff\xfe", "UTF-8"), ("", "[vehicle] is missing"), ("\x00", "line 1")])
+def test_what_is_no_toml_is_named(tmp_path, text, expected):
+    assert expected in refused(tmp_path / "nominal.toml", text)
+
+
+@pytest.mark.parametrize("text", [
+    pytest.param(edited("vehicle", "a6", 10**400), id="integer beyond float: OverflowError"),
+    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = 1" + "0" * 5000),
+                 id="integer beyond Python's digits: ValueError of tomllib"),
+    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = " + "[" * 5000), id="nesting: RecursionError"),
+    pytest.param('"two\\nlines" = 1\n' + toml_of(CONSTANT), id="key with a line feed: two lines of message"),
+    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\u0000b"'),
+                 id="profile path with NUL: ValueError"),
+    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\nb"'),
+                 id="profile path with a line feed: two lines of message"),
+])
+def test_odd_file_is_refused_in_one_line(tmp_path, text):
+    refused(tmp_path / "nominal.toml", text)
+
+
+@pytest.mark.parametrize("duration", [1e300, 1e12])
+def test_absurd_duration_is_refused(duration):
+    with pytest.raises((InputError, UsageError), match="duration"):
+        fly_whole(short(duration))
+
+
+def test_missing_file_and_folder_are_named(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(InputError) as caught:
+            load_nominal(path)
+        assert str(path) in str(caught.value) and len(str(caught.value).splitlines()) == 1
+
+
+def test_profile_and_numbers_exclude_each_other(tmp_path):
+    message = refused(tmp_path / "nominal.toml", edited("vehicle", "profile", "p.csv"))
+    assert "[vehicle]" in message and "one or the other" in message
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("", "line 1"), ("t,a6\n0,1\n", "line 1"), ("t,k1,a6\n0,1,2\n", "line 1"), ("t,a6,k1\n", "no rows"),
+    ("t,a6,k1\n0,1\n", "line 2"), ("t,a6,k1\n0,1,2,3\n", "line 2"), ("t,a6,k1\n0,1,2\n1,x,2\n", "line 3, column a6"),
+    ("t,a6,k1\n0,1,nan\n", "line 2, column k1"), ("t,a6,k1\n0,inf,1\n", "line 2, column a6"),
+    ("t,a6,k1\n0,,1\n", "line 2, column a6"), ("t,a6,k1\n0,1,2\n0,1,2\n", "line 3, column t"),
+    ("t,a6,k1\n1,1,2\n0,1,2\n", "line 3, column t"), ("t;a6;k1\n0;1;2\n", "line 1")])
+def test_wrong_profile_is_named_by_line_and_column(tmp_path, text, expected):
+    path = tmp_path / "profile.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_profile(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: {expected}") and len(message.splitlines()) == 1
+
+
+def test_profile_is_found_beside_its_nominal(tmp_path):
+    (tmp_path / "profile.csv").write_text("t,a6,k1\n0,1,-2\n\n10,3,-4\n")
+    (tmp_path / "nominal.toml").write_text(toml_of({**CONSTANT, "vehicle": {"profile": "profile.csv"}}))
+    assert load_nominal(tmp_path / "nominal.toml").vehicle.a6.tolist() == [1.0, 3.0]
+    message = refused(tmp_path / "other.toml", toml_of({**CONSTANT, "vehicle": {"profile": "none.csv"}}))
+    assert str(tmp_path / "none.csv") in message
+
+
+@pytest.mark.parametrize(("column", "text"), [("a6", "t,a6,k1\n0,0,1\n"), ("k1", "t,a6,k1\n0,1,-1\n")])
+def test_sigma_profile_must_be_positive(tmp_path, column, text):
+    (tmp_path / "sigma.csv").write_text(text)
+    message = refused(tmp_path / "n.toml", toml_of({**CONSTANT, "uncertainty": {"profile": "sigma.csv"}}))
+    assert "uncertainty.profile" in message and "above 0" in message
