@@ -18,7 +18,7 @@ from flights import NOMINALS, nominal, run_jobs
 
 from launchid_core import Config, Estimator, Status
 from sim.bound import known_state_information
-from sim.flight import Flight, dispersion, fly_whole
+from sim.flight import Factor, Flight, dispersion, fly_whole
 from sim.identify import onboard_model
 from sim.nominal import Nominal, constant_profile
 
@@ -80,13 +80,15 @@ def loss_job(name: str, seed: int) -> dict[str, float]:
         k1_before = flight.k1[np.searchsorted(flight.t, onset) - 1]
         error = first.size - -fraction * k1_before
         result.update(delay=first.alarm - onset, onset_error=first.t - onset,
-                      z=error / first.size_std if first.final else math.nan, size_error=error / abs(fraction * k1_before))
+                      z=error / first.size_std if first.final else math.nan,
+                      size_error=error / abs(fraction * k1_before))
     result["false"] = false_alarms
     result["floor"] = floor(believed, flight, onset, fraction, a6_factor, k1_box)
     return result
 
 
-def floor(believed: Nominal, flight: Flight, onset: float, fraction: float, a6_factor: object, k1_factor: object) -> float:
+def floor(believed: Nominal, flight: Flight, onset: float, fraction: float, a6_factor: Factor,
+          k1_factor: Factor) -> float:
     """First time after the onset at which the expected log likelihood ratio of the known jump reaches the threshold."""
     times, information = known_state_information(believed, flight, onset, a6_factor, k1_factor)
     enough = 0.5 * fraction**2 * information >= THRESHOLD
@@ -102,8 +104,8 @@ def clean_hours(name: str, hours: float, seed: int) -> None:
     flown = sum(r[0] for r in results) / 3600.0
     alarms = sum(r[1] for r in results)
     verdict = "" if alarms / flown <= 0.1 else "  MISSED"
-    print(f"{name:16} clean {flown:6.1f} h, {flights} flights: {alarms} false alarms, {10 * alarms / flown:.2f} per 10 h"
-          f"{verdict}  {[event for r in results for event in r[2]][:6]}", flush=True)
+    print(f"{name:16} clean {flown:6.1f} h, {flights} flights: {alarms} false alarms, "
+          f"{10 * alarms / flown:.2f} per 10 h{verdict}  {[event for r in results for event in r[2]][:6]}", flush=True)
 
 
 def losses(name: str, flights: int, seed: int) -> None:
@@ -116,11 +118,12 @@ def losses(name: str, flights: int, seed: int) -> None:
     median = float(np.median(delay))
     coverage = float(np.mean(np.abs(z[final]) < INTERVAL))
     good = median <= 1.0 and coverage >= 0.9
+    floor_median = np.median([r["floor"] for r in rows])
+    onset_error = np.nanmedian(np.abs([r["onset_error"] for r in rows]))
     print(f"{name:16} loss: found {np.mean(np.isfinite(delay)):.3f} of {flights}, delay median {median:.2f} s, 90 % below "
-          f"{np.quantile(delay, 0.9):.2f} s, floor median {np.median([r['floor'] for r in rows]):.2f} s; onset error median "
-          f"{np.nanmedian(np.abs([r['onset_error'] for r in rows])):.2f} s; size after 2 s: median error "
-          f"{100 * np.median(np.abs(sized)):.1f} %, coverage {coverage:.3f} ({final.sum()}); "
-          f"lost {sum(r['lost'] for r in rows)}, alarms before {sum(r['false'] for r in rows):.0f}"
+          f"{np.quantile(delay, 0.9):.2f} s, floor median {floor_median:.2f} s; onset error median {onset_error:.2f} s; "
+          f"size after 2 s: median error {100 * np.median(np.abs(sized)):.1f} %, coverage {coverage:.3f} "
+          f"({final.sum()}); lost {sum(r['lost'] for r in rows)}, alarms before {sum(r['false'] for r in rows):.0f}"
           f"{'' if good else '  MISSED'}", flush=True)
 
 

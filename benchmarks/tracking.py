@@ -59,7 +59,8 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    print(f"flights {args.flights}, seeds from {args.seed}, 100 Hz, noise estimated, windows {WINDOW:g} s, t > {START:g} s")
+    print(f"flights {args.flights}, seeds from {args.seed}, 100 Hz, noise estimated, windows {WINDOW:g} s, "
+          f"t > {START:g} s")
     print(f"{'nominal':16} {'deviation':9} {'':3} {'tracked RMS':>11} {'window RMS':>10} {'ratio':>6} {'coverage':>8} "
           f"{'window coverage':>15}")
     missed = 0

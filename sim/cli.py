@@ -89,8 +89,8 @@ def plan_command(args: argparse.Namespace) -> None:
     result = plan(load_nominal(args.nominal), args.accuracy, args.window)
     write_nominal(result.nominal, args.out)
     multisine = result.nominal.test_input
-    print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % without input, "
-          f"{100 * result.after:.3g} % with it")
+    print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
+          f"without input, {100 * result.after:.3g} % with it")
     if multisine is None:
         print(f"{args.out}: no test input needed")
         return

@@ -131,8 +131,8 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     own = h if suite == "ideal" else nominal.sensors.period
     log_every = whole(own if period is None else period, h, "period")
     if simulation.duration / h > MAX_STEPS:
-        raise InputError(f"{nominal.path}: simulation.duration = {simulation.duration!r}: expected at most {MAX_STEPS:g} "
-                         f"steps of {h:g} s")
+        raise InputError(f"{nominal.path}: simulation.duration = {simulation.duration!r}: expected at most "
+                         f"{MAX_STEPS:g} steps of {h:g} s")
     control_every = whole(controller.period, h, "controller.period")
     steps = math.ceil(simulation.duration / h - 1e-9)
     ticks = -(-steps // control_every)

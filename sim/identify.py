@@ -6,9 +6,13 @@ from typing import Any
 
 from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
 
+from .effects import values
+from .errors import InputError
+from .flight import parameters
 from .nominal import Nominal
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
+MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 
 
 def onboard_model(nominal: Nominal) -> Model:
@@ -19,15 +23,26 @@ def onboard_model(nominal: Nominal) -> Model:
     filter stays regular.
     """
     nominal.require("actuator", "controller", "simulation")
+    if nominal.terms:
+        raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
+                         "expected a6 and k1 or a profile")
+    for effect in nominal.effects:
+        if effect.name not in MODELLED:
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it "
+                             f"(it has of {', '.join(MODELLED)})")
     actuator, sensors, simulation = nominal.actuator, nominal.sensors, nominal.simulation
     assert actuator is not None and simulation is not None and nominal.controller is not None
 
     def std(value: float, step: float = 0.0) -> float:
         return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
 
+    a6, k1 = parameters(nominal, nominal.vehicle.t)
+    delay = sum(values(effect)["delay"] for effect in nominal.effects if effect.name == "actuator_delay")
+    bandwidth = math.prod(values(effect)["scale"] for effect in nominal.effects if effect.name == "actuator_bandwidth")
     return Model(
-        profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(nominal.vehicle.a6), profile_k1=tuple(nominal.vehicle.k1),
-        natural_frequency=actuator.natural_frequency, damping_ratio=actuator.damping_ratio, delay=actuator.delay,
+        profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(a6), profile_k1=tuple(k1),
+        natural_frequency=actuator.natural_frequency * bandwidth, damping_ratio=actuator.damping_ratio,
+        delay=actuator.delay + delay,
         theta_std=std(sensors.theta_std, sensors.theta_step),
         theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),

@@ -98,7 +98,8 @@ def probe(nominal: Nominal, frequency: np.ndarray, window: float) -> tuple[np.nd
         amplitude[k] = PROBE
         flown = flight_information(with_input(nominal, frequency, amplitude), window, SEED)
         if len(flown) < len(base):
-            raise InputError(f"{nominal.path}: the vehicle is lost with a test input of {PROBE} rad; no input can be planned")
+            raise InputError(f"{nominal.path}: the vehicle is lost with a test input of {PROBE} rad; "
+                             "no input can be planned")
         values, vectors = np.linalg.eigh((flown - base) / PROBE**2)
         added.append(np.einsum("wij,wj,wkj->wik", vectors, np.maximum(values, 0.0), vectors))
     return base, np.array(added)
@@ -122,13 +123,14 @@ def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
     if before <= accuracy:
         return Plan(dataclasses.replace(nominal, test_input=None), before, before, 0.0, 0.0)
     middle = typical(base, window)
-    wanted = max((before / accuracy) ** 2 - 1.0, 1e-3) * np.trace(base[middle]) / np.trace(added[:, middle].mean(axis=0))
-    shape = np.sqrt(2.0 * design_shares(base[middle], added[:, middle], float(wanted)))
+    gains = added[:, middle]
+    wanted = max((before / accuracy) ** 2 - 1.0, 1e-3) * np.trace(base[middle]) / np.trace(gains.mean(axis=0))
+    shape = np.sqrt(2.0 * design_shares(base[middle], gains, float(wanted)))
     low, high = 0.0, nominal.actuator.deflection_limit / float(np.sum(shape))
     after = reached(nominal, frequency, high * shape, window, len(base))
     if not after <= accuracy:
-        raise InputError(f"{nominal.path}: accuracy {accuracy:g} in {window:g} s windows is out of reach: at the deflection "
-                         f"limit of {nominal.actuator.deflection_limit:g} rad it is {after:.3g} "
+        raise InputError(f"{nominal.path}: accuracy {accuracy:g} in {window:g} s windows is out of reach: at the "
+                         f"deflection limit of {nominal.actuator.deflection_limit:g} rad it is {after:.3g} "
                          f"(without input {before:.3g})")
     for _ in range(BISECTIONS):
         scale = 0.5 * (low + high)

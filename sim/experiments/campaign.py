@@ -11,7 +11,7 @@ import numpy as np
 from launchid_core import Config
 
 from ..flight import Flight, dispersion, fly_whole, parameters
-from ..identify import run
+from ..identify import onboard_model, run
 from ..nominal import Nominal, Profile, built_in, load_nominal
 from .cases import CASES, Case, Variant
 
@@ -64,7 +64,8 @@ def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flig
     """Window table and the last Xi of one variant on one flight."""
     config = Config(window=variant.window, sample_period=flight.period, compression=variant.compression, seed=seed,
                     library=variant.library, formulation=variant.formulation, solver=variant.solver,
-                    threshold=variant.threshold)
+                    threshold=variant.threshold,
+                    model=onboard_model(nominal) if variant.formulation == "filtered" else None)
     estimates, _ = run(config, flight.samples())
     support = np.array([term in case.support for term in config.terms])
     nodes = nominal.vehicle.t

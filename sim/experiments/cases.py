@@ -43,8 +43,8 @@ class Case:
 
 def _noisy(*windows: float) -> tuple[Variant, ...]:
     """The same flights through real sensors: no method can reach 1 % in short windows there."""
-    return tuple(Variant(f"flight sensors, integral, {w:g} s", w, "rigid-body", "integral", 1, "flight")
-                 for w in windows)
+    return tuple(Variant(f"flight sensors, {formulation}, {w:g} s", w, "rigid-body", formulation, 1, "flight")
+                 for w in windows for formulation in ("filtered", "integral"))
 
 
 def _varying(window: float) -> tuple[Variant, ...]:
