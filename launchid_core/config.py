@@ -28,7 +28,8 @@ class Config:
     seed                   of the row choice, 0 <= seed < 2^63.  Same seed, same rows on every machine
     library                name or tuple of terms (`launchid_core.LIBRARIES`).  rigid-body: theta and beta alone
     formulation            `measured` (needs theta_ddot), `difference`, `integral` or `filtered` (needs `model`).
-                           integral: the best of those that need no model; filtered reaches the Cramer-Rao bound
+                           integral: at the bound in 1 s windows of constant dynamics; where a6 and k1 vary, none
+                           of the first three can be trusted under noise.  filtered reaches the Cramer-Rao bound
     model                  what the filtered formulation believes of the vehicle; None for the others
     noise                  `estimated`: the model's noise levels are a prior, followed in flight; `declared`: exact
     solver                 stls (the paper's), sr3, ssr or lasso

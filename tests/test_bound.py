@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from sim.bound import bounds_of, flight_bound, noise_variances, transition, window_information
+from sim.bound import bounds_of, flight_bound, noise_variances, transition, window_information, without_offset
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
@@ -63,7 +63,7 @@ def test_bounds_are_the_corner_of_the_inverse_information(seed):
     random = np.random.default_rng(seed)
     factor = random.standard_normal((3, 6, 9))
     information = factor @ factor.transpose(0, 2, 1)
-    bound = bounds_of(information, np.arange(3.0))
+    bound = bounds_of(without_offset(information), 1.0)
     covariance = np.linalg.inv(information)[:, 4:, 4:]
     assert np.allclose(bound.a6, np.sqrt(covariance[:, 0, 0]), rtol=1e-6)
     assert np.allclose(bound.k1, np.sqrt(covariance[:, 1, 1]), rtol=1e-6)
@@ -121,8 +121,9 @@ def bound_with(nominal, variances: np.ndarray) -> np.ndarray:
     table = np.zeros((14, 6, 6))
     n = len(flight.t)
     window_information(flight.t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), flight.beta_cmd,
-                       np.full(n, 2.0), np.full(n, -7.0), np.array([50.0, 0.7]), variances, index, table)
-    bound = bounds_of(table, np.arange(14.0))
+                       np.full(n, 2.0), np.full(n, -7.0), np.array([50.0, 0.7]), variances, index, table,
+                       np.zeros(n))
+    bound = bounds_of(without_offset(table), 1.0)
     return np.stack([bound.a6, bound.k1])
 
 
