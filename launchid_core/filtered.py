@@ -247,16 +247,23 @@ def relinearise(belief, fil, a, k):
 
 
 @kernel
-def jump(belief, fil, carried, before_a, before_k, after_a, after_k):
+def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     """The parameters jumped: move state and linearisation, forget how the state depended on the values before.
 
     carried (4, 2) in  sensitivities at the onset, carried to now
+    blocks         in  since the onset; it lies somewhere within the first, which leaves the state uncertain by what
+                       one block of the new parameters does to it, uniformly
     """
     theta, beta = N_OFFSET + belief.term[0], N_OFFSET + belief.term[1]
     relinearise(belief, fil, before_a, before_k)
     for i in range(fil.x.shape[0]):
         fil.s[i, theta] -= carried[i, 0]
         fil.s[i, beta] -= carried[i, 1]
+    for i in range(fil.x.shape[0]):
+        for j in range(fil.x.shape[0]):
+            slip_i = fil.s[i, theta] * (after_a - before_a) + fil.s[i, beta] * (after_k - before_k)
+            slip_j = fil.s[j, theta] * (after_a - before_a) + fil.s[j, beta] * (after_k - before_k)
+            fil.p[i, j] += slip_i * slip_j / (12.0 * blocks * blocks)
     relinearise(belief, fil, after_a, after_k)
 
 

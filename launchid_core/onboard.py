@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .changes import THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
+from .changes import NEXT, ONSETS, THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
 from .filtered import (
     BLOCK,
     LEVEL_PRIOR,
@@ -185,8 +185,9 @@ def watch_block(ob, dt, t_end):
         settle_event(ob.watch, bank.total)
         return False
     before = ob.watch.before[slot]
+    blocks = (ob.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
     raise_alarm(ob.watch, slot, kind, factor, dt, t_end, belief)
-    jump(ob.belief, ob.filter, ob.watch.carried[slot], before[0], before[1], belief[0], belief[1])
+    jump(ob.belief, ob.filter, ob.watch.carried[slot], blocks, before[0], before[1], belief[0], belief[1])
     restart_bank(bank, belief[0], belief[1], belief[2], belief[3], belief[4])
     return True
 

@@ -3,7 +3,7 @@
 Per window the data cannot tell ten terms apart under sensor noise; the whitened
 innovations of the last ten seconds can.  Backward elimination by t-value on a
 square-root information matrix with forgetting; a term enters above ENTER and
-leaves below LEAVE.
+leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL.
 """
 
 import math
@@ -14,6 +14,7 @@ from .sparse import covariance_entry, invert_active, solve_active
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
 LEAVE = 3.5
+NOMINAL = 1.0     # theta and beta, the nominal's terms, stay above this: where theta is a ramp theta^2 looks alike
 MEMORY = 9.5      # s: forgetting of 0.9 per second
 PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
 
@@ -37,7 +38,7 @@ def absorb_structure(r, triangle, first, scratch, dt):
 
 
 @kernel
-def weakest(active, held, coefficient, work):
+def weakest(active, held, theta, beta, coefficient, work):
     """The active term whose t-value falls furthest below its limit; -1 if none does."""
     size = 0
     for j in range(active.shape[0]):
@@ -49,7 +50,10 @@ def weakest(active, held, coefficient, work):
     for j in range(active.shape[0]):
         if active[j]:
             std = math.sqrt(covariance_entry(work, place, place))
-            share = abs(coefficient[j]) / (std * (LEAVE if held[j] else ENTER))
+            limit = LEAVE if held[j] else ENTER
+            if j in (theta, beta):
+                limit = NOMINAL
+            share = abs(coefficient[j]) / (std * limit)
             if share < worst_share:
                 worst, worst_share = j, share
             place += 1
@@ -76,7 +80,7 @@ def select_terms(r, theta, beta, active, held, mt, y, coefficient, work):
     for _ in range(q):
         if solve_active(mt, y, active, coefficient, work) > 0:
             break
-        worst = weakest(active, held, coefficient, work)
+        worst = weakest(active, held, theta, beta, coefficient, work)
         if worst < 0:
             break
         active[worst] = False
