@@ -122,7 +122,8 @@ def losses(name: str, flights: int, seed: int) -> None:
     onset_error = np.nanmedian(np.abs([r["onset_error"] for r in rows]))
     print(f"{name:16} loss: found {np.mean(np.isfinite(delay)):.3f} of {flights}, delay median {median:.2f} s, "
           f"90 % below {np.quantile(delay, 0.9):.2f} s, floor median {floor_median:.2f} s; "
-          f"onset error median {onset_error:.2f} s; size after 2 s: median error {100 * np.median(np.abs(sized)):.1f} %, coverage {coverage:.3f} "
+          f"onset error median {onset_error:.2f} s; size after 2 s: median error "
+          f"{100 * np.median(np.abs(sized)):.1f} %, coverage {coverage:.3f} "
           f"({final.sum()}); lost {sum(r['lost'] for r in rows)}, alarms before {sum(r['false'] for r in rows):.0f}"
           f"{'' if good else '  MISSED'}", flush=True)
 

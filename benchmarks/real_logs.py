@@ -94,7 +94,8 @@ def main() -> None:
                   + ", ".join(f"{value:.4g} {term}" for term, value in active))
             if title == "sin(theta), friction":
                 drawn.append((f"{name}: {title}, held-out R^2 = {r2:.3f}", t, measured, predicted))
-    print(f"physical: coefficient of sin(theta) -{GRAVITY[0]} .. -{GRAVITY[1]} 1/s^2, of the torque 6.8 .. 7.2 1/(kg m^2)")
+    print(f"physical: coefficient of sin(theta) -{GRAVITY[0]} .. -{GRAVITY[1]} 1/s^2, "
+          "of the torque 6.8 .. 7.2 1/(kg m^2)")
     if args.plot:
         plot(drawn, args.plot)
 

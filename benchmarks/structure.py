@@ -49,8 +49,8 @@ def main() -> int:
             exact, false = np.mean(table, axis=0)
             good = false <= 0.01 and (exact >= 0.98 or factor > 1.0 or name != "constant")
             missed += not good
-            print(f"{name:16} noise x{factor:g}: exact support {100 * exact:6.2f} %, false term {100 * false:5.2f} % of "
-                  f"{len(table)} windows{'' if good else '  MISSED'}", flush=True)
+            print(f"{name:16} noise x{factor:g}: exact support {100 * exact:6.2f} %, "
+                  f"false term {100 * false:5.2f} % of {len(table)} windows{'' if good else '  MISSED'}", flush=True)
     return int(missed > 0)
 
 

@@ -5,14 +5,15 @@ file, simulator or print.  numpy and numba only.
 """
 
 from .config import FORMULATIONS, NOISE_LEVELS, Config
-from .estimate import Change, Estimate, Tracked
+from .estimate import Change, Estimate, Level, Tracked, Uncertainty
 from .estimator import Estimator
 from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
 from .model import Model
 from .sample import Sample
 from .sparse import SOLVERS
 from .status import EstimateStatus, Status
+from .uncertainty import BANDS, EDGES
 
-__all__ = ["FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config", "Estimate", "EstimateStatus",
-           "Estimator", "Model", "Sample", "Status", "Tracked", "function_value", "parse_term", "polynomial",
-           "term_name"]
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config", "Estimate",
+           "EstimateStatus", "Estimator", "Level", "Model", "Sample", "Status", "Tracked", "Uncertainty",
+           "function_value", "parse_term", "polynomial", "term_name"]

@@ -23,6 +23,32 @@ class Tracked(NamedTuple):
     a6_k1_corr: float
 
 
+class Level(NamedTuple):
+    """Where one parameter is in its range, a = a0 (1 + sigma delta).
+
+    delta, delta_std   the tracked estimate at t_end; NaN if nothing is known yet
+    band               one of `launchid_core.BANDS` if its probability is at least 0.95, else `undecided`
+    probability        of each of BANDS, in that order
+    in_range           False while the sequential alarm is raised: another factor is at play (fault, wind)
+    out_since  [s]     when that began; NaN if in_range
+    """
+
+    delta: float
+    delta_std: float
+    band: str
+    probability: tuple[float, ...]
+    in_range: bool
+    out_since: float
+
+
+class Uncertainty(NamedTuple):
+    """The uncertainty level at a window's end.  valid: the tracked estimate's."""
+
+    valid: bool
+    a6: Level
+    k1: Level
+
+
 class Change(NamedTuple):
     """A sudden change of a6 or k1.
 
@@ -63,6 +89,7 @@ class Estimate:
     terms                names of the rows
     rows                 rows used;  gaps: gaps inside the window
     tracked              the tracked estimate (formulation `filtered`), else None
+    uncertainty          the uncertainty level (a model with sigma), else None
     """
 
     t_start: float
@@ -85,3 +112,4 @@ class Estimate:
     rows: int
     gaps: int
     tracked: Tracked | None = None
+    uncertainty: Uncertainty | None = None

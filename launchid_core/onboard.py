@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .belief import N_CONSTANTS, Belief, profile_at
 from .changes import NEXT, ONSETS, THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
 from .filtered import (
     BLOCK,
@@ -36,20 +37,17 @@ from .memory import take, take2
 from .model import N_NOISES
 from .predictor import (
     MAX_OUTLIERS,
-    N_CONSTANTS,
-    Belief,
     Filter,
     FilterWork,
-    profile_at,
     view_filter,
     view_filter_work,
 )
-from .regression import A6, A6_BOUND, A6_STD, ATTITUDE, CONDITION, CORRELATION, GAPS, K1, K1_BOUND, K1_STD, STATUS, USED
 from .ring import HEAD
 from .sparse import SparseWork, view_sparse
 from .structure import PRIOR, absorb_structure, select_terms
 from .tracker import FIRST_STD, MEMBERS, Bank, restart_bank, track, view_bank
 from .tracker import MEMORY as TRACK_MEMORY
+from .window import A6, A6_BOUND, A6_STD, ATTITUDE, CONDITION, CORRELATION, GAPS, K1, K1_BOUND, K1_STD, STATUS, USED
 
 ROOM = 60000         # numbers: more than any library's state needs; only counted, then allocated exactly
 NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
@@ -219,10 +217,10 @@ def close_block(ob, t_end, period):
 
 
 @kernel
-def take_samples(f, i, q, nodes, ring, count, waiting, spare, max_gap, period):
+def take_samples(f, i, q, nodes, ring, count, waiting, spare, flush, max_gap, period):
     """Take the `waiting` newest samples of the ring but for the newest `spare`, oldest first.
 
-    A gap or a full block of rows closes the block.
+    A gap or a full block of rows closes the block, and so does the last sample if `flush` is 1 (a window closed).
     """
     ob, _, _ = view_onboard(f, i, q, nodes)
     capacity = ring.shape[0]
@@ -238,18 +236,17 @@ def take_samples(f, i, q, nodes, ring, count, waiting, spare, max_gap, period):
             if gap or ob.filter.time[1] == 0.0:
                 begin_block(ob.belief, ob.filter, acc)
         take_sample(ob.belief, ob.filter, ob.work, acc, row, max_gap)
-    if acc.counts[0] > 3 * (BLOCK - 1):
+    if flush == 1 or acc.counts[0] > 3 * (BLOCK - 1):
         close_block(ob, ob.filter.time[0], period)
 
 
 @kernel
-def close_filtered(f, i, q, nodes, out, t_centre, enough, period):
-    """Close the window: its own estimate into `out`, and begin the next one.
+def close_filtered(f, i, q, nodes, out, t_centre, enough):
+    """Close the window, its last block being closed: its own estimate into `out`, and begin the next one.
 
     out  Outcome;  t_centre [s];  enough: samples below which a window is SHORT
     """
     ob, _, _ = view_onboard(f, i, q, nodes)
-    close_block(ob, ob.filter.time[0], period)
     acc, learn = ob.acc, ob.learner
     theta, beta = ob.belief.term[0], ob.belief.term[1]
     if learn.option[1] == 1:
@@ -293,9 +290,9 @@ def report_filtered(ob, out, t_centre):
 
 
 @kernel
-def abandon_window(f, i, q, nodes, period):
+def abandon_window(f, i, q, nodes):
     """The clock was set back: the window is given up and the next one begins."""
     ob, _, _ = view_onboard(f, i, q, nodes)
-    close_block(ob, ob.filter.time[0], period)
+    ob.acc.counts[0] = 0
     ob.filter.time[1] = 0.0
     start_window(ob.acc)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .belief import DAMPING, DELAY, FREQUENCY, PERIOD, profile_at
 from .kernels import kernel
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .memory import take, take2, take3
@@ -37,9 +38,6 @@ OUTLIER = 8.0                   # standard deviations of an innovation: beyond i
 MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
-# constant (f8)
-FREQUENCY, DAMPING, DELAY, PERIOD = range(4)
-N_CONSTANTS = 4
 # step (f8): constants of one time step
 STEP = 0
 PHI = 1    # 2x2 transition of the nozzle
@@ -47,18 +45,6 @@ GAMMA = 5  # 2 effect of the command on it
 J1 = 7     # 3: integral of beta over the step, from beta, beta_dot, command
 J2 = 10    # 3: double integral
 N_STEP = 13
-
-
-class Belief(NamedTuple):
-    """Fixed at construction."""
-
-    time: np.ndarray       # (k,) s, nodes of the profile
-    a6: np.ndarray         # (k,) 1/s^2
-    k1: np.ndarray         # (k,) 1/s^2
-    constant: np.ndarray   # (4,)
-    variance: np.ndarray   # (5,) declared noises, order of model.NOISES
-    codes: np.ndarray      # (q, 6) int64 library terms
-    term: np.ndarray       # (2,) int64 places of theta and beta among them
 
 
 class Filter(NamedTuple):
@@ -131,32 +117,6 @@ def view_filter_work(f, at, i, m, q):
     de, at = take(f, at, N_NOISES)
     dv, at = take(f, at, N_NOISES)
     return FilterWork(transition, matrix, column, gain, slope, taylor, raw, powers, row, drive, out, de, dv), at, m
-
-
-@kernel
-def profile_at(belief, cell, t):
-    """(a6, k1) of the profile at t; `cell` (1,) remembers the last cell (bisection when t left it)."""
-    time = belief.time
-    last = time.shape[0] - 1
-    if t <= time[0]:
-        return belief.a6[0], belief.k1[0]
-    if t >= time[last]:
-        return belief.a6[last], belief.k1[last]
-    low = cell[0]
-    if not (time[low] <= t < time[low + 1]):
-        low, high = 0, last
-        for _ in range(64):  # bisection of at most 2^63 nodes
-            if high - low <= 1:
-                break
-            middle = (low + high) // 2
-            if time[middle] <= t:
-                low = middle
-            else:
-                high = middle
-        cell[0] = low
-    share = (t - time[low]) / (time[low + 1] - time[low])
-    return (belief.a6[low] + share * (belief.a6[low + 1] - belief.a6[low]),
-            belief.k1[low] + share * (belief.k1[low + 1] - belief.k1[low]))
 
 
 @kernel

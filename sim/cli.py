@@ -16,8 +16,9 @@ import numpy as np
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 
 from .errors import InputError, UsageError
+from .files import write_text
 from .identify import onboard_model, report, run, whole_log
-from .log import Log, read_log, write_flight, write_text
+from .log import Log, read_log, write_flight
 from .nominal import Nominal, load_nominal, write_nominal
 
 ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
@@ -80,7 +81,65 @@ def parser() -> Parser:
     sub.add_argument("--window", type=float, required=True, metavar="S")
     sub.add_argument("--out", required=True, metavar="NEW.toml")
     sub.set_defaults(run=plan_command)
+    add_uncertainty(commands)
     return top
+
+
+def add_uncertainty(commands: Any) -> None:
+    """The words of `uncertainty` and `fit-lft`."""
+    sub = commands.add_parser("uncertainty", help="where in its range each parameter is, and whether it left it")
+    sub.add_argument("log", metavar="LOG.csv")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes, with [uncertainty]")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S")
+    sub.add_argument("--json", metavar="PATH|-")
+    sub.add_argument("--plot", metavar="PATH")
+    sub.set_defaults(run=uncertainty_command)
+    sub = commands.add_parser("fit-lft", help="the range sigma of a6 and k1, fitted from flights")
+    sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml", help="one log a flight, the nominal last")
+    sub.add_argument("--out", required=True, metavar="NEW.toml")
+    sub.add_argument("--share", type=float, default=0.95, help="of vehicles that the range holds (0.95)")
+    sub.add_argument("--confidence", type=float, default=0.95, help="that it holds them (0.95)")
+    sub.add_argument("--profile", action="store_true", help="sigma over flight time, where the flights tell it")
+    sub.set_defaults(run=fit_lft_command)
+
+
+def uncertainty_command(args: argparse.Namespace) -> None:
+    """launchid uncertainty"""
+    from .uncertainty import level
+    log = read_noting(args.log)
+    nominal = load_nominal(args.nominal)
+    try:
+        estimates = level.follow(log, nominal, args.window)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    if args.plot:
+        from .plots import save, uncertainty_figure
+        save(uncertainty_figure(log, estimates, nominal), args.plot)
+    text = json.dumps(level.report(estimates), indent=1)
+    if args.json == "-":
+        print(text)
+        return
+    if args.json:
+        write_text(args.json, [text, "\n"])
+    print(f"{args.log}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, window {args.window:g} s, "
+          f"period {log.period:g} s, range of {args.nominal}")
+    print(level.table(estimates))
+
+
+def fit_lft_command(args: argparse.Namespace) -> None:
+    """launchid fit-lft"""
+    from .uncertainty import greybox
+    *paths, nominal_path = args.logs
+    if not paths:
+        raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
+    for name, value in (("--share", args.share), ("--confidence", args.confidence)):
+        if not 0.0 < value < 1.0:
+            raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
+    nominal = load_nominal(nominal_path)
+    flights = [greybox.deviations(read_noting(path), nominal) for path in paths]
+    fit = greybox.fit(flights, args.share, args.confidence, args.profile)
+    write_nominal(greybox.with_range(nominal, fit), args.out)
+    print(greybox.table(fit, args.out))
 
 
 def plan_command(args: argparse.Namespace) -> None:

@@ -6,13 +6,10 @@ or `nan` is "not measured".  What cannot be read is an InputError naming file,
 line and column; bad time stamps and values are data, and pass.
 """
 
-import contextlib
 import csv
 import math
-import os
 import re
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +18,7 @@ import numpy as np
 from launchid_core import Sample
 
 from .errors import InputError
+from .files import write_text
 from .flight import Flight
 
 REQUIRED = ("t", "theta", "beta")
@@ -125,38 +123,6 @@ def read_log(path: str | Path) -> Log:
     missing = {name: np.full(len(rows), math.nan) for name in OPTIONAL if name not in known}
     ignored = tuple(name for name in names if name not in known)
     return Log(path=str(path), columns=tuple(known), ignored=ignored, **values, **missing)
-
-
-@contextlib.contextmanager
-def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends well, and goes when it does not."""
-    path = Path(path)
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-        os.close(handle)
-        os.chmod(name, 0o666 & ~_umask())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    temporary = Path(name)
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def write_text(path: str | Path, lines: Iterable[str]) -> None:
-    """Write a text file whole or not at all."""
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.writelines(lines)
 
 
 def write_flight(path: str | Path, flight: Flight) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from .effects import Effect, effect, from_table, values
 from .errors import InputError, UsageError
+from .files import write_text
 from .sections import Actuator, Controller, Diagnosis, Guidance, Multisine, Nominal, Profile, Sensors, Simulation
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Guidance", "Multisine", "Nominal", "Profile", "Sensors",
@@ -299,7 +300,6 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
     is written beside the new file as NAME.vehicle.csv or NAME.uncertainty.csv.
     """
-    from .log import write_text  # which needs `Flight`, which needs this
     path = Path(path)
     if nominal.terms and len(nominal.vehicle.t) > 1:
         raise UsageError(f"nominal {nominal.name!r} has a profile and terms; a nominal file holds one or the other")
@@ -339,7 +339,6 @@ def _vehicle_lines(nominal: Nominal, path: Path) -> Iterator[str]:
 
 def _profile_lines(profile: Profile, path: Path, section: str) -> list[str]:
     """Two numbers if it is constant, else the path of its CSV file, which is written unless it is there."""
-    from .log import write_text
     if len(profile.t) == 1:
         return [f"a6 = {_literal(profile.a6[0])}", f"k1 = {_literal(profile.k1[0])}"]
     if profile.path and _same(profile, profile.path):

@@ -11,8 +11,8 @@ from launchid_core import polynomial
 
 from ..bound import flight_bound
 from ..errors import InputError
+from ..files import write_text
 from ..identify import number
-from ..log import write_text
 from ..nominal import built_in, load_nominal
 from .campaign import (
     A6,

@@ -1,0 +1,49 @@
+"""What the filtered formulation believes, as its kernels read it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .kernels import kernel
+
+# constant (f8)
+FREQUENCY, DAMPING, DELAY, PERIOD = range(4)
+N_CONSTANTS = 4
+
+
+class Belief(NamedTuple):
+    """Fixed at construction."""
+
+    time: np.ndarray       # (k,) s, nodes of the profile
+    a6: np.ndarray         # (k,) 1/s^2
+    k1: np.ndarray         # (k,) 1/s^2
+    constant: np.ndarray   # (4,)
+    variance: np.ndarray   # (5,) declared noises, order of model.NOISES
+    codes: np.ndarray      # (q, 6) int64 library terms
+    term: np.ndarray       # (2,) int64 places of theta and beta among them
+
+
+@kernel
+def profile_at(belief, cell, t):
+    """(a6, k1) of the profile at t; `cell` (1,) remembers the last cell (bisection when t left it)."""
+    time = belief.time
+    last = time.shape[0] - 1
+    if t <= time[0]:
+        return belief.a6[0], belief.k1[0]
+    if t >= time[last]:
+        return belief.a6[last], belief.k1[last]
+    low = cell[0]
+    if not (time[low] <= t < time[low + 1]):
+        low, high = 0, last
+        for _ in range(64):  # bisection of at most 2^63 nodes
+            if high - low <= 1:
+                break
+            middle = (low + high) // 2
+            if time[middle] <= t:
+                low = middle
+            else:
+                high = middle
+        cell[0] = low
+    share = (t - time[low]) / (time[low + 1] - time[low])
+    return (belief.a6[low] + share * (belief.a6[low + 1] - belief.a6[low]),
+            belief.k1[low] + share * (belief.k1[low + 1] - belief.k1[low]))
