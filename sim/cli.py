@@ -5,6 +5,7 @@ traceback.  stdout is data, stderr is talk.
 """
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -42,9 +43,9 @@ def parser() -> Parser:
     top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    from .experiments import CASES
+    from .experiments import CASES, CONFIDENCE
     sub = commands.add_parser("reproduce", help="the paper's experiments: figures, table, verdict")
-    sub.add_argument("--case", default="all", choices=[*CASES, "all"])
+    sub.add_argument("--case", default="all", choices=[*CASES, CONFIDENCE, "all"])
     sub.add_argument("--seeds", type=int, default=20, help="flights per case (20, the paper's)")
     sub.add_argument("--out", default="results", metavar="DIR", help="folder for figures and tables (results)")
     sub.set_defaults(run=reproduce_command)
@@ -226,6 +227,19 @@ def identify_config(args: argparse.Namespace, log: Log, nominal: Nominal | None)
         raise UsageError(str(error)) from None
 
 
+def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
+    """When a term of theta_ddot enters or leaves, from window to window; nothing while they stay."""
+    lines = []
+    valid = [w for w in windows if w["valid"]]
+    for before, after in itertools.pairwise(valid):
+        entered = [term for term in after["terms"] if term not in before["terms"]]
+        left = [term for term in before["terms"] if term not in after["terms"]]
+        if entered or left:
+            words = [f"{', '.join(terms)} {verb}" for terms, verb in ((entered, "enters"), (left, "leaves")) if terms]
+            lines.append(f"structure from {after['t_start']:.2f} s on: {'; '.join(words)}")
+    return lines
+
+
 def identify_table(result: dict[str, Any]) -> str:
     """The windows as a table for a terminal."""
     lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
@@ -240,6 +254,7 @@ def identify_table(result: dict[str, Any]) -> str:
         terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
                      f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+    lines += structure_lines(result["windows"])
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")

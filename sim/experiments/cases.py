@@ -8,6 +8,7 @@ zero, max(2 %, 0.02 1/s^2).
 from dataclasses import dataclass
 
 CONSTANT_SUPPORT = ("theta", "beta")
+CONFIDENCE = "confidence"  # the case of `confidence.py`, which flies differently
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files import write_text
 from ..identify import number
 from ..nominal import built_in, load_nominal
+from . import confidence
 from .campaign import (
     A6,
     EXACT,
@@ -27,7 +28,7 @@ from .campaign import (
     processes,
     run_cases,
 )
-from .cases import CASES, Case, Variant
+from .cases import CASES, CONFIDENCE, Case, Variant
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -128,7 +129,7 @@ def xi_lines(results: list[Result]) -> list[str]:
 
 def reproduce(case: str, seeds: int, out: str) -> str:
     """Run one case or all, write figures, `table.md` and `results.json` into `out`; returns the text to print."""
-    names = list(CASES) if case == "all" else [case]
+    names = list(CASES) if case == "all" else [case] if case in CASES else []
     folder = Path(out)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -140,6 +141,8 @@ def reproduce(case: str, seeds: int, out: str) -> str:
         for name, result in run_cases(names, seeds, executor):
             results[name].append(result)
             bar.update()
+        bands = {name: confidence.fly_bands(name, seeds, executor)
+                 for name in confidence.VEHICLES if case in ("all", CONFIDENCE)}
     bar.close()
     scores = {}
     for name in names:
@@ -151,20 +154,35 @@ def reproduce(case: str, seeds: int, out: str) -> str:
     text = [f"launchid reproduce --case {case} --seeds {seeds}", ""]
     if "constant" in names:
         text += [*xi_lines(results["constant"]), ""]
-    text += table_lines(scores)
-    text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors are "
-             "relative to the truth", "at the window's centre; bound a6: median Cramer-Rao bound of those windows, "
-             "below which no unbiased method can go."]
+    if names:
+        text += table_lines(scores)
+        text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors are "
+                 "relative to the truth", "at the window's centre; bound a6: median Cramer-Rao bound of those windows, "
+                 "below which no unbiased method can go."]
+    if bands:
+        text += ["", *confidence_lines(bands)]
     write_text(folder / "table.md", [line + "\n" for line in text])
     write_text(folder / "results.json", [json.dumps(scores, indent=1), "\n"])
-    figures = draw(folder, results)
+    figures = draw(folder, results, bands)
     return "\n".join([*text, "", f"written to {folder}: table.md, results.json, {', '.join(figures)}"])
 
 
-def draw(folder: Path, results: dict[str, list[Result]]) -> list[str]:
+def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
+    """The confidence range as a table (vertices and random vehicles, flight sensors, 100 Hz, 1 s windows)."""
+    lines = ["| confidence range | flights | tracked 95 % intervals cover | half-width of a6, k1 after 30 s (median) "
+             "| out-of-range alarms | lost |", "|---|---|---|---|---|---|"]
+    for name, flown in bands.items():
+        s = confidence.summary(name, flown)
+        lines.append(f"| {name} | {s['flights']} | {s['coverage']:.3f} | {percent(float(s['half_width_a6']))}, "
+                     f"{percent(float(s['half_width_k1']))} of the box's 25 % | {s['alarms']:.0f} | {s['lost']:.0f} |")
+    return lines
+
+
+def draw(folder: Path, results: dict[str, list[Result]], bands: dict[str, list[confidence.Band]]) -> list[str]:
     """All figures of the cases that ran; without matplotlib a line says how to get it."""
     try:
         from .. import plots
+        from ..uncertainty import figures
     except ImportError:
         return ["no figures (pip install 'launchid[plots]' draws them)"]
-    return plots.paper_figures(folder, results)
+    return plots.paper_figures(folder, results) + figures.confidence_figures(folder, bands)
