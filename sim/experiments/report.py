@@ -156,9 +156,9 @@ def reproduce(case: str, seeds: int, out: str) -> str:
         text += [*xi_lines(results["constant"]), ""]
     if names:
         text += table_lines(scores)
-        text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors are "
-                 "relative to the truth", "at the window's centre; bound a6: median Cramer-Rao bound of those windows, "
-                 "below which no unbiased method can go."]
+        text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors "
+                 "are relative to the", "truth at the window's centre; bound a6: median Cramer-Rao bound of those "
+                 "windows, below which no unbiased method can go."]
     if bands:
         text += ["", *confidence_lines(bands)]
     write_text(folder / "table.md", [line + "\n" for line in text])

@@ -33,8 +33,8 @@ LABELS = {"constant": "constant", "vega_like": "VEGA-like (derived)"}
 def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
     """Identified bands over flight time inside the range: the paper's Figs. 4 and 8 under flight sensors."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(9, 6))
-    figure.suptitle(f"Confidence range, {LABELS[nominal.name]}: tracked estimates with 95 % bands, flight sensors, 100 Hz",
-                    fontsize=11, y=0.95)
+    figure.suptitle(f"Confidence range, {LABELS[nominal.name]}: tracked estimates with 95 % bands, flight sensors, "
+                    "100 Hz", fontsize=11, y=0.95)
     t = np.linspace(0.0, max(band.table[-1, T] for band in bands), 400)
     for k, (axis, value, std, truth) in enumerate(zip(axes, (A6, K1), (A6_STD, K1_STD), (TRUE_A6, TRUE_K1),
                                                       strict=True)):
