@@ -228,7 +228,7 @@ def drive_terms(belief, fil, work, a6, k1, u):
 
 @kernel
 def fill_transition(fil, f, a6, k1):
-    """Transition matrix of the step: a6 to second order in a6 h^2 (1e-9 here), the nozzle exact."""
+    """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here."""
     h = fil.step[STEP]
     c = 1.0 + 0.5 * a6 * h * h
     s = h + a6 * h * h * h / 6.0

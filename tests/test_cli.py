@@ -471,3 +471,10 @@ def test_python_m_sim_is_the_command(folder, tmp_path):
     wrong = run("identify", folder / "ideal.csv", "--solver", "omp")
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert_one_line(wrong.stderr, "omp")
+
+
+def test_confidence_case_draws_its_bands_and_margins(launchid, tmp_path):
+    status, out, err = launchid("reproduce", "--case", "confidence", "--seeds", "5", "--out", tmp_path / "r")
+    assert (status, err) == (0, "")
+    assert "| constant | 5 |" in out and "| vega_like | 5 |" in out
+    assert {"confidence_constant.png", "margins_constant.png", "table.md"} <= {p.name for p in (tmp_path / "r").iterdir()}

@@ -1,0 +1,249 @@
+"""The filtered formulation: its filter against plain numpy, its claims against hidden truth."""
+
+import copy
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as hs
+
+from launchid_core import Config, Estimator, Sample, Status
+from launchid_core.belief import Belief, profile_at
+from launchid_core.filtered import take_sample
+from launchid_core.library import term_codes
+from launchid_core.linsolve import absorb_rows
+from launchid_core.onboard import new_store
+from launchid_core.predictor import fill_transition, set_step
+from sim.bound import flight_bound
+from sim.flight import fly_whole
+from sim.identify import onboard_model, run
+from sim.nominal import load_nominal
+from sim.plan import plan
+
+linalg = pytest.importorskip("scipy.linalg")
+
+PERIOD = 0.01
+
+
+def believed(noises: tuple[float, ...] = (3.5e-4, 5.2e-4, 3.5e-4, 7e-4, 8.7e-4)) -> Belief:
+    """The constant nominal, as the kernels read it."""
+    return Belief(np.zeros(1), np.array([2.0]), np.array([-7.0]), np.array([50.0, 0.7, 0.0, PERIOD]),
+                  np.array(noises) ** 2, term_codes(("theta", "beta")), np.array([0, 1]))
+
+
+def system(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
+    """Continuous theta, theta_dot, beta, beta_dot, held command, held acceleration."""
+    a = np.zeros((6, 6))
+    a[0, 1] = a[2, 3] = a[1, 5] = 1.0
+    a[1, 0], a[1, 2] = a6, k1
+    a[3, 2], a[3, 3], a[3, 4] = -w * w, -2 * zeta * w, w * w
+    return a
+
+
+def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
+    """The first n samples of a flight, as the ring holds them."""
+    flight = fly_whole(nominal or load_nominal("constant"), seed)
+    table = np.column_stack([flight.t, flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd])
+    return table[:n]
+
+
+def test_one_step_is_the_matrix_exponential():
+    store, ob = new_store(believed(), True)
+    set_step(ob.belief.constant, PERIOD, ob.work, ob.filter.step)
+    fill_transition(ob.filter, ob.work.transition, 2.0, -7.0)
+    exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
+    left_out = 2.0 * PERIOD**2 / 6.0  # of the nozzle's effect: a6 h^2/6, as `fill_transition` says
+    assert np.allclose(ob.work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
+    assert np.allclose(ob.work.transition[:, :2], exact[:, :2], rtol=1e-8, atol=1e-12)
+    assert np.allclose(ob.work.transition[2:, 2:], exact[2:, 2:], rtol=1e-9)
+
+
+@given(seed=hs.integers(0, 10_000), k=hs.integers(1, 30), n=hs.integers(1, 8))
+def test_absorbed_rows_keep_the_sum_of_squares(seed, k, n):
+    random = np.random.default_rng(seed)
+    r, rows = np.triu(random.standard_normal((n, n))), random.standard_normal((k, n))
+    expected = r.T @ r + rows.T @ rows
+    after = r.copy()
+    absorb_rows(after, np.ascontiguousarray(rows.T), k)
+    assert np.allclose(after, np.triu(after))
+    assert np.allclose(after.T @ after, expected, rtol=1e-12, atol=1e-12)
+
+
+def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
+    """Log-likelihood of a Kalman filter written with numpy and scipy, started as `start_segment` starts."""
+    variance = believed().variance * np.exp(2.0 * levels)
+    f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
+    x = np.array([rows[0, 1], rows[0, 2], rows[0, 3], 0.0])
+    p = np.diag([*variance[:3], 0.25])
+    total = 0.0
+    for k, row in enumerate(rows):
+        if k > 0:
+            x = f[:4, :4] @ x + f[:4, 4] * rows[k - 1, 5]
+            w = np.array([0.5 * PERIOD**2, PERIOD, 0.0, 0.0])
+            p = f[:4, :4] @ p @ f[:4, :4].T + np.outer(f[:4, 4], f[:4, 4]) * variance[3] + np.outer(w, w) * variance[4]
+        for channel in range(3):
+            s = p[channel, channel] + variance[channel]
+            e = row[1 + channel] - x[channel]
+            gain = p[:, channel] / s
+            total -= 0.5 * (math.log(s) + e * e / s)
+            x = x + gain * e
+            p = p - np.outer(gain, p[channel])
+    return total
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood(seed):
+    rows = rows_of(seed, 40)
+    levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3])
+    _, ob = new_store(believed(), True)
+    ob.filter.level[...] = levels
+    for row in rows:
+        take_sample(ob.belief, ob.filter, ob.work, ob.acc, row, 0.015)
+        ob.acc.counts[0] = 0
+    step = 1e-4
+    slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
+              for unit in np.eye(5)]
+    assert np.allclose(ob.acc.score, slopes, rtol=2e-4, atol=2e-3)
+
+
+def test_innovations_are_linear_in_the_parameters():
+    """e(p) = e(p_bar) - h (p - p_bar): the row the regression uses, against the filter run at another p_bar.
+
+    Quiet sensors: the gain's own dependence on p, left out by design, multiplies innovations that hardly are.
+    """
+    nominal = load_nominal("constant")
+    quiet = dataclasses.replace(nominal, sensors=dataclasses.replace(
+        nominal.sensors, theta_std=1e-9, theta_dot_std=1e-9, beta_std=1e-9))
+    rows = rows_of(3, 900, quiet)[600:]
+    results = []
+    for shift in (0.0, 1e-3):
+        _, ob = new_store(believed(), False)
+        ob.filter.p_bar[...] = shift, -shift
+        out = []
+        for row in rows:
+            take_sample(ob.belief, ob.filter, ob.work, ob.acc, row, 0.015)
+            k = ob.acc.counts[0]
+            h_theta, h_beta, target = (ob.acc.rows[j, :k].copy() for j in (4, 5, 6))
+            out.append((h_theta, h_beta, target - h_theta * ob.filter.p_bar[0] - h_beta * ob.filter.p_bar[1]))
+            ob.acc.counts[0] = 0
+        results.append(out)
+    base = np.array([np.concatenate([block[j] for block in results[0]]) for j in range(3)])
+    moved = np.array([np.concatenate([block[j] for block in results[1]]) for j in range(3)])
+    change, predicted = moved[2] - base[2], -(base[0] * 1e-3 - base[1] * 1e-3)
+    assert np.linalg.norm(change - predicted) < 0.02 * np.linalg.norm(predicted)
+
+
+def test_profile_is_linear_between_nodes_and_held_beyond():
+    belief = believed()._replace(time=np.array([0.0, 1.0, 3.0]), a6=np.array([1.0, 2.0, 0.0]),
+                                 k1=np.array([-1.0, -2.0, -8.0]))
+    cell = np.zeros(1, np.int64)
+    for t in (-1.0, 0.0, 0.25, 1.0, 2.5, 3.0, 9.0, 0.1):
+        a6, k1 = profile_at(belief, cell, t)
+        assert a6 == pytest.approx(np.interp(t, belief.time, belief.a6))
+        assert k1 == pytest.approx(np.interp(t, belief.time, belief.k1))
+
+
+def filtered(nominal, **options):
+    return Config(**{"window": 5.0, "formulation": "filtered", "model": onboard_model(nominal), **options})
+
+
+@pytest.mark.parametrize("name", ["constant", "vega_like"])
+def test_errors_are_those_of_the_bound(name):
+    """8 flights: too few to resolve a percent, enough to see a factor 1.3 (benchmarks/accuracy.py does the rest)."""
+    nominal = load_nominal(name)
+    z = []
+    for seed in range(500, 508):
+        flight = fly_whole(nominal, seed, a6_factor=1.15, k1_factor=0.85)
+        estimates, _ = run(filtered(nominal), flight.samples())
+        bound = flight_bound(nominal, 5.0, seed, a6_factor=1.15, k1_factor=0.85)
+        truth = np.interp([0.5 * (e.t_start + e.t_end) for e in estimates], flight.t, flight.a6)
+        errors = (np.array([e.a6 for e in estimates]) / truth - 1.0) / bound.a6
+        z += errors[bound.a6 < 0.3].tolist()
+    assert 0.75 < math.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_tracked_estimate_holds_the_truth_and_is_better_than_a_window():
+    nominal = load_nominal("constant")
+    estimates, _ = run(filtered(nominal), fly_whole(nominal, 77, a6_factor=1.2, k1_factor=0.8).samples())
+    last = estimates[-1]
+    assert abs(last.tracked.a6 - 2.4) < 3 * last.tracked.a6_std
+    assert abs(last.tracked.k1 + 5.6) < 3 * last.tracked.k1_std
+    assert last.tracked.a6_std < 0.5 * last.a6_std
+
+
+def test_sudden_loss_is_found_sized_and_dated_and_a_clean_flight_raises_nothing():
+    nominal = load_nominal("vega_like")
+    flight = fly_whole(nominal, 41, k1_factor=lambda t: np.where(t >= 40.0, 0.7, 1.0))
+    _, estimator = run(filtered(nominal, window=1.0), flight.samples())
+    change, = estimator.changes()
+    assert change.parameter == "k1" and change.final
+    assert abs(change.t - 40.0) < 0.3 and 40.0 < change.alarm < 41.0
+    truth = 0.3 * abs(np.interp(40.0, nominal.vehicle.t, nominal.vehicle.k1))
+    assert abs(change.size - truth) < 3 * change.size_std < 0.5 * truth
+    _, clean = run(filtered(nominal, window=1.0), fly_whole(nominal, 41).samples())
+    assert clean.changes() == ()
+
+
+def test_ten_terms_find_the_two_that_are_there():
+    nominal = load_nominal("constant")
+    estimates, _ = run(filtered(nominal, window=1.0, library="quadratic"), fly_whole(nominal, 9).samples())
+    support = np.array([e.support[:, 1] for e in estimates[10:]])
+    truth = np.array([term in ("theta", "beta") for term in estimates[0].terms])
+    assert (support == truth).all(axis=1).mean() >= 0.98
+
+
+def test_wrong_noise_levels_are_estimated():
+    nominal = load_nominal("constant")
+    loud = dataclasses.replace(nominal, sensors=dataclasses.replace(nominal.sensors, theta_dot_std=2 * 5.2e-4))
+    _, estimator = run(filtered(nominal), fly_whole(loud, 5).samples())
+    assert estimator.noise_levels["theta_dot_std"] == pytest.approx(2.0, rel=0.1)
+    assert estimator.noise_levels["theta_std"] == pytest.approx(1.0, rel=0.1)
+
+
+def test_no_motion_is_low_information_not_a_guess():
+    nominal = load_nominal("constant")
+    estimator = Estimator(filtered(nominal, window=1.0))
+    for k in range(250):
+        estimator.update(Sample(0.01 * k, 0.0, 0.0, 0.0, beta_cmd=0.0))
+    estimate = estimator.estimate()
+    assert not estimate.valid and estimate.status.name == "LOW_INFORMATION" and math.isnan(estimate.a6)
+    assert not estimate.tracked.valid
+
+
+def test_gap_and_missing_columns_are_survived():
+    nominal = load_nominal("constant")
+    estimator = Estimator(filtered(nominal))
+    for sample in fly_whole(nominal, 2).samples():
+        if not 20.0 <= sample.t < 21.3:
+            estimator.update(sample._replace(theta_dot=math.nan, beta_cmd=math.nan) if sample.t > 50 else sample)
+    assert abs(estimator.estimate().tracked.a6 - 2.0) < 4 * estimator.estimate().tracked.a6_std
+
+
+def test_copy_is_independent_and_continues_to_the_same_bits():
+    nominal = load_nominal("constant")
+    samples = list(fly_whole(nominal, 6).samples())[:2000]
+    one = Estimator(filtered(nominal, window=1.0))
+    for sample in samples[:1234]:
+        one.update(sample)
+    two = copy.deepcopy(one)
+    for sample in samples[1234:]:
+        assert one.update(sample) == two.update(sample)
+    assert one.estimate().a6 == two.estimate().a6 and one.estimate().tracked == two.estimate().tracked
+
+
+def test_clock_reset_starts_a_new_window():
+    nominal = load_nominal("constant")
+    estimator = Estimator(filtered(nominal, window=1.0))
+    answers = [estimator.update(sample._replace(t=sample.t - (10.0 if sample.t >= 5.0 else 0.0)))
+               for sample in list(fly_whole(nominal, 8).samples())[:900]]
+    assert answers.count(Status.CLOCK_RESET) == 1
+    assert estimator.estimate().valid or estimator.estimate().status.name == "LOW_INFORMATION"
+
+
+def test_planned_input_reaches_the_accuracy_it_was_asked_for():
+    result = plan(load_nominal("constant"), 0.02, 5.0)
+    bound = flight_bound(result.nominal, 5.0, 0)
+    assert 0.018 < np.median(np.maximum(bound.a6, bound.k1)) <= 0.02 < result.before
+    assert 0.0 < result.root_mean_square < result.peak < 0.12
