@@ -477,4 +477,5 @@ def test_confidence_case_draws_its_bands_and_margins(launchid, tmp_path):
     status, out, err = launchid("reproduce", "--case", "confidence", "--seeds", "5", "--out", tmp_path / "r")
     assert (status, err) == (0, "")
     assert "| constant | 5 |" in out and "| vega_like | 5 |" in out
-    assert {"confidence_constant.png", "margins_constant.png", "table.md"} <= {p.name for p in (tmp_path / "r").iterdir()}
+    written = {path.name for path in (tmp_path / "r").iterdir()}
+    assert {"confidence_constant.png", "margins_constant.png", "table.md"} <= written
