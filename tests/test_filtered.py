@@ -50,7 +50,7 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 
 
 def test_one_step_is_the_matrix_exponential():
-    store, ob = new_store(believed(), True)
+    _, ob = new_store(believed(), True)
     set_step(ob.belief.constant, PERIOD, ob.work, ob.filter.step)
     fill_transition(ob.filter, ob.work.transition, 2.0, -7.0)
     exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
