@@ -24,6 +24,7 @@ from .campaign import (
     TRUE_K1,
     VALID,
     Result,
+    fly_job,
     jobs,
     processes,
     run_cases,
@@ -137,6 +138,8 @@ def reproduce(case: str, seeds: int, out: str) -> str:
         raise InputError(f"{folder}: cannot be made a folder ({error.strerror})") from None
     results: dict[str, list[Result]] = {name: [] for name in names}
     bar = progress_bar(jobs(names, seeds))
+    for name in names[:1]:  # compiles once, here, instead of once in every worker that is about to be forked
+        fly_job(name, CASES[name].deltas[0], 0)
     with processes() as executor:
         for name, result in run_cases(names, seeds, executor):
             results[name].append(result)
