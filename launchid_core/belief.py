@@ -7,8 +7,8 @@ import numpy as np
 from .kernels import kernel
 
 # constant (f8)
-FREQUENCY, DAMPING, DELAY, PERIOD = range(4)
-N_CONSTANTS = 4
+FREQUENCY, DAMPING, DELAY, PERIOD, SATURATION = range(5)  # SATURATION: end stops of theta, theta_dot, beta
+N_CONSTANTS = SATURATION + 3
 
 
 class Belief(NamedTuple):
@@ -17,7 +17,7 @@ class Belief(NamedTuple):
     time: np.ndarray       # (k,) s, nodes of the profile
     a6: np.ndarray         # (k,) 1/s^2
     k1: np.ndarray         # (k,) 1/s^2
-    constant: np.ndarray   # (4,)
+    constant: np.ndarray   # (N_CONSTANTS,)
     variance: np.ndarray   # (5,) declared noises, order of model.NOISES
     codes: np.ndarray      # (q, 6) int64 library terms
     term: np.ndarray       # (2,) int64 places of theta and beta among them

@@ -61,7 +61,8 @@ def _belief(config: Config) -> Belief:
     assert model is not None
     term = np.array([config.terms.index("theta"), config.terms.index("beta")])
     return Belief(np.array(model.profile_t), np.array(model.profile_a6), np.array(model.profile_k1),
-                  np.array([model.natural_frequency, model.damping_ratio, model.delay, config.sample_period]),
+                  np.array([model.natural_frequency, model.damping_ratio, model.delay, config.sample_period,
+                            config.theta_saturation, config.theta_dot_saturation, config.beta_saturation]),
                   model.variances(config.sample_period), term_codes(config.terms), term)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .belief import SATURATION
 from .kernels import kernel
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
@@ -38,6 +39,7 @@ OK = int(EstimateStatus.OK)
 LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
 NUMERICS = int(EstimateStatus.NUMERICS)
 SHORT = int(EstimateStatus.SHORT)
+GAP = int(EstimateStatus.GAP)
 
 
 class Accumulator(NamedTuple):
@@ -55,7 +57,7 @@ class Accumulator(NamedTuple):
     s_start: np.ndarray      # (4, 2) sensitivities for theta and beta at the block's start
     rows: np.ndarray         # (n, 3 BLOCK) whitened innovations of the block, column by column
     scratch: np.ndarray      # (2 * n * n,)
-    counts: np.ndarray       # (2,) int64: rows in the block, samples in the window
+    counts: np.ndarray       # (3,) int64: rows in the block, samples and gaps in the window
     score: np.ndarray        # (5,) of the noise levels over the block
     information: np.ndarray  # (5, 5) of the noise levels over the block
     level_information: np.ndarray  # (5, 5) over the flight, prior included
@@ -79,7 +81,7 @@ def view_accumulator(f, at, i, m, q):
     s_start, at = take2(f, at, N_OFFSET, 2)
     rows, at = take2(f, at, n, 3 * BLOCK)
     scratch, at = take(f, at, 2 * n * n)
-    counts, m = take(i, m, 2)
+    counts, m = take(i, m, 3)
     score, at = take(f, at, N_NOISES)
     information, at = take2(f, at, N_NOISES, N_NOISES)
     level_information, at = take2(f, at, N_NOISES, N_NOISES)
@@ -100,6 +102,7 @@ def start_window(acc):
         acc.window[j, j] = WEAK_PRIOR
     set_identity(acc.psi)
     acc.counts[1] = 0
+    acc.counts[2] = 0
 
 
 @kernel
@@ -191,6 +194,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
     t = row[T]
     broken = max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
     if broken or fil.time[1] == 0.0 or t - fil.time[0] > max_gap or t <= fil.time[0]:
+        acc.counts[2] += int(fil.time[1])  # a gap, unless it is the first sample of all
         start_segment(belief, fil, t, row[THETA], row[THETA_DOT], row[BETA])
         forget_offset(acc)
     else:
@@ -198,7 +202,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
     theta, beta = N_OFFSET + belief.term[0], N_OFFSET + belief.term[1]
     for channel in range(3):
         z = row[THETA + channel]
-        if np.isnan(z):
+        if np.isnan(z) or abs(z) >= belief.constant[SATURATION + channel]:
             continue
         r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
         if is_outlier(fil, channel, z, r):

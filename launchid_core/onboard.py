@@ -12,6 +12,7 @@ from .belief import N_CONSTANTS, Belief, profile_at
 from .changes import NEXT, ONSETS, THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
 from .filtered import (
     BLOCK,
+    GAP,
     LEVEL_PRIOR,
     LOW_INFORMATION,
     N_OFFSET,
@@ -255,9 +256,9 @@ def close_filtered(f, i, q, nodes, out, t_centre, enough):
     out.xi[:, :] = np.nan
     out.support[:, :] = False
     out.flag[USED] = acc.counts[1]
-    out.flag[GAPS] = 0
+    out.flag[GAPS] = acc.counts[2]
     if acc.counts[1] < enough:
-        out.flag[STATUS] = SHORT
+        out.flag[STATUS] = GAP if acc.counts[2] > 0 else SHORT
     else:
         solve_window(ob.belief, acc, learn.active, learn.columns, learn.coefficient, learn.deviation)
         out.flag[STATUS] = report_filtered(ob, out, t_centre)

@@ -29,7 +29,8 @@ PERIOD = 0.01
 
 def believed(noises: tuple[float, ...] = (3.5e-4, 5.2e-4, 3.5e-4, 7e-4, 8.7e-4)) -> Belief:
     """The constant nominal, as the kernels read it."""
-    return Belief(np.zeros(1), np.array([2.0]), np.array([-7.0]), np.array([50.0, 0.7, 0.0, PERIOD]),
+    constant = np.array([50.0, 0.7, 0.0, PERIOD, np.inf, np.inf, np.inf])
+    return Belief(np.zeros(1), np.array([2.0]), np.array([-7.0]), constant,
                   np.array(noises) ** 2, term_codes(("theta", "beta")), np.array([0, 1]))
 
 
@@ -210,6 +211,23 @@ def test_no_motion_is_low_information_not_a_guess():
     estimate = estimator.estimate()
     assert not estimate.valid and estimate.status.name == "LOW_INFORMATION" and math.isnan(estimate.a6)
     assert not estimate.tracked.valid
+
+
+def test_window_with_a_gap_too_long_says_so():
+    nominal = load_nominal("constant")
+    samples = [s for s in fly_whole(nominal, 3).samples() if not 20.2 <= s.t < 20.8]
+    estimates, _ = run(filtered(nominal, window=1.0), samples)
+    assert estimates[20].status.name == "GAP" and not estimates[20].valid and estimates[20].gaps == 1
+    assert [e.status.name for e in estimates].count("GAP") == 1
+
+
+def test_saturated_rate_gyro_is_left_out():
+    """A gyro stuck at its end stop for half a flight: with the end stop named the estimate does not believe it."""
+    nominal = load_nominal("constant")
+    samples = [s._replace(theta_dot=0.1) if s.t > 35.0 else s for s in fly_whole(nominal, 4).samples()]
+    estimates, _ = run(filtered(nominal, theta_dot_saturation=0.1), samples)
+    last = estimates[-1].tracked
+    assert abs(last.a6 - 2.0) < 4 * last.a6_std < 0.4
 
 
 def test_gap_and_missing_columns_are_survived():
