@@ -17,6 +17,7 @@ import numpy as np
 from flights import NOMINALS, nominal, run_jobs
 
 from launchid_core import Config, Estimator, Status
+from launchid_core.changes import THRESHOLD
 from sim.bound import known_state_information
 from sim.flight import Factor, Flight, dispersion, fly_whole
 from sim.identify import onboard_model
@@ -25,7 +26,6 @@ from sim.nominal import Nominal, constant_profile
 LOSS = 0.3
 FIRST_MANOEUVRE = 6.5  # s
 LAST_ONSET_BEFORE_END = 8.0  # s
-THRESHOLD = 12.0       # nats, as in launchid_core.changes
 INTERVAL = 1.96
 
 
