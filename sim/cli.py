@@ -19,7 +19,7 @@ from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 from .errors import InputError, UsageError
 from .files import write_text
 from .identify import onboard_model, report, run, whole_log
-from .log import Log, read_log, write_flight
+from .log import REQUIRED, Log, read_log, write_flight
 from .nominal import Nominal, load_nominal, write_nominal
 
 ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
@@ -82,6 +82,13 @@ def parser() -> Parser:
     sub.add_argument("--window", type=float, required=True, metavar="S")
     sub.add_argument("--out", required=True, metavar="NEW.toml")
     sub.set_defaults(run=plan_command)
+    sub = commands.add_parser("diagnose", help="what the simulation gets wrong on a log, why, and what fixing it gains")
+    sub.add_argument("log", metavar="LOG.csv")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
+    sub.add_argument("--holdout", metavar="LOG2.csv", help="a second log, to judge the extended model on")
+    sub.add_argument("--json", metavar="PATH|-")
+    sub.add_argument("--report", metavar="DIR", help="folder for report.html, verdict.json, extension.toml, figures")
+    sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
     return top
 
@@ -159,6 +166,34 @@ def plan_command(args: argparse.Namespace) -> None:
     print(f"{args.out}: {lines}; {result.root_mean_square:.2e} rad rms, peak {result.peak:.2e} rad")
 
 
+def diagnose_command(args: argparse.Namespace) -> None:
+    """launchid diagnose"""
+    from .diagnosis.verdict import diagnose, report
+    from .diagnosis.words import lines
+    log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
+    made = diagnose(log, nominal, holdout, say=progress)
+    progress("")
+    result = report(made)
+    if args.report:
+        from .diagnosis.report import write_report
+        write_report(made, result, args.report)
+    text = json.dumps(result, indent=1)
+    if args.json == "-":
+        print(text)
+        return
+    if args.json:
+        write_text(args.json, [text, "\n"])
+    print("\n".join(lines(made)))
+
+
+def progress(text: str) -> None:
+    """What is being done, on a terminal only: one line that is written over; an empty text clears it."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+
+
 def at_least(name: str, value: int, low: int) -> None:
     """UsageError unless value >= low."""
     if value < low:
@@ -185,9 +220,9 @@ def simulate_command(args: argparse.Namespace) -> None:
         + ("; the vehicle was LOST and the log ends there" if flight.lost else ""))
 
 
-def read_noting(path: str) -> Log:
+def read_noting(path: str, required: tuple[str, ...] = REQUIRED) -> Log:
     """Read a log and say which columns were ignored."""
-    log = read_log(path)
+    log = read_log(path, required)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
     return log

@@ -64,15 +64,15 @@ def _shown(cell: str) -> str:
     return ascii(cell if len(cell) <= 40 else cell[:40] + "...")
 
 
-def _header(path: Path, header: list[str]) -> dict[str, int]:
+def _header(path: Path, header: list[str], required: tuple[str, ...]) -> dict[str, int]:
     names = [name.strip() for name in header]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: line 1: column {_shown(name)} stands {names.count(name)} times; expected once")
-    for name in REQUIRED:
+    for name in required:
         if name not in names:
             raise InputError(f"{path}: line 1: column '{name}' is missing (found {_shown(','.join(names))}); "
-                             "expected a header with t, theta, beta")
+                             f"expected a header with {', '.join(required)}")
     return {name: k for k, name in enumerate(names)}
 
 
@@ -86,8 +86,11 @@ def _cell(path: Path, line: int, name: str, text: str) -> float:
     return float(text)
 
 
-def read_log(path: str | Path) -> Log:
-    """Read a log; InputError in one line if it cannot be used."""
+def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
+    """Read a log; InputError in one line if it cannot be used.
+
+    required  columns without which it cannot be; a row is usable where all of them are finite
+    """
     path = Path(path)
     known: dict[str, int] = {}
     names: dict[str, int] = {}
@@ -100,7 +103,7 @@ def read_log(path: str | Path) -> Log:
             header = next(reader, None)
             if header is None:
                 raise InputError(f"{path}: empty file; expected a header with t, theta, beta")
-            names = _header(path, header)
+            names = _header(path, header, required)
             known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
             for cells in reader:
                 if not cells:
@@ -117,10 +120,10 @@ def read_log(path: str | Path) -> Log:
         raise InputError(f"{path}: line {reader.line_num}: {error}; expected comma-separated cells") from None
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(known))
     values = {name: table[:, k].copy() for k, name in enumerate(known)}
-    usable = np.isfinite(np.stack([values[name] for name in REQUIRED])).all(axis=0) if rows else np.zeros(0, bool)
+    usable = np.isfinite(np.stack([values[name] for name in required])).all(axis=0) if rows else np.zeros(0, bool)
     if not usable.any():
-        raise InputError(f"{path}: no usable row; expected rows with finite t, theta and beta")
-    missing = {name: np.full(len(rows), math.nan) for name in OPTIONAL if name not in known}
+        raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
+    missing = {name: np.full(len(rows), math.nan) for name in REQUIRED + OPTIONAL if name not in known}
     ignored = tuple(name for name in names if name not in known)
     return Log(path=str(path), columns=tuple(known), ignored=ignored, **values, **missing)
 

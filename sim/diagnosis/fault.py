@@ -1,0 +1,22 @@
+"""One thing that is wrong with a log, in words."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One sort of bad data in one place.
+
+    kind     stamps, range, stale, dropout, spike, unit, sign, swapped
+    channel  the column at fault; None: several, or the rows themselves
+    t_start, t_end  [s] first and last place, as stamped; NaN if the stamp itself is no number
+    rows     how many rows it spoils
+    message  one line: what, where, how many rows, the likely repair
+    """
+
+    kind: str
+    channel: str | None
+    t_start: float
+    t_end: float
+    rows: int
+    message: str

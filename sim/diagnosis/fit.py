@@ -1,0 +1,188 @@
+"""Fitting causes to a log: prediction-error method on whitened innovations (Ljung, 2nd ed., ch. 7 and 10).
+
+    minimise  1/2 |L^-1 e(p)|^2 + 1/2 (delta_a6^2 + delta_k1^2)/tolerance^2
+
+over the free numbers p of the causes and the two deviations, by Levenberg-Marquardt with numerical slopes.  The
+Kalman gains and the factor L stay fixed in a fit and are made anew between fits (`noise`).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .hypotheses import Hypothesis, Values
+from .model import Point, innovations
+from .noise import Filter
+from .record import Record
+
+NUISANCES = 2          # relative deviations of a6 and k1
+NUISANCE_STEP = 1e-3
+ITERATIONS = 12
+SMALL_GAIN = 0.02      # nats: what an iteration must bring to go on
+RUNAWAY = 1.0e12       # cost of a model that does not stay with the log
+WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A hypothesis at its values."""
+
+    hypothesis: Hypothesis
+    values: Values
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Causes fitted to a log under one filter.
+
+    delta        (2,) deviations of a6, k1
+    cost         [nats] minimum, up to the filter's constant
+    covariance   (k, k) of the free numbers of all causes in order (logarithms where searched so), then the two
+                 deviations; from the innovations' information
+    slopes       (3n, k) derivatives of the whitened innovations, k as the covariance; None until asked for
+    """
+
+    record: Record
+    filter: Filter
+    causes: tuple[Cause, ...]
+    delta: np.ndarray
+    cost: float
+    whitened: np.ndarray
+    innovations: np.ndarray
+    states: np.ndarray
+    slopes: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def point(self) -> Point:
+        return point_of(self.causes, self.delta)
+
+    @property
+    def parameters(self) -> int:
+        """Free numbers of the causes."""
+        return sum(len(cause.values) for cause in self.causes)
+
+    def std(self, index: int) -> tuple[float, ...]:
+        """Standard deviations of cause `index`'s values, in their units."""
+        first = sum(len(cause.values) for cause in self.causes[:index])
+        cause = self.causes[index]
+        spread = np.sqrt(np.maximum(np.diag(self.covariance)[first:first + len(cause.values)], 0.0))
+        return tuple(float(s * value) if free.logarithmic else float(s)
+                     for s, value, free in zip(spread, cause.values, cause.hypothesis.free, strict=True))
+
+
+def point_of(causes: Sequence[Cause], delta: np.ndarray) -> Point:
+    """The model at these values."""
+    return Point(tuple(cause.hypothesis.effect(cause.values) for cause in causes), float(delta[0]), float(delta[1]))
+
+
+def pack_values(causes: Sequence[Cause], delta: np.ndarray) -> np.ndarray:
+    """All numbers of a fit as one vector; logarithms where searched so."""
+    packed = [math.log(value) if free.logarithmic else value
+              for cause in causes for value, free in zip(cause.values, cause.hypothesis.free, strict=True)]
+    return np.array([*packed, *delta])
+
+
+def unpack_values(causes: Sequence[Cause], x: np.ndarray) -> tuple[tuple[Cause, ...], np.ndarray]:
+    """The other way, cut to the ranges."""
+    made, k = [], 0
+    for cause in causes:
+        values = []
+        for free in cause.hypothesis.free:
+            value = math.exp(min(x[k], 50.0)) if free.logarithmic else float(x[k])
+            values.append(min(max(value, free.low), free.high))
+            k += 1
+        made.append(Cause(cause.hypothesis, tuple(values)))
+    return tuple(made), np.clip(x[k:k + NUISANCES], -0.9, 0.9)
+
+
+def steps_of(causes: Sequence[Cause]) -> np.ndarray:
+    """Steps of the numerical slopes."""
+    return np.array([*(free.step for cause in causes for free in cause.hypothesis.free),
+                     *(NUISANCE_STEP,) * NUISANCES])
+
+
+class Problem:
+    """A log under one filter: residuals (whitened innovations, then the prior's) at any values.
+
+    mask  (n,) bool, rows that count; None: all
+    """
+
+    def __init__(self, record: Record, of: Filter, mask: np.ndarray | None = None) -> None:
+        self.record, self.filter, self.mask = record, of, mask
+        self.tolerance = max(record.nominal.diagnosis.tolerance, 1e-6)
+
+    def white(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+        """(whitened (n, 3), innovations, states, stayed with the log)."""
+        e, states, stayed = innovations(self.record, self.filter, point)
+        white = self.filter.whiten(e)
+        if not stayed:
+            white[:] = WORST_WHITE
+        np.clip(white, -WORST_WHITE, WORST_WHITE, out=white)
+        return self.counted(white), e, states, stayed
+
+    def counted(self, white: np.ndarray) -> np.ndarray:
+        """The same array (n, 3) with rows that do not count set to 0."""
+        if self.mask is not None:
+            white[~self.mask] = 0.0
+        return white
+
+    def residual(self, point: Point) -> np.ndarray:
+        """(3n + 2,)"""
+        white = self.white(point)[0]
+        return np.concatenate([white.ravel(), [point.delta_a6 / self.tolerance, point.delta_k1 / self.tolerance]])
+
+    def slopes(self, causes: Sequence[Cause], delta: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """(3n + 2, k) at a point whose residual is r: forward differences, turned where a range ends."""
+        x, steps = pack_values(causes, delta), steps_of(causes)
+        jacobian = np.zeros((len(r), len(x)))
+        for k, step in enumerate(steps):
+            moved = x.copy()
+            for signed in (step, -step):
+                moved[k] = x[k] + signed
+                made, d = unpack_values(causes, moved)
+                if abs(pack_values(made, d)[k] - x[k]) > 0.5 * step:
+                    jacobian[:, k] = (self.residual(point_of(made, d)) - r) / signed
+                    break
+        return jacobian
+
+
+def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations: int = ITERATIONS) -> Fit:
+    """Levenberg-Marquardt from these values (Nocedal and Wright, Numerical Optimization, 2nd ed., ch. 10.3)."""
+    causes = tuple(causes)
+    r = problem.residual(point_of(causes, delta))
+    cost, damping = 0.5 * float(r @ r), 1e-3
+    jacobian = problem.slopes(causes, delta, r)
+    for _ in range(iterations):
+        hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
+        scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian))
+        x, moved = pack_values(causes, delta), None
+        while damping < 1e6:
+            step = -np.linalg.solve(hessian + damping * np.diag(scale), slope)
+            made, d = unpack_values(causes, x + step)
+            new_r = problem.residual(point_of(made, d))
+            new_cost = 0.5 * float(new_r @ new_r)
+            if new_cost < cost:
+                moved = made, d
+                break
+            damping *= 10.0
+        if moved is None:
+            break
+        gained = cost - new_cost
+        (causes, delta), r, cost, damping = moved, new_r, new_cost, max(damping * 0.1, 1e-9)
+        jacobian = problem.slopes(causes, delta, r)
+        if gained < SMALL_GAIN:
+            break
+    return _finished(problem, causes, delta, cost, jacobian)
+
+
+def _finished(problem: Problem, causes: tuple[Cause, ...], delta: np.ndarray, cost: float,
+              jacobian: np.ndarray) -> Fit:
+    white, e, states, _ = problem.white(point_of(causes, delta))
+    hessian = jacobian.T @ jacobian
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    covariance = np.linalg.pinv(hessian / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    return Fit(problem.record, problem.filter, causes, delta, cost, white, e, states, jacobian[:-NUISANCES],
+               covariance)

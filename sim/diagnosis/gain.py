@@ -1,0 +1,191 @@
+"""What the extension buys, measured on data that no parameter was fitted to.
+
+Blocks of the log are left out in turn: everything (causes from their own first search, deviations of a6 and k1,
+noise levels) is fitted to the others and judged on them.  With a second log, everything is fitted to the first.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..flight import fly_whole
+from ..nominal import Nominal
+from ..sections import Guidance
+from .fit import Cause, Fit, Problem, fit, point_of
+from .hypotheses import Hypothesis
+from .model import Point, innovations, prediction_errors
+from .noise import Filter, dynamics, fit_levels
+from .record import CHANNELS, Record
+from .scan import scan
+from .selection import Model, first_filter
+
+HORIZONS = (0.1, 0.5, 1.0)   # s
+BLOCK = 1.25           # s left out at a time: a prediction over 1 s fits in, and a gust is never left out whole
+SPACING = 0.125        # s between predictions
+DRAWS = 8              # noise draws of the closed loop
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """Held-out quality of the nominal and of the extended model.
+
+    log_likelihood  per row, (nominal, extended);  nats: their difference over the whole log
+    nrmse           horizon -> channel -> (nominal, extended): RMS prediction error over the RMS change of the channel
+    closed_loop     (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
+    source          where it was measured
+    """
+
+    log_likelihood: tuple[float, float]
+    nats: float
+    nrmse: dict[float, dict[str, tuple[float, float]]]
+    closed_loop: tuple[float, float] | None
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A model fitted to some rows: what it believes, and its filter."""
+
+    point: Point
+    filter: Filter
+
+
+def folds(record: Record) -> list[np.ndarray]:
+    """Two masks (n,) bool of rows to fit to; the rest of each is left out."""
+    odd = (np.arange(record.rows) * record.period / BLOCK).astype(np.int64) % 2 == 1
+    return [odd, ~odd]
+
+
+def trained(record: Record, causes: Sequence[Hypothesis], start: Filter, mask: np.ndarray | None) -> Trained:
+    """Causes searched from scratch, one after the other, then jointly with noise levels, on the rows of `mask`."""
+    problem = Problem(record, start, mask)
+    fitted = fit(problem, (), np.zeros(2), iterations=4)
+    for hypothesis in causes:
+        candidates = scan(problem, fitted, (hypothesis,))
+        if candidates:
+            best = candidates[0]
+            fitted = fit(problem, (*fitted.causes, Cause(best.hypothesis, best.values)), fitted.delta)
+    for _ in range(2):
+        fitted, start = _levelled(record, fitted, start, mask)
+    return Trained(fitted.point, start)
+
+
+def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None) -> tuple[Fit, Filter]:
+    filt = fit_levels(record, dynamics(record, fitted.point), fitted.innovations, start, start.levels, counts=mask)
+    return fit(Problem(record, filt, mask), fitted.causes, fitted.delta, iterations=3), filt
+
+
+def held_out(record: Record, model: Model, nominal: Model) -> Gain:
+    """On blocked folds of the log itself."""
+    causes = [cause.hypothesis for cause in model.causes]
+    totals, errors, changes = np.zeros(2), [], []
+    for mask in folds(record):
+        left_out = ~mask
+        pair = (trained(record, (), nominal.fit.filter, mask), trained(record, causes, model.fit.filter, mask))
+        totals += [log_likelihood(record, each, left_out) for each in pair]
+        made, change = _errors(record, pair, left_out)
+        errors.append(made)
+        changes.append(change)
+    return _gain(record, totals, np.concatenate(errors, axis=1), np.concatenate(changes), model, "blocked folds")
+
+
+def on_another(record: Record, other: Record, model: Model, nominal: Model) -> Gain:
+    """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted."""
+    everything = np.ones(other.rows, bool)
+    pair = []
+    for each in (nominal, model):
+        filt = first_filter(other, each.fit.filter.levels)
+        delta = np.zeros(2)
+        pair.append(Trained(point_of(each.causes, delta), filt))
+    totals = np.array([log_likelihood(other, each, everything) for each in pair])
+    errors, change = _errors(other, (pair[0], pair[1]), everything)
+    return _gain(other, totals, errors, change, model, "a second log")
+
+
+def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
+    """Of the rows (n,) bool, each predicted from all before it."""
+    e, _, _ = innovations(record, of.filter, of.point)
+    white = np.clip(of.filter.whiten(e), -1e4, 1e4)[rows]
+    measured = np.isfinite(record.z)[rows]
+    diagonal = np.einsum("kaa->ka", of.filter.low)[rows]
+    return float(-0.5 * np.sum(white[measured]**2) - np.sum(np.log(diagonal[measured]))
+                 - 0.5 * math.log(2.0 * math.pi) * measured.sum())
+
+
+def _errors(record: Record, pair: tuple[Trained, Trained], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Prediction errors (2, s, h, 3) whose whole horizon lies in rows left out, and the channels' changes (s, h, 3)."""
+    made = np.stack([prediction_errors(record, each.filter, each.point, HORIZONS, SPACING) for each in pair])
+    spacing = max(1, round(SPACING / record.period))
+    starts = spacing * np.arange(made.shape[1])
+    change = np.full(made.shape[1:], math.nan)
+    for h, horizon in enumerate(HORIZONS):
+        ahead = max(1, round(horizon / record.period))
+        inside = starts + ahead < record.rows
+        whole = np.zeros(len(starts), bool)
+        total = np.concatenate([[0], np.cumsum(rows)])
+        whole[inside] = total[starts[inside] + ahead + 1] - total[starts[inside]] == ahead + 1
+        made[:, ~whole, h] = math.nan
+        change[inside, h] = record.z[starts[inside] + ahead] - record.z[starts[inside]]
+    change[~np.isfinite(made[0])] = math.nan
+    return made, change
+
+
+def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.ndarray, model: Model,
+          source: str) -> Gain:
+    nrmse: dict[float, dict[str, tuple[float, float]]] = {}
+    for h, horizon in enumerate(HORIZONS):
+        nrmse[horizon] = {}
+        for c, channel in enumerate(CHANNELS):
+            scale = _rms(changes[:, h, c])
+            if channel in record.channels and scale > 0.0:
+                nrmse[horizon][channel] = (_rms(errors[0, :, h, c]) / scale, _rms(errors[1, :, h, c]) / scale)
+    return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
+                closed_loop_errors(record, point_of(model.causes, np.zeros(2))), source)
+
+
+def _rms(x: np.ndarray) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(x**2))) if len(x) else math.nan
+
+
+def closed_loop_errors(record: Record, point: Point) -> tuple[float, float] | None:
+    """RMS of measured less simulated attitude [rad], nominal and extended, mean over noise draws; None where the
+    nominal cannot fly this log (no controller, no reference, a shifted clock)."""
+    flown = as_flown(record)
+    if flown is None:
+        return None
+    found = []
+    for effects in ((), point.effects):
+        errors = []
+        for seed in range(DRAWS):
+            theta = simulated(record, flown, effects, seed)
+            n = min(len(theta), record.rows)
+            rest = record.z[:n, 0] - theta[:n]
+            errors.append(_rms(rest))
+        found.append(float(np.mean(errors)))
+    return found[0], found[1]
+
+
+def as_flown(record: Record) -> Nominal | None:
+    """The nominal with the log's reference and duration; None where it cannot fly."""
+    nominal = record.nominal
+    known = np.isfinite(record.reference)
+    if (nominal.controller is None or nominal.simulation is None or nominal.actuator is None or not known.any()
+            or record.shift != 0.0 or record.first_step != 0):
+        return None
+    t = record.t[known]
+    duration = float(record.t[-1]) + record.period
+    return replace(nominal, guidance=Guidance(tuple(t.tolist()), tuple(record.reference[known].tolist())),
+                   simulation=replace(nominal.simulation, duration=duration))
+
+
+def simulated(record: Record, flown: Nominal, effects: Sequence[object], seed: int) -> np.ndarray:
+    """Attitude [rad] of one closed-loop flight, at the log's period."""
+    try:
+        flight = fly_whole(flown, seed, "flight", record.period, effects=effects)  # type: ignore[arg-type]
+    except InputError:
+        return np.zeros(0)
+    return flight.theta

@@ -1,0 +1,169 @@
+"""Is the named cause believable?  Fit and whiteness do not stop a wrong name; these tests do.
+
+* Constancy: the size of a true cause is the same in every part of the log (score test over segments of equal
+  information; Nyblom 1989, Andrews 1993 for the idea).
+* Generic discrepancy: a stochastic disturbance of any colour, in the plant, at the actuator or on a sensor, must find
+  nothing worth its place beside the causes.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .noise import Disturbance, Filter, fit_levels, run_filter
+from .record import CHANNELS, Record
+from .scan import _norms
+from .selection import Model
+
+SEGMENTS = 8
+CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
+LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
+TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
+SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
+         "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
+EVALUATIONS = 7            # of a golden-section search over the logarithm of the size
+RELEVELLED = 2.0           # nats from which the noise levels are fitted anew beside the disturbance
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_dot": "sensor", "beta": "sensor"}
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """Size of one cause per segment.
+
+    t      (9,) [s] the segments' ends;  size, std (8,) of the size in each
+    """
+
+    chi_squared: float
+    t: tuple[float, ...]
+    size: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+def constancy(model: Model, index: int) -> Constancy:
+    """Is the size of cause `index` the same all along?"""
+    fitted = model.fit
+    column = sum(len(cause.values) for cause in fitted.causes[:index])
+    slopes, r = fitted.slopes, fitted.whitened.ravel()
+    own = slopes[:, column]
+    others = np.delete(slopes, column, axis=1)
+    basis, _ = np.linalg.qr(others / _norms(others))
+    own = own - basis @ (basis.T @ own)
+    rows = len(fitted.whitened)
+    energy = np.sum((own * own).reshape(rows, -1), axis=1)
+    score = np.sum((own * r).reshape(rows, -1), axis=1)
+    total = np.cumsum(energy)
+    cuts = [0, *np.searchsorted(total, total[-1] * np.arange(1, SEGMENTS) / SEGMENTS), rows]
+    t = fitted.record.t
+    information = np.array([energy[a:b].sum() for a, b in itertools.pairwise(cuts)])
+    slope = np.array([score[a:b].sum() for a, b in itertools.pairwise(cuts)])
+    information = np.maximum(information, 1e-12 * total[-1] + 1e-300)
+    moved = -slope / information
+    chi = float(np.sum(slope**2 / information) - np.sum(slope)**2 / np.sum(information))
+    value = fitted.causes[index].values[0]
+    size = fitted.causes[index].hypothesis.free[0]
+    sizes = value * np.exp(moved) if size.logarithmic else value + moved
+    spread = 1.0 / np.sqrt(information) * (value if size.logarithmic else 1.0)
+    ends = [float(t[min(c, rows - 1)]) for c in cuts]
+    return Constancy(chi, tuple(ends), tuple(map(float, sizes)), tuple(map(float, spread)))
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a generic disturbance at one place gains [nats] beside the model."""
+
+    disturbance: Disturbance
+    gain: float
+
+    @property
+    def where(self) -> str:
+        return PLACE_OF[self.disturbance.place]
+
+
+def leftovers(model: Model) -> list[Leftover]:
+    """Of every place the log can show, the best first; levels of the noise refitted for the best of each place."""
+    record = model.fit.record
+    places = ["plant", *(["actuator"] if record.command_is_known else []), *record.channels]
+    found = []
+    for place in places:
+        tried = [_best_size(record, model, place, tau) for tau in TIME_CONSTANTS]
+        found.append(max(tried, key=lambda leftover: leftover.gain))
+    return sorted((_relevelled(record, model, each) if each.gain > RELEVELLED else each for each in found),
+                  key=lambda leftover: -leftover.gain)
+
+
+def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:
+    """The gain when the noise levels may give way to the disturbance."""
+    fitted = model.fit
+    filt = fit_levels(record, model.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels,
+                      leftover.disturbance)
+    gain = filt.log_likelihood - _alone(record, model).log_likelihood
+    return Leftover(leftover.disturbance, max(gain, leftover.gain))
+
+
+def _alone(record: Record, model: Model) -> Filter:
+    fitted = model.fit
+    return run_filter(record, model.dynamics, fitted.filter.levels, fitted.innovations, fitted.filter)
+
+
+def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover:
+    """Golden-section search of the standard deviation."""
+    fitted = model.fit
+    base = _alone(record, model).log_likelihood
+
+    def gain(x: float) -> float:
+        of = Disturbance(place, math.exp(x), tau)
+        return run_filter(record, model.dynamics, fitted.filter.levels, fitted.innovations, fitted.filter,
+                          of).log_likelihood - base
+
+    low, high = (math.log(size) for size in SIZES[place])
+    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    at_left, at_right = gain(left), gain(right)
+    for _ in range(EVALUATIONS):
+        if at_left > at_right:
+            high, right, at_right = right, left, at_left
+            left = high - GOLDEN * (high - low)
+            at_left = gain(left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + GOLDEN * (high - low)
+            at_right = gain(right)
+    best = max((at_left, left), (at_right, right))
+    return Leftover(Disturbance(place, math.exp(best[1]), tau), max(best[0], 0.0))
+
+
+# ---- whiteness
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation:
+    """Correlations of whitened innovations at positive lags: `values` (lags,) of `channel` with `with_channel`'s past.
+
+    band  half-width that 99 % of a white sequence's correlations stay within
+    """
+
+    channel: str
+    with_channel: str
+    values: np.ndarray
+    band: float
+
+
+LAGS = 25
+BAND_99 = 2.576
+
+
+def correlations(whitened: np.ndarray, lags: int = LAGS) -> list[Correlation]:
+    """Auto- and cross-correlations of every measured pair."""
+    measured = [k for k in range(3) if np.any(whitened[:, k] != 0.0)]
+    n = len(whitened)
+    found = []
+    for a in measured:
+        for b in measured:
+            x, y = whitened[:, a], whitened[:, b]
+            scale = math.sqrt(float(x @ x) * float(y @ y)) or 1.0
+            values = np.array([float(x[lag:] @ y[:n - lag]) / scale for lag in range(1, lags + 1)])
+            found.append(Correlation(CHANNELS[a], CHANNELS[b], values, BAND_99 / math.sqrt(n)))
+    return found
+

@@ -1,0 +1,165 @@
+"""What may be wrong: every cause of the catalogue as a family of models with few free numbers.
+
+A hypothesis says which parameters of its effect are free, from where the search starts, and what the log must hold
+for it to be visible at all.  The physics is the effect's own (`sim.effects`); nothing of it stands here.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects import CATALOGUE, Effect, effect
+from .record import Record
+
+Values = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Free:
+    """One free number: the parameter's name, its range, the step of its slope, and whether it is searched as a log."""
+
+    name: str
+    step: float
+    low: float = -math.inf
+    high: float = math.inf
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One cause; free[0] is its size, whose `neutral` value makes no difference.
+
+    shapes   of a record: values of the other free numbers to start from
+    sizes    of a record: sizes to try where the response is not proportional to the size; None: it is
+    visible  of a record: whether the log has the columns that could show it
+    """
+
+    cause: str
+    free: tuple[Free, ...]
+    neutral: float
+    shapes: Callable[[Record], list[Values]]
+    visible: Callable[[Record], bool]
+    sizes: Callable[[Record], list[float]] | None = None
+    fixed: tuple[tuple[str, str], ...] = ()   # parameters that are no number (the term of `missing_term`)
+
+    def effect(self, values: Values) -> Effect:
+        """The simulator's effect at these values of the free numbers, and the fixed ones."""
+        return effect(self.cause, **dict(self.fixed), **dict(zip((f.name for f in self.free), values, strict=True)))
+
+    @property
+    def where(self) -> str:
+        return CATALOGUE[self.cause].where
+
+    def unit(self, name: str) -> str:
+        """Unit of one of its parameters."""
+        return next(p.unit for p in CATALOGUE[self.cause].parameters if p.name == name)
+
+
+def _alone(record: Record) -> list[Values]:
+    return [()]
+
+
+def _always(record: Record) -> bool:
+    return True
+
+
+def _gyro(record: Record) -> bool:
+    return "theta_dot" in record.channels
+
+
+def _nozzle(record: Record) -> bool:
+    """The nozzle's sensor is beside a command to compare it with."""
+    return "beta" in record.channels and record.command_is_known
+
+
+def _command(record: Record) -> bool:
+    return record.command_is_known
+
+
+ONSET_SPACING = 1.0      # s between onsets tried (a coarser grid took a loss of 10 % for a gust)
+EARLIEST = 2.0           # s: an onset so near an end is no onset, it is a constant cause
+GUST_DURATIONS = (1.5, 4.0, 10.0)  # s
+SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 16))      # rad/s: liquid propellant, 0.15 to 3 Hz
+BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
+LOWEST_BENDING = 6.0     # rad/s
+START_DAMPING = 0.05     # broad enough for a coarse grid of frequencies
+RATE_SHARES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command: the servo follows a part of it
+PLAYS = (3e-4, 1e-3, 3e-3, 1e-2)    # rad
+
+
+def _onsets(record: Record) -> list[Values]:
+    t = record.t
+    return [(float(x),) for x in np.arange(t[0] + EARLIEST, t[-1] - EARLIEST, ONSET_SPACING)]
+
+
+def _gusts(record: Record) -> list[Values]:
+    t = record.t
+    return [(float(begin), duration) for duration in GUST_DURATIONS
+            for begin in np.arange(t[0] - 0.25 * duration, t[-1] - 0.5 * duration, 0.35 * duration)]
+
+
+def _slosh(record: Record) -> list[Values]:
+    return [(float(w), START_DAMPING) for w in SLOSH_FREQUENCIES]
+
+
+def _bending(record: Record) -> list[Values]:
+    top = min(BENDING_PER_NYQUIST * math.pi / record.period, 0.45 / record.step)
+    count = max(4, round(7.0 * math.log(top / LOWEST_BENDING)))
+    return [(float(w), START_DAMPING) for w in np.geomspace(LOWEST_BENDING, top, count)]
+
+
+def _rates(record: Record) -> list[float]:
+    """Rate limits [rad/s] that would bind on this log's command."""
+    smooth = np.diff(record.commands) / (record.tick * record.step)
+    largest = float(np.quantile(np.abs(smooth), 0.999)) if len(smooth) else 0.0
+    return [share * largest for share in RATE_SHARES if largest > 0.0]
+
+
+def _plays(record: Record) -> list[float]:
+    return list(PLAYS)
+
+
+def _size(name: str, step: float, low: float = -math.inf, high: float = math.inf) -> Free:
+    return Free(name, step, low, high)
+
+
+_FREQUENCY = Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True)
+_LINE = Free("frequency", 1e-4, 0.05, 300.0, logarithmic=True)  # its phase drifts over the whole log
+_DAMPING = Free("damping_ratio", 0.1, 0.002, 1.5, logarithmic=True)
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis("control_effectiveness", (_size("scale", 0.01, 0.05, 5.0),), 1.0, _alone, _always),
+    Hypothesis("control_loss", (_size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0, _onsets, _always),
+    Hypothesis("aero_instability", (_size("scale", 0.01, -5.0, 10.0),), 1.0, _alone, _always),
+    Hypothesis("aero_damping", (_size("coefficient", 0.01),), 0.0, _alone, _always),
+    Hypothesis("aero_cubic", (_size("coefficient", 0.5),), 0.0, _alone, _always),
+    Hypothesis("friction", (_size("coefficient", 1e-3, 0.0),), 0.0, _alone, _always),
+    Hypothesis("thrust_misalignment", (_size("angle", 1e-4),), 0.0, _alone, _always),
+    Hypothesis("slosh", (_size("coupling", 0.005, -0.8, 5.0), _FREQUENCY, _DAMPING), 0.0, _slosh, _always),
+    Hypothesis("bending", (_size("gain", 1e-4), _FREQUENCY, _DAMPING), 0.0, _bending, _always),
+    Hypothesis("gust", (_size("angle", 1e-3), Free("time", 0.05), Free("duration", 0.02, 0.2, 60.0, True)), 0.0,
+               _gusts, _always),
+    Hypothesis("steady_wind", (_size("angle", 1e-3),), 0.0, _alone, _always),
+    Hypothesis("actuator_delay", (_size("delay", 1e-3, 0.0, 1.0),), 0.0, _alone, _command),
+    Hypothesis("actuator_bandwidth", (_size("scale", 0.02, 0.02, 5.0),), 1.0, _alone, _command),
+    Hypothesis("actuator_gain", (_size("scale", 0.005, -3.0, 5.0),), 1.0, _alone, _command),
+    Hypothesis("actuator_rate_limit", (Free("rate", 0.01, 1e-3, 50.0, True),), math.inf, _alone, _command, _rates),
+    Hypothesis("actuator_backlash", (_size("half_width", 5e-5, 0.0, 0.2),), 0.0, _alone, _command, _plays),
+    Hypothesis("actuator_bias", (_size("angle", 1e-4),), 0.0, _alone, _command),
+    Hypothesis("attitude_bias", (_size("angle", 1e-3),), 0.0, _alone, _always),
+    Hypothesis("attitude_delay", (_size("delay", 2e-3, 0.0, 1.0),), 0.0, _alone, _always),
+    Hypothesis("gyro_bias", (_size("rate", 1e-4),), 0.0, _alone, _gyro),
+    Hypothesis("gyro_scale", (_size("scale", 0.005, -3.0, 5.0),), 1.0, _alone, _gyro),
+    Hypothesis("gyro_delay", (_size("delay", 2e-3, 0.0, 1.0),), 0.0, _alone, _gyro),
+    Hypothesis("nozzle_sensor_bias", (_size("angle", 1e-4),), 0.0, _alone, _nozzle),
+)
+# found by its own means (`lines.py`): a line's frequency needs a grid finer than a fit of each would allow
+PERIODIC = Hypothesis("periodic_disturbance", (_size("amplitude", 1e-4), _LINE, Free("phase", 0.02)), 0.0,
+                      _alone, _always)
+
+
+def missing_term(term: str) -> Hypothesis:
+    """A library term with a free coefficient."""
+    return Hypothesis("missing_term", (_size("coefficient", 1e-3),), 0.0, _alone, _always, fixed=(("term", term),))

@@ -1,0 +1,121 @@
+"""What this log could have shown: the smallest size of each cause that would be found, and which look alike.
+
+The smallest size is the one whose expected gain of log-likelihood, everything else refitted, pays the threshold and
+the penalty: about even odds of being found.  Both tables are made of the model's own responses, so they hold for this
+log, its manoeuvres, its noise and its columns.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fit import Cause, Problem
+from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis, Values
+from .record import Record
+from .scan import Projector, response, with_effect
+from .selection import Model, penalty
+
+LOOK_ALIKE = 0.999     # |cosine| from which two causes cannot be told apart by any size
+GUST_DURATION = 4.0    # s
+SLOSH = (4.0, 0.02)    # rad/s, damping ratio
+BENDING = (25.0, 0.03)
+LINE = (5.0, 0.0)      # rad/s, rad
+LARGEST_DOUBLING = 24  # of a size that is not proportional, before it is called invisible
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Smallest size of a cause that this log would show, away from `neutral`; None: no size.
+
+    at  values of its other parameters for which it is given
+    """
+
+    cause: str
+    parameter: str
+    unit: str
+    size: float | None
+    neutral: float
+    at: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Isolability:
+    """|cosine| between the responses of visible causes: 1 cannot be told apart, 0 is perfectly told apart."""
+
+    names: tuple[str, ...]
+    cosine: np.ndarray
+
+    def pairs(self, least: float) -> list[tuple[str, str, float]]:
+        """Pairs from this |cosine| on, the most alike first."""
+        n = len(self.names)
+        found = [(self.names[a], self.names[b], float(self.cosine[a, b])) for a in range(n) for b in range(a)
+                 if self.cosine[a, b] >= least]
+        return sorted(found, key=lambda pair: -pair[2])
+
+
+def shape_of(hypothesis: Hypothesis, record: Record) -> Values:
+    """Values of the other parameters for which limits are given: in the middle of the log."""
+    middle = float(0.5 * (record.t[0] + record.t[-1]))
+    return {"control_loss": (middle,), "gust": (middle - 0.5 * GUST_DURATION, GUST_DURATION), "slosh": SLOSH,
+            "bending": BENDING, "periodic_disturbance": LINE}.get(hypothesis.cause, ())
+
+
+def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit], Isolability]:
+    """For every hypothesis, and the isolability of those that the log's columns can show."""
+    problem = Problem(record, model.fit.filter)
+    project = Projector(problem, model.fit, causes=False)
+    found, responses, names = [], [], []
+    for hypothesis in (*HYPOTHESES, PERIODIC):
+        shape = shape_of(hypothesis, record)
+        size = hypothesis.free[0]
+        at = tuple(zip((free.name for free in hypothesis.free[1:]), shape, strict=True))
+        amount, change = None, None
+        if hypothesis.visible(record):
+            needed = threshold + penalty(record, hypothesis)
+            if hypothesis.sizes is None:
+                change = project.out(response(problem, model.fit, project, hypothesis, shape))
+                energy = float(change @ change)
+                amount = math.sqrt(2.0 * needed / energy) if energy > 0.0 else None
+            else:
+                amount, change = _bisected(problem, model, project, hypothesis, needed)
+            if amount is not None and hypothesis.cause == "control_loss" and amount > 1.0:
+                amount = None
+        found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))
+        if change is not None and float(change @ change) > 0.0:
+            responses.append(change / np.sqrt(change @ change))
+            names.append(hypothesis.cause)
+    stack = np.array(responses)
+    return found, Isolability(tuple(names), np.abs(stack @ stack.T))
+
+
+def _bisected(problem: Problem, model: Model, project: Projector, hypothesis: Hypothesis,
+              needed: float) -> tuple[float | None, np.ndarray | None]:
+    """Smallest size (a play) or largest (a rate limit) that pays, where the response is not proportional to it."""
+    shrinks = math.isinf(hypothesis.neutral)
+    assert hypothesis.sizes is not None
+    tries = hypothesis.sizes(problem.record)
+    if not tries:
+        return None, None
+
+    def change(size: float) -> np.ndarray:
+        moved = problem.residual(with_effect(model.fit, Cause(hypothesis, (size,))))
+        return project.out(moved - project.residual)
+
+    def pays(size: float) -> bool:
+        moved = change(size)
+        return 0.5 * float(moved @ moved) >= needed
+
+    low, high = min(tries) / 30.0, max(tries) * 30.0
+    if not pays(low if shrinks else high):
+        return None, None
+    for _ in range(LARGEST_DOUBLING):
+        middle = math.sqrt(low * high)
+        if pays(middle) == shrinks:
+            low = middle
+        else:
+            high = middle
+        if high / low < 1.02:
+            break
+    size = math.sqrt(low * high)
+    return size, change(size)

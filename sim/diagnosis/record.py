@@ -1,0 +1,273 @@
+"""A log on a uniform grid, beside the nominal's parameters on it: what every fit of the diagnosis reads.
+
+Rows are the log's, put at the nearest multiple of the period; missing rows are rows without measurement.  Time is
+cut three ways: integration steps, controller ticks (each holds one command) and rows.  A log slower than the
+controller lacks commands between its rows; they are recomputed (`fill_commands`) or, without a reference, linear.
+
+Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import controller as controller_effects
+from ..errors import InputError
+from ..flight import CLOCK_DIGITS, excitation, packed
+from ..log import Log
+from ..nominal import Nominal
+from ..sections import Actuator
+from ..vehicle.controller import pd_command, pseudo_derivative
+from ..vehicle.kernels import kernel
+from .data_check import DataCheck
+
+CHANNELS = ("theta", "theta_dot", "beta")
+THETA, THETA_DOT, BETA = range(3)
+LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
+LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
+MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
+DIRECT = 0.3             # rad/step: the servo that stands for none is as fast as the step resolves
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One log as the predictor reads it.
+
+    z           (n, 3) theta [rad], theta_dot [rad/s], beta [rad]; NaN where not measured
+    commands    (ticks,) [rad] before delay and noise
+    input       where they are from: "beta_cmd", "controller" (recomputed), or "beta" (the measured nozzle angle)
+    a6, k1      (2 steps + 1,) [1/s^2] of the nominal's [vehicle] at every half step from `first_step` 0 on
+    first_step  step index of the first row (log's clock / step)
+    step [s], every (steps a row), tick (steps a command of `commands`)
+    held        rows that share one command and its noise, 1 unless the log is faster than the controller;
+                held_phase: rows from the first to the first at which a command is issued
+    fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
+    shift       [s] log's clock = grid's clock + shift
+    """
+
+    nominal: Nominal
+    actuator: Actuator
+    z: np.ndarray
+    commands: np.ndarray
+    input: str
+    reference: np.ndarray      # (n,) rad, NaN where not known
+    a6: np.ndarray
+    k1: np.ndarray
+    first_step: int
+    step: float
+    every: int
+    tick: int
+    shift: float
+    held: int = 1
+    held_phase: int = 0
+    fill_gain: float = 0.0
+
+    @property
+    def rows(self) -> int:
+        return len(self.z)
+
+    @property
+    def period(self) -> float:
+        """[s] between rows"""
+        return self.every * self.step
+
+    @property
+    def t(self) -> np.ndarray:
+        """(n,) [s] the grid's clock, which is what effects with a time read"""
+        return np.round((self.first_step + self.every * np.arange(self.rows)) * self.step, CLOCK_DIGITS)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The measured ones"""
+        return tuple(name for k, name in enumerate(CHANNELS) if np.isfinite(self.z[:, k]).any())
+
+    @property
+    def command_is_known(self) -> bool:
+        """False when the measured nozzle angle stands in for it: nothing about the actuator can be told then."""
+        return self.input != "beta"
+
+
+def integration_step(period: float, tick: float) -> float:
+    """The longest step [s] <= LONGEST_STEP that divides both periods."""
+    for parts in range(max(1, math.ceil(period / LONGEST_STEP - 1e-9)), 200):
+        step = period / parts
+        ratio = tick / step
+        if abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1:
+            return step
+    return period / max(1, math.ceil(period / LONGEST_STEP - 1e-9))
+
+
+def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
+    """The log on its grid; InputError if it holds no input (neither command, nor reference and controller, nor nozzle).
+
+    log, nominal  as read;  data  its check: rows and values that may be used
+    """
+    usable = data.usable
+    if usable.sum() < 2:
+        raise InputError(f"{log.path}: fewer than two rows with usable time stamps; expected a log")
+    t = log.t[usable]
+    period = _period(t, nominal)
+    shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
+    index = np.round((t - t[0]) / period).astype(np.int64)
+    first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
+    n = int(index[-1]) + 1
+    if n > MOST_ROWS:
+        raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
+                         f"expected at most {MOST_ROWS}")
+    tick_period = nominal.controller.period if nominal.controller is not None else period
+    if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
+            abs(period / tick_period - round(period / tick_period)) > 1e-6:
+        tick_period = period
+    step = integration_step(period, tick_period)
+    every, tick = round(period / step), round(tick_period / step)
+
+    def column(name: str) -> np.ndarray:
+        values = np.where(data.masks[name], getattr(log, name), math.nan)[usable] if name in data.masks else \
+            getattr(log, name)[usable]
+        grid = np.full(n, math.nan)
+        grid[index[first]] = values[first]
+        return grid
+
+    z = np.column_stack([column(name) for name in CHANNELS])
+    reference, command = column("theta_ref"), column("beta_cmd")
+    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=1.0)
+    first_step = round((t[0] - shift) / step)
+    steps = first_step + n * every
+    half = np.arange(2 * steps + 1) * (0.5 * step)
+    a6, k1 = nominal.vehicle.at(half + shift)
+    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
+                   first_step, step, every, tick, shift)
+    return _with_commands(draft, command, log.path)
+
+
+def _period(t: np.ndarray, nominal: Nominal) -> float:
+    """Median step [s], taken as a whole number (or part) of controller periods where it is within 1 % of one."""
+    period = float(np.median(np.diff(t)))
+    if nominal.controller is None:
+        return period
+    tick = nominal.controller.period
+    near = round(period / tick) * tick if period >= tick else tick / max(1, round(tick / period))
+    return near if near > 0.0 and abs(period / near - 1.0) < 0.01 else period
+
+
+def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
+    """The command of every tick."""
+    nominal = draft.nominal
+    known = np.isfinite(command)
+    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any()
+    if draft.tick > draft.every:
+        held = draft.tick // draft.every
+        draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+    if not known.any() and recomputable:
+        return replace(draft, commands=recomputed(draft), input="controller")
+    source = "beta_cmd"
+    if not known.any():
+        command, source = draft.z[:, BETA], "beta"
+        known = np.isfinite(command)
+        if not known.any():
+            raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
+                             "command from; expected one of them")
+    rows = np.arange(draft.rows)
+    held = command[np.maximum.accumulate(np.where(known, rows, 0))]
+    held[~np.isfinite(held)] = command[known][0]
+    m = draft.every // draft.tick
+    ticks = held if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, held)
+    return replace(draft, commands=ticks, input=source)
+
+
+def _phase(command: np.ndarray, held: int) -> int:
+    """Rows from the first to the first at which the controller issues, in a log faster than the controller."""
+    changes = np.flatnonzero(np.abs(np.diff(command)) > 0.0) + 1
+    return int(np.bincount(changes % held, minlength=held).argmax()) if len(changes) else 0
+
+
+# ---- the controller
+
+
+def filled(r: Record, attitude: np.ndarray, kp_scale: float = 1.0, kd_scale: float = 1.0) -> Record:
+    """Commands between the rows of a log slower than the controller.
+
+    The derivative's state follows from the command logged at either end of a gap, so the errors between must carry the
+    one to the other: with one tick between rows that fixes its error exactly, with more it corrects the predicted
+    ones by the least change.
+
+    attitude  (ticks,) [rad] predicted;  kp_scale, kd_scale  of the gains, as `controller_check` found them
+    """
+    m, commands = r.every // r.tick, r.commands.copy()
+    kp, kd, tau, period, limit = controller_gains(r.nominal)
+    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp_scale * kp, kd_scale * kd)
+    if kd == 0.0:
+        return r
+    known = np.isfinite(r.reference)
+    reference = np.interp(np.arange(r.rows * m) / m, np.arange(r.rows)[known], r.reference[known])
+    test = excitation(r.nominal, r.first_step // r.tick + len(commands), period)[r.first_step // r.tick:]
+    error = attitude - reference
+    error[::m] = np.where(np.isfinite(r.z[:, THETA]), r.z[:, THETA], attitude[::m]) - reference[::m]
+    row = (commands[::m] - test[::m] - kp * error[::m]) / kd
+    fair = (np.abs(commands[::m]) < limit) & np.isfinite(r.z[:, THETA])
+    alpha = tau / (tau + period)
+    weights = -alpha**np.arange(m - 2, -1, -1.0) * (1.0 - alpha) / (tau + period)
+    arrived = row[:-1].copy()
+    for j in range(1, m + 1):
+        arrived = pseudo_derivative(tau, period, error[j:(r.rows - 1) * m + j:m][:r.rows - 1],
+                                    error[j - 1:(r.rows - 1) * m + j - 1:m][:r.rows - 1], arrived)
+    missing = np.where(fair[:-1] & fair[1:], row[1:] - arrived, 0.0)
+    for j in range(1, m):
+        error[j:(r.rows - 1) * m:m] += weights[j - 1] / float(weights @ weights) * missing
+    derivative = row
+    for j in range(1, m):
+        derivative = pseudo_derivative(tau, period, error[j::m], error[j - 1::m][:len(error[j::m])], derivative)
+        commands[j::m] = np.clip(kp * error[j::m] + kd * derivative + test[j::m], -limit, limit)
+    return replace(r, commands=commands, fill_gain=float(abs(kp + kd / (tau + period))) if m > 2 else 0.0)
+
+
+@kernel
+def run_controller(gains, fx, error, excitation, commands, derivative):
+    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0.
+
+    gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
+    fx (n, N_COLUMNS)     in   controller effects
+    error, excitation (ticks,) [rad] in
+    commands, derivative (ticks,) out  before the computing time
+    """
+    kp, kd = controller_effects.gains(fx, gains[0], gains[1])
+    d, before = 0.0, error[0]
+    for k in range(len(error)):
+        d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
+        before = error[k]
+        derivative[k] = d
+        commands[k] = pd_command(kp, kd, gains[4], error[k], d, excitation[k])
+
+
+def controller_gains(nominal: Nominal) -> np.ndarray:
+    """(5,) as `run_controller` reads them."""
+    c = nominal.controller
+    assert c is not None
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
+
+
+def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
+    """The nominal controller's command [rad] of every tick of `commands` from the measured attitude and the reference.
+
+    attitude  (ticks,) [rad] where rows measured none; None: linear between rows
+    """
+    m = r.every // r.tick
+    ticks = np.arange(r.rows * m) / m
+    rows = np.arange(r.rows)
+    measured, known = np.isfinite(r.z[:, THETA]), np.isfinite(r.reference)
+    theta = np.interp(ticks, rows[measured], r.z[measured, THETA])
+    if attitude is not None:
+        seen = np.zeros(r.rows * m, bool)
+        seen[::m] = measured
+        theta = np.where(seen, theta, attitude)
+    error = theta - np.interp(ticks, rows[known], r.reference[known])
+    issued = error[r.held_phase::r.held]
+    commands, derivative = np.empty_like(issued), np.empty_like(issued)
+    gains = controller_gains(r.nominal)
+    first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
+    test = excitation(r.nominal, first + len(issued), gains[3])[first:]
+    run_controller(gains, packed(r.nominal).controller, issued, test, commands, derivative)
+    commands = np.repeat(commands, r.held)
+    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(error)]

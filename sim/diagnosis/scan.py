@@ -1,0 +1,151 @@
+"""First look at every hypothesis: what it could gain, to first order, from where its search should start.
+
+The gain of a cause whose response is proportional to its size is the projection of the residual on that response,
+everything already in the model projected out (score test; Rao 1948).  Others are tried at a few sizes.  Lines
+(`periodic_disturbance`) come from a periodogram weighted by the model's own response to an acceleration.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fit import NUISANCES, Cause, Fit, Problem
+from .hypotheses import PERIODIC, Hypothesis, Values
+from .model import Point, innovations
+
+IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
+CYCLES = 3.0            # of a line in the log, at least: slower ones are trims
+TOP = 0.8               # highest line over the Nyquist frequency
+LINES = 3               # strongest lines handed on
+OWN_LINE = 4.0          # bins of the periodogram around a line that belong to it
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with starting values and the gain [nats] they promise, before any penalty."""
+
+    hypothesis: Hypothesis
+    values: Values
+    gain: float
+
+
+class Projector:
+    """Residuals with what is already in the model projected out; `causes` False: a6 and k1 only."""
+
+    def __init__(self, problem: Problem, base: Fit, causes: bool = True) -> None:
+        slopes = base.slopes if causes else base.slopes[:, -NUISANCES:]
+        prior = np.zeros((NUISANCES, slopes.shape[1]))
+        prior[0, -2] = prior[1, -1] = 1.0 / problem.tolerance
+        self.residual = problem.residual(base.point)
+        basis, _ = np.linalg.qr(np.concatenate([slopes, prior]) / _norms(slopes))
+        self.basis = basis
+        self.rest = self.out(self.residual)
+
+    def out(self, vector: np.ndarray) -> np.ndarray:
+        """The part of a vector (3n + 2,) that the model's own numbers cannot make."""
+        return vector - self.basis @ (self.basis.T @ vector)
+
+
+def _norms(slopes: np.ndarray) -> np.ndarray:
+    return np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
+
+
+def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[Candidate]:
+    """The best start of every hypothesis that the log could show, best first; those without any gain are left out."""
+    project = Projector(problem, base)
+    found: list[Candidate] = []
+    for hypothesis in hypotheses:
+        if not hypothesis.visible(problem.record):
+            continue
+        if hypothesis.cause == PERIODIC.cause:
+            found += lines(problem, base)
+            continue
+        tries = _sized(problem, base, project, hypothesis) if hypothesis.sizes else \
+            _proportional(problem, base, project, hypothesis)
+        best = max(tries, key=lambda candidate: candidate.gain, default=None)
+        if best is not None and best.gain > 0.0:
+            found.append(best)
+    return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+def with_effect(base: Fit, cause: Cause) -> Point:
+    """The model with one more cause."""
+    point = base.point
+    return Point((*point.effects, cause.hypothesis.effect(cause.values)), point.delta_a6, point.delta_k1)
+
+
+def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis, shape: Values) -> np.ndarray:
+    """Change of the residual (3n + 2,) per unit of the size, at its neutral value."""
+    size = hypothesis.free[0]
+    cause = Cause(hypothesis, (hypothesis.neutral + size.step, *shape))
+    return (problem.residual(with_effect(base, cause)) - project.residual) / size.step
+
+
+def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
+    size, tries = hypothesis.free[0], []
+    for shape in hypothesis.shapes(problem.record):
+        change = project.out(response(problem, base, project, hypothesis, shape))
+        energy = float(change @ change)
+        if energy <= 0.0 or not math.isfinite(energy):
+            continue
+        slope = float(change @ project.rest)
+        amount = hypothesis.neutral - slope / energy
+        if size.low < amount < size.high:
+            tries.append(Candidate(hypothesis, (amount, *shape), 0.5 * slope * slope / energy))
+        else:
+            inside = min(max(amount, size.low), size.high)
+            moved = inside - hypothesis.neutral
+            tries.append(Candidate(hypothesis, (inside, *shape), -slope * moved - 0.5 * energy * moved * moved))
+    return tries
+
+
+def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
+    assert hypothesis.sizes is not None
+    cost, tries = float(project.rest @ project.rest), []
+    for size in hypothesis.sizes(problem.record):
+        rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, (size,)))))
+        tries.append(Candidate(hypothesis, (size,), 0.5 * (cost - float(rest @ rest))))
+    return tries
+
+
+# ---- lines
+
+
+def lines(problem: Problem, base: Fit) -> list[Candidate]:
+    """The strongest sinusoidal accelerations, by the gain each promises."""
+    record = problem.record
+    ticks = record.every // record.tick
+    rows = max(2, round(IMPULSE_SPACING / record.period))
+    extra = np.zeros(len(record.commands))
+    for k in range(0, record.rows - 1, rows):
+        extra[k * ticks:(k + 1) * ticks] = 1.0
+    moved = innovations(record, problem.filter, base.point, extra)[0]
+    impulse = base.whitened - problem.counted(problem.filter.whiten(moved))
+    size = 1 << (2 * record.rows - 1).bit_length()
+    score, energy = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
+    white = base.whitened
+    for first in range(0, record.rows - 1, rows):
+        part = slice(first, min(first + rows, record.rows))
+        transfer = np.fft.rfft(impulse[part], size, axis=0)
+        data = np.fft.rfft(white[part], size, axis=0)
+        turned = np.exp(-2j * math.pi * np.arange(size // 2 + 1) * first / size)[:, None]
+        score += np.sum(np.conj(transfer) * data * turned, axis=1)
+        energy += np.sum(np.abs(transfer)**2, axis=1) * (part.stop - part.start)
+    frequency = 2.0 * math.pi * np.arange(size // 2 + 1) / (size * record.period)
+    span = record.rows * record.period
+    power = np.abs(score)**2 / np.maximum(energy, 1e-300)
+    power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > TOP * math.pi / record.period)] = 0.0
+    start = record.t[0]
+    found = []
+    for _ in range(LINES):
+        k = int(np.argmax(power))
+        if power[k] <= 0.0:
+            break
+        phasor = 2.0 * score[k] / energy[k] * 1j * np.exp(-1j * frequency[k] * start)
+        values = (float(abs(phasor)), float(frequency[k]), float(np.angle(phasor)))
+        found.append(Candidate(PERIODIC, values, float(power[k])))
+        own = OWN_LINE * 2.0 * math.pi / span
+        power[np.abs(frequency - frequency[k]) < own] = 0.0
+    return found

@@ -1,0 +1,248 @@
+"""Which causes the log asks for: forward selection by profile likelihood, with joint refits, swaps and drops.
+
+Evidence of a cause: gain of the log-likelihood, everything refitted (the other causes, a6 and k1 within their
+tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwarz 1978).  The first cause must reach
+`threshold`, each further one an absolute limit: one that is relative to the first loses half of the second causes.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .fit import Cause, Fit, Problem, fit
+from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis
+from .model import Point, innovations
+from .noise import Dynamics, Filter, declared, dynamics, fit_levels, run_filter
+from .record import Record
+from .scan import Candidate, scan
+
+THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
+FURTHER = 22.0        # nats for each further one
+MOST_CAUSES = 3
+TRIED = 6             # candidates of a scan that are fitted
+PROFILED = 3          # of these, how many get their own noise levels; and all within NEAR of the best
+NEAR = 8.0            # nats
+PROMISING = 3.0       # nats after the penalty that a scan must promise
+ROUNDS = 3            # of alternating between causes and noise levels at most
+SETTLED = 0.1         # nats that a round must bring to go on
+WRONG_NOISE = 1.5     # factor of a level over the declared that makes the declared levels a second start
+REPEATABLE = ("bending", "gust", "periodic_disturbance", "slosh")  # there may be two of
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Causes with everything refitted: the fit, and the log-likelihood less the tolerance's prior."""
+
+    fit: Fit
+    log_likelihood: float
+    dynamics: Dynamics
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        return self.fit.causes
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One hypothesis in the ranking: its evidence [nats] after the penalty, and its values."""
+
+    cause: Cause
+    evidence: float
+
+
+@dataclass(eq=False)
+class Selection:
+    """What was found.
+
+    nominal    the model without further causes, noise fitted
+    model      with the causes found
+    evidence   of each cause of `model`: what is lost without it, everything else refitted, less its penalty
+    rivals     of each cause: the ranking of what could stand in its place, itself included
+    rankings   of each step, best first
+    """
+
+    nominal: Model
+    model: Model
+    evidence: list[float] = field(default_factory=list)
+    rivals: list[list[Ranked]] = field(default_factory=list)
+    rankings: list[list[Ranked]] = field(default_factory=list)
+
+
+def penalty(record: Record, hypothesis: Hypothesis) -> float:
+    """Schwarz's, of one cause [nats]."""
+    return 0.5 * len(hypothesis.free) * math.log(record.rows)
+
+
+def first_filter(record: Record, levels: np.ndarray) -> Filter:
+    """Gains for these levels before any innovations are known."""
+    return run_filter(record, dynamics(record, Point()), levels, record.z)
+
+
+def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
+            mask: np.ndarray | None = None) -> Model:
+    """Causes and noise levels fitted in turn until neither brings anything."""
+    causes, best, filt = tuple(causes), -math.inf, start
+    made: Model | None = None
+    for _ in range(ROUNDS):
+        fitted = fit(Problem(record, filt, mask), causes, delta)
+        dyn = dynamics(record, fitted.point)
+        new = fit_levels(record, dyn, fitted.innovations, filt, filt.levels, counts=mask)
+        prior = 0.5 * float(np.sum((fitted.delta / Problem(record, filt).tolerance)**2))
+        value = new.log_likelihood - prior
+        if made is None or value > best:
+            made = Model(fitted, value, dyn)
+        gained, best = value - best, max(best, value)
+        causes, delta, filt = fitted.causes, fitted.delta, new
+        if gained < SETTLED:
+            break
+    assert made is not None
+    return _settled(record, causes, delta, filt, made, mask)
+
+
+def _settled(record: Record, causes: tuple[Cause, ...], delta: np.ndarray, filt: Filter, made: Model,
+             mask: np.ndarray | None) -> Model:
+    """One last fit under the final gains, so that fit and filter belong together."""
+    fitted = fit(Problem(record, filt, mask), causes, delta, iterations=2)
+    rows = np.isfinite(fitted.innovations) if mask is None else np.isfinite(fitted.innovations) & mask[:, None]
+    log_likelihood = -fitted.cost - _constant(filt, rows)
+    return Model(fitted, log_likelihood, made.dynamics)
+
+
+def _constant(filt: Filter, measured: np.ndarray) -> float:
+    """1/2 (log det + count log 2 pi) of the whitening."""
+    diagonal = np.einsum("kaa->ka", filt.low)
+    return float(np.sum(np.log(diagonal[measured])) + 0.5 * math.log(2.0 * math.pi) * measured.sum())
+
+
+def as_simulated(record: Record) -> Model:
+    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like."""
+    levels = declared(record)
+    start = first_filter(record, levels)
+    models = [profile(record, (), np.zeros(2), start)]
+    e = innovations(record, start, Point())[0]
+    seen = levels.copy()
+    for k in range(3):
+        if np.isfinite(e[:, k]).any():
+            ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / 0.6745)
+            seen[k] *= ratio
+    seen[3:] *= 3.0
+    models.append(profile(record, (), np.zeros(2), first_filter(record, seen)))
+    return max(models, key=lambda model: model.log_likelihood)
+
+
+def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hypothesis] | None = None,
+           say: Say = lambda text: None) -> Selection:
+    """Find up to three causes."""
+    known = tuple(hypotheses) if hypotheses is not None else (*HYPOTHESES, PERIODIC)
+    say("noise levels")
+    nominal = as_simulated(record)
+    found = Selection(nominal, nominal)
+    while len(found.model.causes) < MOST_CAUSES:
+        say(f"cause {len(found.model.causes) + 1}: all hypotheses")
+        limit = threshold if not found.model.causes else max(FURTHER, threshold)
+        better = _next(record, found, known, limit)
+        if better is None:
+            break
+        found.model = better
+        if len(better.causes) > 1:
+            found.model = _dropped(record, _swapped(record, found, known), limit)
+    for k in range(len(found.model.causes)):
+        _stand_ins(record, found, known, k)
+    return found
+
+
+def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit: float) -> Model | None:
+    """The model with the best further cause, or None if none reaches the limit."""
+    base = found.model
+    allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in
+               {cause.hypothesis.cause for cause in base.causes}]
+    ranked = _ranking(record, base, allowed)
+    found.rankings.append([Ranked(model.causes[-1], evidence) for model, evidence in ranked])
+    if not ranked or ranked[0][1] < limit:
+        return None
+    return ranked[0][0]
+
+
+def _ranking(record: Record, base: Model, allowed: list[Hypothesis]) -> list[tuple[Model, float]]:
+    """Models with one more cause and its evidence, best first; the first few with their own noise levels."""
+    fits: list[tuple[Fit, float]] = []
+    for start in _starts(record, base):
+        problem = Problem(record, start.fit.filter)
+        promising = [c for c in scan(problem, start.fit, allowed)
+                     if c.gain - penalty(record, c.hypothesis) > PROMISING]
+        promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
+        for candidate in promising[:TRIED]:
+            fitted = _joined(problem, start.fit, candidate)
+            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
+    fits.sort(key=lambda pair: -pair[1])
+    models, seen = [], set()
+    for fitted, gain in fits:
+        name = fitted.causes[-1].hypothesis.cause
+        if name in seen or (len(models) >= PROFILED and gain < fits[0][1] - NEAR):
+            continue
+        seen.add(name)
+        model = profile(record, fitted.causes, fitted.delta, fitted.filter)
+        models.append((model, model.log_likelihood - base.log_likelihood
+                       - penalty(record, model.causes[-1].hypothesis)))
+    return sorted(models, key=lambda pair: -pair[1])
+
+
+def _starts(record: Record, base: Model) -> list[Model]:
+    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise."""
+    levels = declared(record)
+    if np.all(base.fit.filter.levels < WRONG_NOISE * levels):
+        return [base]
+    filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
+    fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)
+    return [base, Model(fitted, base.log_likelihood, base.dynamics)]
+
+
+def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:
+    causes = (*base.causes, Cause(candidate.hypothesis, candidate.values))
+    return fit(problem, causes, base.delta)
+
+
+def _swapped(record: Record, found: Selection, known: tuple[Hypothesis, ...]) -> Model:
+    """Each earlier cause against all others, now that the later ones are in."""
+    best = found.model
+    for k in range(len(best.causes) - 1):
+        others = best.causes[:k] + best.causes[k + 1:]
+        without = profile(record, others, best.fit.delta, best.fit.filter)
+        allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in {c.hypothesis.cause for c in others}]
+        for model, _ in _ranking(record, without, allowed)[:1]:
+            gain = model.log_likelihood - best.log_likelihood
+            gain -= penalty(record, model.causes[-1].hypothesis) - penalty(record, best.causes[k].hypothesis)
+            if gain > 1.0:
+                best = model
+    return best
+
+
+def _dropped(record: Record, model: Model, limit: float) -> Model:
+    """Without the causes that the others made needless."""
+    for k in range(len(model.causes) - 1):
+        others = model.causes[:k] + model.causes[k + 1:]
+        without = profile(record, others, model.fit.delta, model.fit.filter)
+        loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
+        if loss < limit:
+            return _dropped(record, without, limit) if len(others) > 1 else without
+    return model
+
+
+def _stand_ins(record: Record, found: Selection, known: tuple[Hypothesis, ...], k: int) -> None:
+    """Evidence of cause k, and the ranking of all that could stand in its place."""
+    model, cause = found.model, found.model.causes[k]
+    others = model.causes[:k] + model.causes[k + 1:]
+    if not others:
+        without, ranking = found.nominal, found.rankings[0]
+    else:
+        without = profile(record, others, model.fit.delta, model.fit.filter)
+        allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in {c.hypothesis.cause for c in others}]
+        ranking = [Ranked(made.causes[-1], evidence) for made, evidence in _ranking(record, without, allowed)]
+    own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
+    found.evidence.append(own)
+    found.rivals.append([Ranked(cause, own), *(each for each in ranking
+                                               if each.cause.hypothesis.cause != cause.hypothesis.cause)])

@@ -1,0 +1,341 @@
+"""The diagnosis of one log: the checks in their order, the verdict, and the contract's JSON of it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..effects import CATALOGUE
+from ..log import Log
+from ..nominal import Nominal
+from .controller_check import ControllerCheck, check_controller
+from .data_check import DataCheck, check
+from .extend import extended
+from .gain import Gain, held_out, on_another
+from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, Constancy, Leftover, constancy, leftovers
+from .hypotheses import Hypothesis
+from .limits import Isolability, Limit, limits
+from .model import predicted_attitude
+from .noise import LEVELS, declared, run_filter
+from .record import CHANNELS, Record, filled, record
+from .selection import THRESHOLD, Model, Ranked, Selection, first_filter, select
+
+SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
+SIGNIFICANT = 3.0      # standard deviations of a noise level
+LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
+FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
+CONTROLLER = "controller_mismatch"
+DECIDES = {
+    frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
+    frozenset({"thrust_misalignment", "steady_wind"}): "a flight in which a6 and k1 change differently",
+    frozenset({"thrust_misalignment", "attitude_bias"}): "a flight in which a6 and k1 change differently",
+    frozenset({"actuator_gain", "control_effectiveness"}): "the nozzle sensor",
+    frozenset({"actuator_bias", "thrust_misalignment"}): "the nozzle sensor",
+    frozenset({"actuator_bias", "steady_wind"}): "the nozzle sensor",
+    frozenset({"actuator_bias", "attitude_bias"}): "the nozzle sensor",
+}
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """One cause as reported.
+
+    values, std, units   of its parameters, in the catalogue's names
+    rivals               causes that explain the log as well, without itself
+    constancy            None for the controller's, which is exact
+    """
+
+    cause: str
+    values: dict[str, float | str]
+    std: dict[str, float]
+    units: dict[str, str]
+    rivals: tuple[str, ...]
+    evidence: float
+    constancy: Constancy | None
+
+    @property
+    def where(self) -> str:
+        return CATALOGUE[self.cause].where
+
+
+@dataclass(eq=False)
+class Diagnosis:
+    """Everything that was found; arrays and models for the report, words for the verdict.
+
+    doubts     why the best causes are not believed (unexplained), one line each
+    nearest    the best causes of an `unexplained` log: they are not its cause
+    """
+
+    log: Log
+    nominal: Nominal
+    data: DataCheck
+    verdict: str = "bad-data"
+    where: str | None = None
+    causes: tuple[Named, ...] = ()
+    nearest: tuple[Named, ...] = ()
+    doubts: tuple[str, ...] = ()
+    record: Record | None = None
+    selection: Selection | None = None
+    controller: ControllerCheck | None = None
+    left_nominal: tuple[Leftover, ...] = ()
+    left: tuple[Leftover, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    isolability: Isolability | None = None
+    noise: dict[str, dict[str, Any]] = field(default_factory=dict)
+    gain: Gain | None = None
+    extension: Nominal | None = None
+    proposal: Any = None
+    threshold: float = THRESHOLD
+
+
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
+             hypotheses: tuple[Hypothesis, ...] | None = None, say: Say = lambda text: None) -> Diagnosis:
+    """Why measurement and simulation part.
+
+    log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
+    threshold     [nats] of evidence for a first cause
+    hypotheses    to choose from; None: the catalogue
+    say           told what is being done
+    """
+    say("data check")
+    data = check(log, nominal)
+    made = Diagnosis(log, nominal, data, threshold=threshold)
+    if data.is_bad:
+        made.where = "data"
+    if data.usable.sum() < 2:
+        return made
+    r, made.controller = with_commands(record(log, nominal, data))
+    made.record = r
+    made.selection = select(r, threshold, hypotheses, say)
+    say("goodness")
+    _judge(made, holdout, say)
+    say("detection limits")
+    found, made.isolability = limits(r, made.selection.model, threshold)
+    made.limits = tuple(found)
+    made.noise = noise_of(made.selection.model)
+    if data.is_bad:
+        made.verdict, made.where = "bad-data", "data"
+        made.causes, made.gain, made.extension = (), None, None
+    return made
+
+
+def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
+    """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
+    slow = r.every > r.tick and r.input == "beta_cmd" and r.nominal.controller is not None
+    if not slow or not np.isfinite(r.reference).any():
+        return r, check_controller(r)
+    checked = None
+    for _ in range(FILLINGS):
+        attitude = predicted_attitude(r, first_filter(r, declared(r)))
+        checked = check_controller(r, attitude)
+        if checked is None or checked.kind == "unknown":
+            return r, checked
+        r = filled(r, attitude, checked.kp_scale, checked.kd_scale)
+    return r, checked
+
+
+def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
+    """Verdict, place, causes, gain."""
+    r, selection, controller = made.record, made.selection, made.controller
+    assert r is not None and selection is not None
+    model, nominal = selection.model, selection.nominal
+    named = tuple(_named(selection, k) for k in range(len(model.causes)))
+    made.left = tuple(leftovers(model))
+    made.left_nominal = made.left if model is nominal else tuple(leftovers(nominal))
+    doubts = _doubts(named, made.left)
+    if controller is not None and controller.kind not in ("none",) and not controller.is_named:
+        doubts.append(f"the logged command is not the nominal controller's ({_controller_words(controller)})")
+    by_controller = controller is not None and controller.is_named
+    if (named or by_controller) and not doubts:
+        say("held-out gain")
+        made.gain = _gain_of(made, holdout)
+        if named and not made.gain.nats > 0.0:
+            doubts.append(f"on data left out of the fit the causes lose {-made.gain.nats:.0f} nats")
+    if doubts:
+        made.verdict, made.doubts, made.nearest = "unexplained", tuple(doubts), named
+        made.where = _place(made)
+        if made.gain is None:
+            made.gain = _gain_of(made, holdout) if named else None
+        return
+    causes = list(named)
+    if by_controller:
+        assert controller is not None
+        causes.append(_mismatch(controller))
+    causes.sort(key=lambda cause: -cause.evidence)
+    made.causes = tuple(causes)
+    made.verdict = "explained" if causes else "consistent"
+    made.where = causes[0].where if causes else None
+    if causes:
+        made.extension = extended(made.nominal, model.causes, r.shift, controller)
+
+
+def _gain_of(made: Diagnosis, holdout: Log | None) -> Gain:
+    assert made.record is not None and made.selection is not None
+    model, nominal = made.selection.model, made.selection.nominal
+    if holdout is not None:
+        data = check(holdout, made.nominal)
+        return on_another(made.record, with_commands(record(holdout, made.nominal, data))[0], model, nominal)
+    return held_out(made.record, model, nominal)
+
+
+def _named(selection: Selection, k: int) -> Named:
+    model = selection.model
+    cause, std = model.causes[k], model.fit.std(k)
+    names = [free.name for free in cause.hypothesis.free]
+    values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
+    return Named(cause.hypothesis.cause, values,
+                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in names},
+                 _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k))
+
+
+def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
+    """Causes within SET of the best in the same place of the model."""
+    if not ranking:
+        return ()
+    best = max(each.evidence for each in ranking)
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - SET]
+    return tuple(dict.fromkeys(each for each in near if each != name))
+
+
+def _mismatch(controller: ControllerCheck) -> Named:
+    values: dict[str, float | str] = {"kp_scale": controller.kp_scale, "kd_scale": controller.kd_scale,
+                                      "delay": controller.delay}
+    std = dict(zip(values, controller.std, strict=True))
+    return Named(CONTROLLER, values, std, {"kp_scale": "", "kd_scale": "", "delay": "s"}, (), controller.evidence, None)
+
+
+def _doubts(named: tuple[Named, ...], left: tuple[Leftover, ...]) -> list[str]:
+    doubts = []
+    for each in named:
+        if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
+            doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
+                          f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
+    if left and left[0].gain > LEFTOVER_LIMIT:
+        doubts.append(f"a disturbance of unknown shape at the {left[0].disturbance.place} explains {left[0].gain:.0f} "
+                      f"nats more (limit {LEFTOVER_LIMIT:.0f})")
+    return doubts
+
+
+def _controller_words(controller: ControllerCheck) -> str:
+    if controller.time_constant is not None:
+        return f"a derivative time constant of {controller.time_constant:.4g} s would explain it"
+    return f"{controller.before:.2g} rad rms apart, {controller.after:.2g} after the best gains and delay"
+
+
+def _place(made: Diagnosis) -> str:
+    """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
+    place of the nearest cause where that explains more."""
+    assert made.selection is not None
+    if made.controller is not None and made.controller.kind not in ("none",) and not made.controller.is_named:
+        return "controller"
+    best = max(made.left_nominal, key=lambda leftover: leftover.gain)
+    if made.nearest:
+        strongest = max(made.nearest, key=lambda cause: cause.evidence)
+        if strongest.evidence > best.gain:
+            return strongest.where
+    return best.where
+
+
+def noise_of(model: Model) -> dict[str, dict[str, Any]]:
+    """Each level over the declared, and whether it differs beyond doubt."""
+    r, fitted = model.fit.record, model.fit
+    base = declared(r)
+    found: dict[str, dict[str, Any]] = {}
+    values = {}
+    for k, name in enumerate(LEVELS):
+        if (name in CHANNELS and name not in r.channels) or (name == "command" and not r.command_is_known):
+            continue
+        for sign in (-1.0, 0.0, 1.0):
+            levels = fitted.filter.levels.copy()
+            levels[k] *= math.exp(sign * LEVEL_STEP)
+            values[sign] = run_filter(r, model.dynamics, levels, fitted.innovations, fitted.filter).log_likelihood
+        curvature = (2.0 * values[0.0] - values[-1.0] - values[1.0]) / LEVEL_STEP**2
+        std = 1.0 / math.sqrt(curvature) if curvature > 0.0 else math.inf
+        factor = float(fitted.filter.levels[k] / base[k])
+        found[name] = {"factor": factor, "std": std * factor if math.isfinite(std) else None,
+                       "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std)}
+    return found
+
+
+# ---- JSON
+
+
+def report(made: Diagnosis) -> dict[str, Any]:
+    """The contract's diagnose JSON, and more."""
+    selection = made.selection
+    return {
+        "verdict": made.verdict, "where": made.where,
+        "causes": [_cause_json(cause) for cause in made.causes],
+        "noise": made.noise,
+        "limits": {each.cause: _limit_json(each) for each in made.limits},
+        "gain": _gain_json(made.gain) if made.verdict in ("explained", "unexplained") else None,
+        "doubts": list(made.doubts),
+        "nearest": [_nearest_json(cause) for cause in made.nearest],
+        "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
+                 "faults": [fault.__dict__ for fault in made.data.faults]},
+        "controller": _controller_json(made.controller),
+        "leftover": [{"place": each.disturbance.place, "nats": number(each.gain)} for each in made.left],
+        "ranking": [] if selection is None else
+        [[{"cause": each.cause.hypothesis.cause, "evidence": number(each.evidence)} for each in step]
+         for step in selection.rankings],
+        "look_alikes": [] if made.isolability is None else
+        [{"causes": [a, b], "cosine": round(c, 4)} for a, b, c in made.isolability.pairs(0.9)],
+        "threshold": made.threshold,
+        "deviation": None if selection is None else {"a6": float(selection.model.fit.delta[0]),
+                                                     "k1": float(selection.model.fit.delta[1])},
+    }
+
+
+def number(x: float) -> float | None:
+    """A JSON number: null for what is not finite."""
+    return float(x) if math.isfinite(x) else None
+
+
+def _cause_json(cause: Named) -> dict[str, Any]:
+    evidence: dict[str, Any] = {"nats": number(cause.evidence)}
+    if cause.constancy is not None:
+        evidence["constancy_chi_squared"] = number(cause.constancy.chi_squared)
+    parameters: dict[str, Any] = {}
+    for name, value in cause.values.items():
+        parameters[name] = {"value": value if isinstance(value, str) else number(value),
+                            "std": number(cause.std[name]) if name in cause.std else None,
+                            "unit": cause.units.get(name, "term")}
+    decides = [what for pair, what in DECIDES.items() if cause.cause in pair and pair & set(cause.rivals)]
+    return {"cause": cause.cause, "where": cause.where, "parameters": parameters,
+            "indistinguishable_from": list(cause.rivals), "would_decide": list(dict.fromkeys(decides)),
+            "evidence": evidence}
+
+
+def _nearest_json(cause: Named) -> dict[str, Any]:
+    return {"resembles": cause.cause, "nats": number(cause.evidence)}
+
+
+def _limit_json(limit: Limit) -> dict[str, Any]:
+    return {"parameter": limit.parameter, "unit": limit.unit, "size": limit.size,
+            "neutral": number(limit.neutral), "at": dict(limit.at)}
+
+
+def _controller_json(check_: ControllerCheck | None) -> dict[str, Any] | None:
+    if check_ is None:
+        return None
+    return {"mismatch": check_.kind, "rms_before": check_.before, "rms_after": check_.after,
+            "time_constant": check_.time_constant}
+
+
+def _gain_json(gain: Gain | None) -> dict[str, Any] | None:
+    if gain is None:
+        return None
+    table = {f"{horizon:g}": {channel: {"before": number(b), "after": number(a)} for channel, (b, a) in row.items()}
+             for horizon, row in gain.nrmse.items()}
+    first = gain.nrmse[1.0].get("theta", (math.nan, math.nan))
+    return {"horizon": 1.0, "held_out": True, "channels": table["1"], "before": number(first[0]),
+            "after": number(first[1]), "horizons": table, "nats": number(gain.nats), "source": gain.source,
+            "log_likelihood_per_row": {"before": number(gain.log_likelihood[0]),
+                                       "after": number(gain.log_likelihood[1])},
+            "closed_loop": None if gain.closed_loop is None else
+            {"before": number(gain.closed_loop[0]), "after": number(gain.closed_loop[1]), "unit": "rad"}}
+

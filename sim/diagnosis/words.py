@@ -1,0 +1,140 @@
+"""A diagnosis in plain words, for the terminal and the report's first lines."""
+
+import math
+
+from .verdict import DECIDES, Diagnosis, Named
+
+MEANING = {
+    "control_effectiveness": "the nozzle turns the vehicle with {scale} of the k1 the simulation believes",
+    "control_loss": "k1 drops by {fraction} at {time}",
+    "aero_instability": "a6 is {scale} of what the simulation believes",
+    "aero_damping": "the rotation is damped by {coefficient}, which the simulation lacks",
+    "aero_cubic": "the aerodynamic moment is not proportional to the angle: cubic coefficient {coefficient}",
+    "friction": "dry friction of {coefficient} opposes the rotation",
+    "thrust_misalignment": "the thrust is {angle} off the nozzle's axis",
+    "slosh": "propellant sloshes at {frequency} (coupling {coupling}, damping ratio {damping_ratio})",
+    "bending": "the structure bends at {frequency} (gain {gain}, damping ratio {damping_ratio})",
+    "gust": "a gust of {angle} hits at {time} for {duration}",
+    "steady_wind": "a steady wind adds {angle} to the angle of attack",
+    "periodic_disturbance": "a moment of {amplitude} oscillates at {frequency}",
+    "actuator_delay": "the actuator answers {delay} later than simulated",
+    "actuator_bandwidth": "the servo's natural frequency is {scale} of the simulated one",
+    "actuator_gain": "the servo moves {scale} of what is commanded",
+    "actuator_rate_limit": "the nozzle cannot move faster than {rate}",
+    "actuator_backlash": "the servo has a play of +-{half_width}",
+    "actuator_bias": "the servo's null is off by {angle}",
+    "attitude_bias": "the attitude sensor reads {angle} too much",
+    "attitude_delay": "the attitude is measured {delay} late",
+    "gyro_bias": "the gyro reads {rate} too much",
+    "gyro_scale": "the gyro's scale factor is {scale}",
+    "gyro_delay": "the gyro is {delay} late",
+    "nozzle_sensor_bias": "the nozzle sensor reads {angle} too much",
+    "controller_mismatch": "the controller on board is not the nominal's: kp times {kp_scale}, kd times {kd_scale}, "
+                           "computing time {delay}",
+    "missing_term": "the rotation lacks a term: {coefficient} {term}",
+}
+DEGREES = ("rad", "rad/s", "rad/s^2")
+
+
+def amount(value: float | str, std: float | None, unit: str) -> str:
+    """A value with its 95 % half-width; angles in degrees too."""
+    if isinstance(value, str):
+        return value
+    spread = "" if std is None or not math.isfinite(std) else f" +- {1.96 * std:.2g}"
+    degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in DEGREES and value else ""
+    return f"{value:.4g}{spread}{' ' + unit if unit else ''}{degrees}"
+
+
+def sentence(cause: Named) -> str:
+    """What a cause means, with its size."""
+    values = {name: amount(value, cause.std.get(name), cause.units.get(name, ""))
+              for name, value in cause.values.items()}
+    return MEANING[cause.cause].format(**values)
+
+
+def would_decide(cause: Named) -> list[str]:
+    """Measurements that would tell a cause from its look-alikes."""
+    found = [what for pair, what in DECIDES.items() if cause.cause in pair and pair & set(cause.rivals)]
+    return list(dict.fromkeys(found))
+
+
+def headline(made: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    if made.verdict == "bad-data":
+        return f"BAD DATA: {len(made.data.faults)} fault(s) in the log; nothing about the vehicle is claimed."
+    if made.verdict == "consistent":
+        return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
+    if made.verdict == "unexplained":
+        return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
+    causes = " and ".join(" or ".join((cause.cause, *cause.rivals)) for cause in made.causes)
+    return f"EXPLAINED ({made.where}): {causes}."
+
+
+def lines(made: Diagnosis) -> list[str]:
+    """The whole verdict for a terminal."""
+    said = [headline(made)]
+    said += [f"  {fault.message}" for fault in made.data.faults]
+    for cause in made.causes:
+        said.append(f"  {cause.cause}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
+        if cause.rivals:
+            decides = would_decide(cause)
+            said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"
+                        + (f"; what would: {' or '.join(decides)}" if decides else ""))
+    said += [f"  doubt: {doubt}" for doubt in made.doubts]
+    for cause in made.nearest:
+        said.append(f"  nearest (not the cause): resembles {cause.cause}, {cause.evidence:.0f} nats")
+    if made.proposal is not None:
+        said.append(f"  proposal: {made.proposal}")
+    said += _gain_lines(made) + _ranking_lines(made) + _noise_lines(made) + _limit_lines(made)
+    return said
+
+
+def _gain_lines(made: Diagnosis) -> list[str]:
+    gain = made.gain
+    if gain is None:
+        return []
+    said = [f"gain on {gain.source} (nothing fitted to them): {gain.nats:.0f} nats; prediction error over its change,",
+            f"  {'horizon':>8}  " + "  ".join(f"{channel:>22}" for channel in gain.nrmse[1.0])]
+    for horizon, row in gain.nrmse.items():
+        said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.4f} -> {after:<9.4f}"
+                                                       for before, after in row.values()))
+    if gain.closed_loop is not None:
+        said.append(f"  closed loop simulated again: attitude error {gain.closed_loop[0]:.3g} -> "
+                    f"{gain.closed_loop[1]:.3g} rad rms")
+    return said
+
+
+def _ranking_lines(made: Diagnosis) -> list[str]:
+    if made.selection is None or not made.selection.rankings or not made.selection.rankings[0]:
+        return []
+    said = [f"ranking (nats of evidence after the penalty; {made.threshold:.0f} needed)"]
+    for each in made.selection.rankings[0]:
+        values = ", ".join(f"{free.name} {value:.4g}" for free, value in
+                           zip(each.cause.hypothesis.free, each.cause.values, strict=True))
+        said.append(f"  {each.cause.hypothesis.cause:<24}{each.evidence:>10.1f}  {values}")
+    return said
+
+
+def _noise_lines(made: Diagnosis) -> list[str]:
+    if not made.noise:
+        return []
+    levels = ", ".join(f"{name} x{level['factor']:.2f}{' (differs)' if level['significant'] else ''}"
+                       for name, level in made.noise.items())
+    return [f"noise over the nominal's: {levels}"]
+
+
+def _limit_lines(made: Diagnosis) -> list[str]:
+    if not made.limits:
+        return []
+    seen = [limit for limit in made.limits if limit.size is not None]
+    blind = [limit.cause for limit in made.limits if limit.size is None]
+    said = ["could not have been seen below (even odds):"]
+    for limit in seen:
+        assert limit.size is not None
+        at = ", ".join(f"{name} {value:.4g}" for name, value in limit.at)
+        away = "" if limit.neutral == 0.0 or math.isinf(limit.neutral) else f" from {limit.neutral:g}"
+        where = f" ({at})" if at else ""
+        said.append(f"  {limit.cause:<24}{limit.parameter} {limit.size:.2g} {limit.unit}{away}{where}")
+    if blind:
+        said.append(f"  not at all: {', '.join(blind)}")
+    return said
