@@ -87,6 +87,8 @@ def parser() -> Parser:
     sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
     sub.add_argument("--holdout", metavar="LOG2.csv", help="a second log, to judge the extended model on")
     sub.add_argument("--json", metavar="PATH|-")
+    sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
+                     help="measure the threshold on N clean flights of the nominal along this log (cached)")
     sub.add_argument("--report", metavar="DIR", help="folder for report.html, verdict.json, extension.toml, figures")
     sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
@@ -170,9 +172,10 @@ def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
     from .diagnosis.verdict import diagnose, report
     from .diagnosis.words import lines
+    at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
-    made = diagnose(log, nominal, holdout, say=progress)
+    made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
     progress("")
     result = report(made)
     if args.report:

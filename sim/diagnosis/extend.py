@@ -16,10 +16,16 @@ def extended(nominal: Nominal, causes: Iterable[Cause], shift: float = 0.0,
     shift  [s] log's clock less the grid's: times of effects are written in the log's clock
     """
     effects = [_in_log_time(cause, shift) for cause in causes]
-    if controller is not None and controller.is_named:
-        effects.append(effect("controller_mismatch", kp_scale=controller.kp_scale, kd_scale=controller.kd_scale,
-                              delay=controller.delay))
+    effects += of_controller(controller)
     return replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects))
+
+
+def of_controller(controller: ControllerCheck | None) -> list[Effect]:
+    """The controller's mismatch as an effect, if it is one."""
+    if controller is None or not controller.is_named:
+        return []
+    return [effect("controller_mismatch", kp_scale=controller.kp_scale, kd_scale=controller.kd_scale,
+                   delay=controller.delay)]
 
 
 def _in_log_time(cause: Cause, shift: float) -> Effect:

@@ -280,7 +280,8 @@ def ranking(made: Diagnosis) -> Figure | None:
         bars = axis.barh(place, values, height=0.66, edgecolor="0.2", linewidth=0.6,
                          color=["#12355b" if value >= needed and n == 0 else "0.82" for n, value in enumerate(values)])
         axis.bar_label(bars, [str(round(value)) for value in values], padding=3, fontsize=8)
-        axis.set_yticks(place, [each.cause.hypothesis.cause for each in step], fontsize=8)
+        axis.set_yticks(place, [" ".join((each.cause.hypothesis.cause, *dict(each.cause.hypothesis.fixed).values()))
+                              for each in step], fontsize=8)
         axis.axvline(needed, color="0.0", linestyle="--", linewidth=1.2)
         axis.set_title(f"cause {k + 1}: {needed:.0f} nats needed (dashed)", fontsize=9, loc="left")
         low, high = min(0.0, *values), max(needed, *values)
@@ -376,12 +377,11 @@ def disturbance(made: Diagnosis) -> Figure | None:
 
 def faults(made: Diagnosis) -> Figure | None:
     """The columns as logged, and where the data check found fault; only for a log that is bad."""
-    log = made.log
+    log, fair = made.log, np.isfinite(made.log.t)
     columns = [name for name in (*CHANNELS, "beta_cmd", "theta_ref") if np.isfinite(getattr(log, name)).any()]
-    if made.verdict != "bad-data" or not columns or len(log.t) < 2:
+    if made.verdict != "bad-data" or not columns or fair.sum() < 2:
         return None
     figure, axes = _axes(len(columns), 1, (9.4, 0.8 + 1.3 * len(columns)), sharex=True)
-    fair = np.isfinite(log.t)
     for axis, name in zip(axes[:, 0], columns, strict=True):
         axis.plot(log.t[fair], getattr(log, name)[fair], color="0.25", linewidth=0.8)
         axis.set_ylabel(f"{name}\n[{UNITS.get(name, 'rad')}]", fontsize=9)

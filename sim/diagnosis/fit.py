@@ -21,7 +21,8 @@ NUISANCES = 2          # relative deviations of a6 and k1
 NUISANCE_STEP = 1e-3
 ITERATIONS = 12
 SMALL_GAIN = 0.02      # nats: what an iteration must bring to go on
-RUNAWAY = 1.0e12       # cost of a model that does not stay with the log
+RESOLVED = 0.49        # rad a step, of an oscillation's frequency (`sim.effects.catalogue` refuses 0.5)
+SERVO_RESOLVED = 0.9  # rad a step, of the servo: Runge-Kutta 4 stays stable up to 2.7
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
 
 
@@ -85,17 +86,28 @@ def pack_values(causes: Sequence[Cause], delta: np.ndarray) -> np.ndarray:
     return np.array([*packed, *delta])
 
 
-def unpack_values(causes: Sequence[Cause], x: np.ndarray) -> tuple[tuple[Cause, ...], np.ndarray]:
-    """The other way, cut to the ranges."""
+def unpack_values(causes: Sequence[Cause], x: np.ndarray, record: Record) -> tuple[tuple[Cause, ...], np.ndarray]:
+    """The other way, cut to the ranges and to what the record's step resolves."""
     made, k = [], 0
     for cause in causes:
         values = []
         for free in cause.hypothesis.free:
             value = math.exp(min(x[k], 50.0)) if free.logarithmic else float(x[k])
-            values.append(min(max(value, free.low), free.high))
+            values.append(min(max(value, free.low), free.high, _resolved(cause.hypothesis, free.name, record)))
             k += 1
         made.append(Cause(cause.hypothesis, tuple(values)))
     return tuple(made), np.clip(x[k:k + NUISANCES], -0.9, 0.9)
+
+
+def _resolved(hypothesis: Hypothesis, name: str, record: Record) -> float:
+    """The largest value of a parameter that the integration step resolves, and the log's end for a time."""
+    if name == "time":
+        return float(record.t[-1])
+    if name == "frequency":
+        return RESOLVED / record.resolution
+    if hypothesis.cause == "actuator_bandwidth":
+        return SERVO_RESOLVED / (record.step * record.actuator.natural_frequency)
+    return math.inf
 
 
 def steps_of(causes: Sequence[Cause]) -> np.ndarray:
@@ -118,7 +130,7 @@ class Problem:
         """(whitened (n, 3), innovations, states, stayed with the log)."""
         e, states, stayed = innovations(self.record, self.filter, point)
         white = self.filter.whiten(e)
-        if not stayed:
+        if not stayed or not np.all(np.isfinite(white)):
             white[:] = WORST_WHITE
         np.clip(white, -WORST_WHITE, WORST_WHITE, out=white)
         return self.counted(white), e, states, stayed
@@ -142,7 +154,7 @@ class Problem:
             moved = x.copy()
             for signed in (step, -step):
                 moved[k] = x[k] + signed
-                made, d = unpack_values(causes, moved)
+                made, d = unpack_values(causes, moved, self.record)
                 if abs(pack_values(made, d)[k] - x[k]) > 0.5 * step:
                     jacobian[:, k] = (self.residual(point_of(made, d)) - r) / signed
                     break
@@ -157,11 +169,13 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     jacobian = problem.slopes(causes, delta, r)
     for _ in range(iterations):
         hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
-        scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian))
+        scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian)) + 1e-300
         x, moved = pack_values(causes, delta), None
         while damping < 1e6:
             step = -np.linalg.solve(hessian + damping * np.diag(scale), slope)
-            made, d = unpack_values(causes, x + step)
+            if not np.all(np.isfinite(step)):
+                break
+            made, d = unpack_values(causes, x + step, problem.record)
             new_r = problem.residual(point_of(made, d))
             new_cost = 0.5 * float(new_r @ new_r)
             if new_cost < cost:

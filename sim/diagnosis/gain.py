@@ -10,14 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..effects import Effect
 from ..errors import InputError
 from ..flight import fly_whole
 from ..nominal import Nominal
 from ..sections import Guidance
-from .fit import Cause, Fit, Problem, fit, point_of
+from .fit import Cause, Fit, Problem, fit
 from .hypotheses import Hypothesis
 from .model import Point, innovations, prediction_errors
-from .noise import Filter, dynamics, fit_levels
+from .noise import Filter, dynamics, fit_levels, run_filter
 from .record import CHANNELS, Record
 from .scan import scan
 from .selection import Model, first_filter
@@ -78,8 +79,8 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
     return fit(Problem(record, filt, mask), fitted.causes, fitted.delta, iterations=3), filt
 
 
-def held_out(record: Record, model: Model, nominal: Model) -> Gain:
-    """On blocked folds of the log itself."""
+def held_out(record: Record, model: Model, nominal: Model, further: Sequence[Effect] = ()) -> Gain:
+    """On blocked folds of the log itself; `further` effects fly in the closed loop only (the controller's)."""
     causes = [cause.hypothesis for cause in model.causes]
     totals, errors, changes = np.zeros(2), [], []
     for mask in folds(record):
@@ -89,20 +90,22 @@ def held_out(record: Record, model: Model, nominal: Model) -> Gain:
         made, change = _errors(record, pair, left_out)
         errors.append(made)
         changes.append(change)
-    return _gain(record, totals, np.concatenate(errors, axis=1), np.concatenate(changes), model, "blocked folds")
+    errors_, changes_ = np.concatenate(errors, axis=1), np.concatenate(changes)
+    return _gain(record, totals, errors_, changes_, (*model.fit.point.effects, *further), "blocked folds")
 
 
-def on_another(record: Record, other: Record, model: Model, nominal: Model) -> Gain:
+def on_another(other: Record, model: Model, nominal: Model, further: Sequence[Effect] = ()) -> Gain:
     """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted."""
     everything = np.ones(other.rows, bool)
     pair = []
     for each in (nominal, model):
-        filt = first_filter(other, each.fit.filter.levels)
-        delta = np.zeros(2)
-        pair.append(Trained(point_of(each.causes, delta), filt))
+        point = each.fit.point
+        start = first_filter(other, each.fit.filter.levels)
+        e, _, _ = innovations(other, start, point)
+        pair.append(Trained(point, run_filter(other, dynamics(other, point), start.levels, e, start)))
     totals = np.array([log_likelihood(other, each, everything) for each in pair])
     errors, change = _errors(other, (pair[0], pair[1]), everything)
-    return _gain(other, totals, errors, change, model, "a second log")
+    return _gain(other, totals, errors, change, (*model.fit.point.effects, *further), "a second log")
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -133,8 +136,8 @@ def _errors(record: Record, pair: tuple[Trained, Trained], rows: np.ndarray) -> 
     return made, change
 
 
-def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.ndarray, model: Model,
-          source: str) -> Gain:
+def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.ndarray,
+          effects: Sequence[Effect], source: str) -> Gain:
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     for h, horizon in enumerate(HORIZONS):
         nrmse[horizon] = {}
@@ -143,7 +146,7 @@ def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.nd
             if channel in record.channels and scale > 0.0:
                 nrmse[horizon][channel] = (_rms(errors[0, :, h, c]) / scale, _rms(errors[1, :, h, c]) / scale)
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                closed_loop_errors(record, point_of(model.causes, np.zeros(2))), source)
+                closed_loop_errors(record, effects), source)
 
 
 def _rms(x: np.ndarray) -> float:
@@ -151,14 +154,14 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else math.nan
 
 
-def closed_loop_errors(record: Record, point: Point) -> tuple[float, float] | None:
+def closed_loop_errors(record: Record, extension: Sequence[Effect]) -> tuple[float, float] | None:
     """RMS of measured less simulated attitude [rad], nominal and extended, mean over noise draws; None where the
     nominal cannot fly this log (no controller, no reference, a shifted clock)."""
     flown = as_flown(record)
     if flown is None:
         return None
     found = []
-    for effects in ((), point.effects):
+    for effects in ((), tuple(extension)):
         errors = []
         for seed in range(DRAWS):
             theta = simulated(record, flown, effects, seed)
@@ -182,10 +185,10 @@ def as_flown(record: Record) -> Nominal | None:
                    simulation=replace(nominal.simulation, duration=duration))
 
 
-def simulated(record: Record, flown: Nominal, effects: Sequence[object], seed: int) -> np.ndarray:
+def simulated(record: Record, flown: Nominal, effects: Sequence[Effect], seed: int) -> np.ndarray:
     """Attitude [rad] of one closed-loop flight, at the log's period."""
     try:
-        flight = fly_whole(flown, seed, "flight", record.period, effects=effects)  # type: ignore[arg-type]
+        flight = fly_whole(flown, seed, "flight", record.period, effects=effects)
     except InputError:
         return np.zeros(0)
     return flight.theta

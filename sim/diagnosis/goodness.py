@@ -12,14 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .fit import Problem
 from .noise import Disturbance, Filter, fit_levels, run_filter
 from .record import CHANNELS, Record
 from .scan import _norms
 from .selection import Model
+from .shapes import shape_gains
 
 SEGMENTS = 8
 CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
+SHAPE_LIMIT = 15.0         # nats of one of forty shapes: noise reaches it once in 1e6 logs
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
          "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
@@ -72,10 +75,14 @@ def constancy(model: Model, index: int) -> Constancy:
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What a generic disturbance at one place gains [nats] beside the model."""
+    """What a generic disturbance at one place gains [nats] beside the model.
+
+    shape  "" for a stochastic one, else the signal it is proportional to (then `std` is its RMS)
+    """
 
     disturbance: Disturbance
     gain: float
+    shape: str = ""
 
     @property
     def where(self) -> str:
@@ -83,15 +90,23 @@ class Leftover:
 
 
 def leftovers(model: Model) -> list[Leftover]:
-    """Of every place the log can show, the best first; levels of the noise refitted for the best of each place."""
+    """Of every place the log can show the stochastic disturbance and the shape that gain most, the best first."""
     record = model.fit.record
     places = ["plant", *(["actuator"] if record.command_is_known else []), *record.channels]
     found = []
     for place in places:
         tried = [_best_size(record, model, place, tau) for tau in TIME_CONSTANTS]
         found.append(max(tried, key=lambda leftover: leftover.gain))
-    return sorted((_relevelled(record, model, each) if each.gain > RELEVELLED else each for each in found),
-                  key=lambda leftover: -leftover.gain)
+    found = [_relevelled(record, model, each) if each.gain > RELEVELLED else each for each in found]
+    return sorted([*found, *_shaped(model)], key=lambda leftover: -leftover.gain)
+
+
+def _shaped(model: Model) -> list[Leftover]:
+    """The shape of each place that gains most."""
+    best: dict[str, Leftover] = {}
+    for place, name, amplitude, gain in shape_gains(Problem(model.fit.record, model.fit.filter), model.fit):
+        best.setdefault(place, Leftover(Disturbance(place, abs(amplitude), math.inf), gain, name))
+    return list(best.values())
 
 
 def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:

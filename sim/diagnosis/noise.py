@@ -5,6 +5,7 @@ The factors maximise the likelihood of the log (Ljung, System Identification, 2n
 around the declared ones, so that a level the log does not show stays as declared.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ FLOOR = (1e-6, 1e-6, 1e-6, 1e-6, 1e-6)  # rad, rad/s, rad, rad, rad/s^2: declare
 START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
 TOLERANCE = 0.02       # of a log factor: levels are found to 2 %
 ITERATIONS = 12
+SMALL_GAIN = 0.03      # nats that an iteration must bring to go on
 STEP = 0.05            # of a log factor, for slopes
 TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
 
@@ -232,7 +234,6 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     reference = declared(record)
     free = [k for k in range(5) if k >= 3 or np.isfinite(base[:, k]).any()]
     if not record.command_is_known:
-        reference = reference.copy()
         reference[3] = max(reference[3], float(np.nanstd(np.diff(record.commands))))
 
     def value(x: np.ndarray) -> tuple[float, Filter]:
@@ -241,8 +242,9 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
 
     x = np.clip(np.log(start / reference), np.log(SMALLEST), np.log(LARGEST))
     best, result = value(x)
-    for _ in range(ITERATIONS):
-        step = _newton_step(value, x, best, free)
+    curvature = np.zeros(5)
+    for iteration in range(ITERATIONS):
+        step, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
         size = 1.0
         while size > 0.05:
             trial = np.clip(x + size * step, np.log(SMALLEST), np.log(LARGEST))
@@ -254,20 +256,29 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
             return result
         moved, gained = float(np.max(np.abs(trial - x))), new - best
         x, best, result = trial, new, new_result
-        if moved < TOLERANCE or gained < 0.02:
+        if moved < TOLERANCE or gained < SMALL_GAIN:
             return result
     return result
 
 
-def _newton_step(value, x: np.ndarray, best: float, free: list[int]) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Ascent direction: each level's own slope over its own curvature (they are nearly independent)."""
-    step = np.zeros(len(x))
+Value = Callable[[np.ndarray], tuple[float, Filter]]
+
+
+def _newton_step(value: Value, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
+                 anew: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Ascent direction: each level's own slope over its own curvature (they are nearly independent).
+
+    curvature  (5,) of the last step; made anew by central differences, or kept for one-sided ones
+    """
+    step, curvature = np.zeros(len(x)), curvature.copy()
     for k in free:
-        up, down = x.copy(), x.copy()
-        up[k] += STEP
-        down[k] -= STEP
-        high, low = value(up)[0], value(down)[0]
-        slope = (high - low) / (2.0 * STEP)
-        curvature = (high - 2.0 * best + low) / STEP**2
-        step[k] = slope / max(-curvature, 1.0 / PRIOR**2) if curvature < 0.0 else np.sign(slope) * 0.5
-    return np.clip(step, -1.5, 1.5)
+        moved = x.copy()
+        moved[k] += STEP
+        high = value(moved)[0]
+        if anew:
+            moved[k] = x[k] - STEP
+            low = value(moved)[0]
+            curvature[k] = (high - 2.0 * best + low) / STEP**2
+        slope = (high - best) / STEP - 0.5 * STEP * curvature[k]
+        step[k] = slope / max(-curvature[k], 1.0 / PRIOR**2) if curvature[k] < 0.0 else np.sign(slope) * 0.5
+    return np.clip(step, -1.5, 1.5), curvature

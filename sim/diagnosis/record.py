@@ -25,9 +25,11 @@ from .data_check import DataCheck
 CHANNELS = ("theta", "theta_dot", "beta")
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
+SERVO_STEP = 0.2         # rad a step, of the servo
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
-DIRECT = 0.3             # rad/step: the servo that stands for none is as fast as the step resolves
+DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
+DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class Record:
 
     z           (n, 3) theta [rad], theta_dot [rad/s], beta [rad]; NaN where not measured
     commands    (ticks,) [rad] before delay and noise
-    input       where they are from: "beta_cmd", "controller" (recomputed), or "beta" (the measured nozzle angle)
+    input       where they are from: "beta_cmd", "controller" (recomputed), or "beta": the measured nozzle angle, where
+                nothing else is known or the nominal has no [actuator]
     a6, k1      (2 steps + 1,) [1/s^2] of the nominal's [vehicle] at every half step from `first_step` 0 on
     first_step  step index of the first row (log's clock / step)
     step [s], every (steps a row), tick (steps a command of `commands`)
@@ -73,6 +76,11 @@ class Record:
         return self.every * self.step
 
     @property
+    def resolution(self) -> float:
+        """[s] the coarser of the grid's step and the nominal's: frequencies must be resolved by both"""
+        return max(self.step, self.nominal.simulation.step if self.nominal.simulation is not None else 0.0)
+
+    @property
     def t(self) -> np.ndarray:
         """(n,) [s] the grid's clock, which is what effects with a time read"""
         return np.round((self.first_step + self.every * np.arange(self.rows)) * self.step, CLOCK_DIGITS)
@@ -88,14 +96,15 @@ class Record:
         return self.input != "beta"
 
 
-def integration_step(period: float, tick: float) -> float:
-    """The longest step [s] <= LONGEST_STEP that divides both periods."""
-    for parts in range(max(1, math.ceil(period / LONGEST_STEP - 1e-9)), 200):
+def integration_step(period: float, tick: float, frequency: float) -> float:
+    """The longest step [s] that divides both periods and resolves the servo's frequency [rad/s]."""
+    longest = min(LONGEST_STEP, SERVO_STEP / frequency)
+    for parts in range(max(1, math.ceil(period / longest - 1e-9)), 200):
         step = period / parts
         ratio = tick / step
         if abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1:
             return step
-    return period / max(1, math.ceil(period / LONGEST_STEP - 1e-9))
+    return period / max(1, math.ceil(period / longest - 1e-9))
 
 
 def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
@@ -119,7 +128,8 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
             abs(period / tick_period - round(period / tick_period)) > 1e-6:
         tick_period = period
-    step = integration_step(period, tick_period)
+    servo = nominal.actuator.natural_frequency if nominal.actuator is not None else SERVO_STEP * DIRECT_PARTS / period
+    step = integration_step(period, tick_period, servo)
     every, tick = round(period / step), round(tick_period / step)
 
     def column(name: str) -> np.ndarray:
@@ -131,7 +141,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
-    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=1.0)
+    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=0.7)
     first_step = round((t[0] - shift) / step)
     steps = first_step + n * every
     half = np.arange(2 * steps + 1) * (0.5 * step)
@@ -159,7 +169,10 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     if draft.tick > draft.every:
         held = draft.tick // draft.every
         draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
-    if not known.any() and recomputable:
+    direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
+    if direct:
+        known = np.zeros(draft.rows, bool)
+    elif not known.any() and recomputable:
         return replace(draft, commands=recomputed(draft), input="controller")
     source = "beta_cmd"
     if not known.any():
@@ -168,6 +181,8 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         if not known.any():
             raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
                              "command from; expected one of them")
+    if source == "beta":  # it is the input, so it tells nothing besides
+        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]))
     rows = np.arange(draft.rows)
     held = command[np.maximum.accumulate(np.where(known, rows, 0))]
     held[~np.isfinite(held)] = command[known][0]

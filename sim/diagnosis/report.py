@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..files import write_text
 from ..nominal import write_nominal
 from .gain import Gain
-from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SEGMENTS
+from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SEGMENTS, SHAPE_LIMIT, Leftover
 from .limits import LOOK_ALIKE, Limit
 from .noise import LEVELS, declared
 from .record import CHANNELS
@@ -29,7 +29,6 @@ ALIKE = 0.9            # |cosine| from which a pair is listed
 CLOSE = 0.5            # of a limit: a test passed so narrowly is worth a word
 THIN = 2.0             # times the evidence needed: less is worth a word
 INTERVAL = 1.96        # standard deviations, 95 %
-FAULTS_FIRST = 4       # faults on the first screen; all are listed below
 NOISE_UNITS = ("rad", "rad/s", "rad", "rad", "rad/s^2")
 CHANNEL_WORDS = {"theta": "attitude sensor", "theta_dot": "gyro", "beta": "nozzle sensor"}
 COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "unexplained": "#8a4b00", "bad-data": "#7f1d1d"}
@@ -50,8 +49,8 @@ th{border-bottom:1px solid #777}tr.chosen td{font-weight:650}
 code,pre{font-family:ui-monospace,"DejaVu Sans Mono",monospace;font-size:13px}
 pre{background:#f3f3f3;border:1px solid #ddd;padding:8px 12px;overflow-x:auto}
 figure{margin:14px 0 22px}img{max-width:100%;height:auto;display:block}
-figcaption,.note{color:#444;font-size:13.5px;max-width:900px}nav{margin:12px 0;font-size:13.5px}
-nav a{margin-right:14px;white-space:nowrap}a{color:#12355b}@media print{nav{display:none}}
+figcaption,.note{color:#444;font-size:13.5px;max-width:1000px}nav{margin:12px 0;font-size:13.5px}
+nav a{margin-right:9px;white-space:nowrap}a{color:#12355b}@media print{nav{display:none}}
 """
 
 Drawn = list[tuple[str, bytes]]   # files of the figures and their PNG
@@ -141,8 +140,8 @@ def page(made: Diagnosis, drawn: Drawn | None) -> str:
             f'<meta name="viewport" content="width=device-width,initial-scale=1"><link rel="icon" href="data:,">'
             f"<style>{STYLE}</style></head><body>\n"
             f'<div class="band" style="background:{COLOURS[made.verdict]}"><header><p>launchid diagnose: measured '
-            f"{text(Path(made.log.path).name)} against the simulation of {text(made.nominal.name)}</p><h1>{text(headline(made))}</h1>"
-            f"</header></div>\n<main>{_first_screen(made)}<nav>{links}</nav>\n{body}\n</main></body></html>\n")
+            f"{text(Path(made.log.path).name)} against the simulation of {text(made.nominal.name)}</p>"
+            f"<h1>{text(headline(made))}</h1></header></div>\n<main>{_first_screen(made)}<nav>{links}</nav>\n{body}\n</main></body></html>\n")
 
 
 def text(words: object) -> str:
@@ -164,9 +163,6 @@ def _list(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
 
 
-# ---- the first screen
-
-
 def _first_screen(made: Diagnosis) -> str:
     rows = [("Faults" if made.verdict == "bad-data" else "Cause", _cause_lines(made))]
     if made.verdict != "bad-data":
@@ -178,9 +174,7 @@ def _first_screen(made: Diagnosis) -> str:
 
 def _cause_lines(made: Diagnosis) -> list[str]:
     if made.verdict == "bad-data":
-        faults = [text(fault.message) for fault in made.data.faults]
-        more = len(faults) - FAULTS_FIRST
-        return faults[:FAULTS_FIRST] + ([f"and {more} more, listed below"] if more > 0 else [])
+        return [text(fault.message) for fault in made.data.faults]
     if made.verdict == "consistent":
         return ["None is needed: what is measured less what is simulated is noise."]
     if made.causes:
@@ -204,6 +198,15 @@ def _alike_lines(made: Diagnosis) -> list[str]:
     return lines or (["Nothing: every other cause explains the log clearly worse."] if made.causes else [])
 
 
+def limit_of(left: Leftover) -> float:
+    """[nats] that may be left."""
+    return SHAPE_LIMIT if left.shape else LEFTOVER_LIMIT
+
+
+def shape_of(left: Leftover) -> str:
+    return f"proportional to {left.shape}" if left.shape else "of free shape"
+
+
 def needed_at(made: Diagnosis, step: int) -> float:
     """Evidence [nats] that the first cause (step 0) and each further one must reach."""
     return made.threshold if step == 0 else max(FURTHER, made.threshold)
@@ -211,8 +214,9 @@ def needed_at(made: Diagnosis, step: int) -> float:
 
 def evidence(made: Diagnosis) -> list[str]:
     """What the verdict rests on, a line each."""
-    left = f"A disturbance of free shape explains {made.left[0].gain:.1f} nats more (limit {LEFTOVER_LIMIT:.0f})." \
-        if made.left else ""
+    worst = max(made.left, key=lambda each: each.gain / limit_of(each), default=None)
+    left = "" if worst is None else f"A disturbance {shape_of(worst)} explains {worst.gain:.1f} nats more (limit " \
+                                    f"{limit_of(worst):.0f})."
     if made.verdict == "consistent":
         tried = [step[0] for step in made.selection.rankings if step] if made.selection is not None else []
         best = f"The best, {tried[0].cause.hypothesis.cause}, reached {tried[0].evidence:.1f}." if tried else ""
@@ -251,8 +255,8 @@ def doubts(made: Diagnosis) -> list[str]:
         if each.constancy is not None and CLOSE * CONSTANCY_LIMIT < each.constancy.chi_squared <= CONSTANCY_LIMIT:
             said.append(f"{each.cause}: its size varies along the log more than most true causes' "
                         f"(chi-squared {each.constancy.chi_squared:.0f}, limit {CONSTANCY_LIMIT:.0f})")
-    if made.left and CLOSE * LEFTOVER_LIMIT < made.left[0].gain <= LEFTOVER_LIMIT:
-        said.append(f"something small may be left at the {made.left[0].disturbance.place}")
+    said += [f"something small may be left at the {each.disturbance.place}, {shape_of(each)}" for each in made.left[:1]
+             if CLOSE * limit_of(each) < each.gain <= limit_of(each)]
     loud = [f"{name} {level['factor']:.2g}" for name, level in made.noise.items() if level["significant"]]
     if loud:
         said.append(f"noise differs from the declared, by factors of: {', '.join(loud)} (no part of the verdict)")
@@ -263,18 +267,15 @@ def doubts(made: Diagnosis) -> list[str]:
                     "cannot be excluded."]
 
 
-# ---- what it rests on
-
-
 def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
     pictures = "".join(_figure(*each) for each in drawn) if drawn is not None else f"<p>{text(NO_FIGURES)}</p>"
     terms = table(("term", "meaning"), [(f"<b>{text(name)}</b>", meaning) for name, meaning in GLOSSARY])
     data = [("Data check", _data(made)), ("Controller check", f"<p>{text(_controller(made))}</p>")]
     if made.verdict == "bad-data":
         return [*data[:1], ("Figures", pictures), ("Terms", terms), ("To reproduce", _again(made))]
-    return [("Ranked hypotheses", _ranking(made)), ("Gain on held-out data", _gain(made.gain)), ("Figures", pictures),
+    return [("Ranked hypotheses", _ranking(made)), ("Held-out gain", _gain(made.gain)), ("Figures", pictures),
             ("Noise", _noise(made)), ("Could not have been seen", _limits(made)), ("Look-alikes", _pairs(made)),
-            ("What is left over", _left(made)), *data, ("Terms", terms), ("To reproduce", _again(made))]
+            ("Left over", _left(made)), *data, ("Terms", terms), ("To reproduce", _again(made))]
 
 
 def _figure(name: str, png: bytes) -> str:
@@ -284,15 +285,14 @@ def _figure(name: str, png: bytes) -> str:
 
 
 def _ranking(made: Diagnosis) -> str:
-    if made.selection is None:
-        return ""
     rows, chosen = [], []
-    for k, step in enumerate(made.selection.rankings):
+    for k, step in enumerate(made.selection.rankings if made.selection is not None else []):
         needed = needed_at(made, k)
         for place, each in enumerate(step):
             hypothesis = each.cause.hypothesis
-            values = ", ".join(f"{free.name} {amount(value, None, hypothesis.unit(free.name))}" for free, value in
-                               zip(hypothesis.free, each.cause.values, strict=True))
+            values = ", ".join([f"{name} {value}" for name, value in hypothesis.fixed] + [
+                f"{free.name} {amount(value, None, hypothesis.unit(free.name))}" for free, value in
+                zip(hypothesis.free, each.cause.values, strict=True)])
             rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.1f}",
                          f"{needed:.0f}", text(values)))
             chosen.append(place == 0 and each.evidence >= needed)
@@ -333,14 +333,12 @@ def _noise(made: Diagnosis) -> str:
 
 
 def _limits(made: Diagnosis) -> str:
-    if not made.limits:
-        return ""
     rows = [(text(each.cause), CATALOGUE[each.cause].where, text(_limit(each)),
              text(", ".join(f"{name} {value:.4g}" for name, value in each.at)))
             for each in made.limits if each.size is not None]
     blind = ", ".join(each.cause for each in made.limits if each.size is None)
-    return ('<p class="note">In this log, with its manoeuvres, noise and columns, causes smaller than this would have '
-            "been missed as often as found.</p>" + table(("cause", "where", "smallest size", "given"), rows)
+    return ('<p class="note">In this log, its manoeuvres, noise and columns, a cause of this size is found at even '
+            "odds; a smaller one may be there unseen.</p>" + table(("cause", "where", "smallest size", "given"), rows)
             + (f"<p>Not at all, at any size: {text(blind)}.</p>" if blind else ""))
 
 
@@ -362,11 +360,12 @@ def _pairs(made: Diagnosis) -> str:
 
 
 def _left(made: Diagnosis) -> str:
-    before = {each.disturbance.place: each.gain for each in made.left_nominal}
-    rows = [(text(each.disturbance.place), f"{before.get(each.disturbance.place, math.nan):.1f}", f"{each.gain:.1f}")
+    before = {(each.disturbance.place, each.shape): each.gain for each in made.left_nominal}
+    rows = [(text(each.disturbance.place), text(shape_of(each)), f"{each.gain:.1f}", f"{limit_of(each):.0f}",
+             f"{before.get((each.disturbance.place, each.shape), math.nan):.1f}".replace("nan", ""))
             for each in made.left]
-    return f'<p class="note">What a disturbance of free shape explains (limit {LEFTOVER_LIMIT:.0f}).</p>' + table(
-        ("place", "nominal [nats]", "model [nats]"), rows) if rows else ""
+    return '<p class="note">What a disturbance beside the model would explain.</p>' + table(
+        ("place", "shape", "model [nats]", "limit", "nominal [nats]"), rows) if rows else ""
 
 
 def _data(made: Diagnosis) -> str:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fit import NUISANCES, Cause, Fit, Problem
+from .fit import NUISANCES, RESOLVED, Cause, Fit, Problem
 from .hypotheses import PERIODIC, Hypothesis, Values
 from .model import Point, innovations
+from .pulses import gusts, losses
 
 IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
 CYCLES = 3.0            # of a line in the log, at least: slower ones are trims
@@ -29,6 +30,14 @@ class Candidate:
     hypothesis: Hypothesis
     values: Values
     gain: float
+
+
+BEGINNING = {"control_loss": losses, "gust": gusts}
+
+
+def _inside(hypothesis: Hypothesis, values: Values) -> Values:
+    """Starting values within their ranges."""
+    return tuple(min(max(value, free.low), free.high) for free, value in zip(hypothesis.free, values, strict=True))
 
 
 class Projector:
@@ -61,6 +70,11 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
             continue
         if hypothesis.cause == PERIODIC.cause:
             found += lines(problem, base)
+            continue
+        if hypothesis.cause in BEGINNING:
+            gain, values = BEGINNING[hypothesis.cause](problem, base, project.basis, project.rest)
+            if gain > 0.0:
+                found.append(Candidate(hypothesis, _inside(hypothesis, values), gain))
             continue
         tries = _sized(problem, base, project, hypothesis) if hypothesis.sizes else \
             _proportional(problem, base, project, hypothesis)
@@ -136,7 +150,8 @@ def lines(problem: Problem, base: Fit) -> list[Candidate]:
     frequency = 2.0 * math.pi * np.arange(size // 2 + 1) / (size * record.period)
     span = record.rows * record.period
     power = np.abs(score)**2 / np.maximum(energy, 1e-300)
-    power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > TOP * math.pi / record.period)] = 0.0
+    top = min(TOP * math.pi / record.period, RESOLVED / record.resolution)
+    power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > top)] = 0.0
     start = record.t[0]
     found = []
     for _ in range(LINES):

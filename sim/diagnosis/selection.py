@@ -6,18 +6,20 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from .fit import Cause, Fit, Problem, fit
-from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis
+from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis, missing_term
 from .model import Point, innovations
 from .noise import Dynamics, Filter, declared, dynamics, fit_levels, run_filter
 from .record import Record
 from .scan import Candidate, scan
 
+SINE = "sin(theta)"
+FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
 THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
 FURTHER = 22.0        # nats for each further one
 MOST_CAUSES = 3
@@ -140,31 +142,70 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     known = tuple(hypotheses) if hypotheses is not None else (*HYPOTHESES, PERIODIC)
     say("noise levels")
     nominal = as_simulated(record)
+    return select_from(nominal, known, threshold, MOST_CAUSES, say, _swinging(nominal) if hypotheses is None else ())
+
+
+def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
+    """Of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at once."""
+    r, theta = nominal.fit.record, nominal.fit.states[:, 0]
+    a6 = float(r.a6[0])
+    if not np.all(np.isfinite(theta)) or float(np.max(np.abs(theta))) < FAR or a6 == 0.0 or \
+            any(term == SINE for term, _ in r.nominal.terms):
+        return ()
+    return ((Cause(missing_term(SINE), (a6,)), Cause(missing_term("theta"), (-a6,))),)
+
+
+def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
+                blocks: Sequence[tuple[Cause, ...]] = ()) -> Selection:
+    """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
+
+    blocks  causes that make sense together only, tried as the first
+    """
+    record, known = nominal.fit.record, tuple(known)
     found = Selection(nominal, nominal)
-    while len(found.model.causes) < MOST_CAUSES:
+    while len(found.model.causes) < most:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = threshold if not found.model.causes else max(FURTHER, threshold)
-        better = _next(record, found, known, limit)
+        better = _next(record, found, known, limit, blocks if not found.model.causes else ())
         if better is None:
             break
+        if not found.model.causes:
+            most += len(better.causes) - 1  # a block counts as one cause
         found.model = better
-        if len(better.causes) > 1:
+        if len(better.causes) > 1 and not any(c.hypothesis.cause == "missing_term" for c in better.causes):
             found.model = _dropped(record, _swapped(record, found, known), limit)
     for k in range(len(found.model.causes)):
         _stand_ins(record, found, known, k)
     return found
 
 
-def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit: float) -> Model | None:
+def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit: float,
+          blocks: Sequence[tuple[Cause, ...]]) -> Model | None:
     """The model with the best further cause, or None if none reaches the limit."""
     base = found.model
-    allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in
-               {cause.hypothesis.cause for cause in base.causes}]
+    allowed = _allowed(known, base.causes)
     ranked = _ranking(record, base, allowed)
+    for block in blocks:
+        model = profile(record, block, base.fit.delta, base.fit.filter)
+        ranked.append((model, model.log_likelihood - base.log_likelihood
+                       - sum(penalty(record, cause.hypothesis) for cause in block)))
+    ranked.sort(key=lambda pair: -pair[1])
     found.rankings.append([Ranked(model.causes[-1], evidence) for model, evidence in ranked])
     if not ranked or ranked[0][1] < limit:
         return None
     return ranked[0][0]
+
+
+def _allowed(known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
+    """Hypotheses that may join these causes."""
+    present = {cause.hypothesis.label for cause in causes}
+    return [h for h in known if h.cause in REPEATABLE or h.label not in present]
+
+
+def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list[Ranked]:
+    """Each hypothesis that promises anything as the next cause, best first."""
+    return [Ranked(model.causes[-1], evidence)
+            for model, evidence in _ranking(record, base, _allowed(tuple(known), base.causes))]
 
 
 def _ranking(record: Record, base: Model, allowed: list[Hypothesis]) -> list[tuple[Model, float]]:
@@ -181,13 +222,14 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis]) -> list[tup
     fits.sort(key=lambda pair: -pair[1])
     models, seen = [], set()
     for fitted, gain in fits:
-        name = fitted.causes[-1].hypothesis.cause
+        name = fitted.causes[-1].hypothesis.label
         if name in seen or (len(models) >= PROFILED and gain < fits[0][1] - NEAR):
             continue
         seen.add(name)
         model = profile(record, fitted.causes, fitted.delta, fitted.filter)
-        models.append((model, model.log_likelihood - base.log_likelihood
-                       - penalty(record, model.causes[-1].hypothesis)))
+        evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
+        if math.isfinite(evidence):
+            models.append((model, evidence))
     return sorted(models, key=lambda pair: -pair[1])
 
 
@@ -212,7 +254,7 @@ def _swapped(record: Record, found: Selection, known: tuple[Hypothesis, ...]) ->
     for k in range(len(best.causes) - 1):
         others = best.causes[:k] + best.causes[k + 1:]
         without = profile(record, others, best.fit.delta, best.fit.filter)
-        allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in {c.hypothesis.cause for c in others}]
+        allowed = _allowed(known, others)
         for model, _ in _ranking(record, without, allowed)[:1]:
             gain = model.log_likelihood - best.log_likelihood
             gain -= penalty(record, model.causes[-1].hypothesis) - penalty(record, best.causes[k].hypothesis)
@@ -240,9 +282,9 @@ def _stand_ins(record: Record, found: Selection, known: tuple[Hypothesis, ...], 
         without, ranking = found.nominal, found.rankings[0]
     else:
         without = profile(record, others, model.fit.delta, model.fit.filter)
-        allowed = [h for h in known if h.cause in REPEATABLE or h.cause not in {c.hypothesis.cause for c in others}]
+        allowed = _allowed(known, others)
         ranking = [Ranked(made.causes[-1], evidence) for made, evidence in _ranking(record, without, allowed)]
     own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
     found.evidence.append(own)
     found.rivals.append([Ranked(cause, own), *(each for each in ranking
-                                               if each.cause.hypothesis.cause != cause.hypothesis.cause)])
+                                               if each.cause.hypothesis.label != cause.hypothesis.label)])

@@ -12,21 +12,24 @@ from ..log import Log
 from ..nominal import Nominal
 from .controller_check import ControllerCheck, check_controller
 from .data_check import DataCheck, check
-from .extend import extended
+from .extend import extended, of_controller
 from .gain import Gain, held_out, on_another
-from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, Constancy, Leftover, constancy, leftovers
+from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SHAPE_LIMIT, Constancy, Leftover, constancy, leftovers
 from .hypotheses import Hypothesis
 from .limits import Isolability, Limit, limits
 from .model import predicted_attitude
 from .noise import LEVELS, declared, run_filter
+from .proposal import Proposal, propose
 from .record import CHANNELS, Record, filled, record
 from .selection import THRESHOLD, Model, Ranked, Selection, first_filter, select
+from .threshold import threshold as measured_threshold
 
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 SIGNIFICANT = 3.0      # standard deviations of a noise level
 LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 CONTROLLER = "controller_mismatch"
+TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 DECIDES = {
     frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
     frozenset({"thrust_misalignment", "steady_wind"}): "a flight in which a6 and k1 change differently",
@@ -68,6 +71,8 @@ class Diagnosis:
 
     doubts     why the best causes are not believed (unexplained), one line each
     nearest    the best causes of an `unexplained` log: they are not its cause
+    proposal   missing terms that would help an `unexplained` log
+    catalogue  whether all causes were allowed, missing terms too
     """
 
     log: Log
@@ -88,28 +93,33 @@ class Diagnosis:
     noise: dict[str, dict[str, Any]] = field(default_factory=dict)
     gain: Gain | None = None
     extension: Nominal | None = None
-    proposal: Any = None
+    proposal: Proposal | None = None
     threshold: float = THRESHOLD
+    catalogue: bool = True
 
 
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
-             hypotheses: tuple[Hypothesis, ...] | None = None, say: Say = lambda text: None) -> Diagnosis:
+             hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
+             say: Say = lambda text: None) -> Diagnosis:
     """Why measurement and simulation part.
 
     log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
     threshold     [nats] of evidence for a first cause
     hypotheses    to choose from; None: the catalogue
+    bootstrap     clean flights to measure the threshold on; 0: take `threshold`
     say           told what is being done
     """
     say("data check")
     data = check(log, nominal)
-    made = Diagnosis(log, nominal, data, threshold=threshold)
+    made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
     if data.is_bad:
         made.where = "data"
     if data.usable.sum() < 2:
         return made
     r, made.controller = with_commands(record(log, nominal, data))
     made.record = r
+    if bootstrap > 0:
+        threshold = made.threshold = measured_threshold(r, bootstrap, say)
     made.selection = select(r, threshold, hypotheses, say)
     say("goodness")
     _judge(made, holdout, say)
@@ -119,7 +129,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     made.noise = noise_of(made.selection.model)
     if data.is_bad:
         made.verdict, made.where = "bad-data", "data"
-        made.causes, made.gain, made.extension = (), None, None
+        made.causes, made.nearest, made.doubts, made.gain, made.extension = (), (), (), None, None
     return made
 
 
@@ -140,46 +150,79 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
 
 def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
     """Verdict, place, causes, gain."""
-    r, selection, controller = made.record, made.selection, made.controller
-    assert r is not None and selection is not None
-    model, nominal = selection.model, selection.nominal
-    named = tuple(_named(selection, k) for k in range(len(model.causes)))
-    made.left = tuple(leftovers(model))
-    made.left_nominal = made.left if model is nominal else tuple(leftovers(nominal))
-    doubts = _doubts(named, made.left)
-    if controller is not None and controller.kind not in ("none",) and not controller.is_named:
-        doubts.append(f"the logged command is not the nominal controller's ({_controller_words(controller)})")
-    by_controller = controller is not None and controller.is_named
-    if (named or by_controller) and not doubts:
-        say("held-out gain")
-        made.gain = _gain_of(made, holdout)
-        if named and not made.gain.nats > 0.0:
-            doubts.append(f"on data left out of the fit the causes lose {-made.gain.nats:.0f} nats")
-    if doubts:
-        made.verdict, made.doubts, made.nearest = "unexplained", tuple(doubts), named
-        made.where = _place(made)
-        if made.gain is None:
-            made.gain = _gain_of(made, holdout) if named else None
-        return
-    causes = list(named)
-    if by_controller:
+    controller = made.controller
+    assert made.selection is not None
+    doubts = _tested(made, made.selection, holdout, say)
+    foreign = controller is not None and controller.kind in ("unknown", "filter")
+    if doubts and not foreign and made.catalogue:
+        doubts = _with_terms(made, holdout, doubts, say)
+    if foreign:
         assert controller is not None
+        doubts.append(f"the logged command is not the nominal controller's ({_controller_words(controller)})")
+    if doubts:
+        _unexplained(made, doubts)
+        return
+    causes = list(made.nearest)
+    if controller is not None and controller.is_named:
         causes.append(_mismatch(controller))
+        made.gain = made.gain or _gain_of(made, made.selection, holdout)
     causes.sort(key=lambda cause: -cause.evidence)
-    made.causes = tuple(causes)
+    made.causes, made.nearest = tuple(causes), ()
     made.verdict = "explained" if causes else "consistent"
     made.where = causes[0].where if causes else None
     if causes:
-        made.extension = extended(made.nominal, model.causes, r.shift, controller)
+        assert made.record is not None
+        made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller)
 
 
-def _gain_of(made: Diagnosis, holdout: Log | None) -> Gain:
-    assert made.record is not None and made.selection is not None
-    model, nominal = made.selection.model, made.selection.nominal
+def _tested(made: Diagnosis, selection: Selection, holdout: Log | None, say: Say) -> list[str]:
+    """The best causes of a selection into `nearest`, with what is left and what they gain; the doubts about them."""
+    made.nearest = tuple(_named(selection, k) for k in range(len(selection.model.causes)))
+    made.left = tuple(leftovers(selection.model))
+    made.gain = None
+    doubts = _doubts(made.nearest, made.left)
+    if made.nearest and not doubts:
+        say("held-out gain")
+        made.gain = _gain_of(made, selection, holdout)
+        if not made.gain.nats > 0.0:
+            doubts.append(f"on data left out of the fit the causes lose {-made.gain.nats:.0f} nats")
+    return doubts
+
+
+def _with_terms(made: Diagnosis, holdout: Log | None, doubts: list[str], say: Say) -> list[str]:
+    """Missing terms in the place of the catalogue's causes: kept where they pass every test, else a proposal."""
+    assert made.selection is not None
+    before = made.nearest, made.left, made.gain
+    found = propose(made.selection.nominal, made.threshold, say)
+    if found is None:
+        return doubts
+    made.proposal, selection = found
+    again = _tested(made, selection, holdout, say)
+    if not again and selection.model.log_likelihood > made.selection.model.log_likelihood - TERM_MARGIN:
+        made.selection = selection
+        return []
+    made.nearest, made.left, made.gain = before
+    return doubts
+
+
+def _unexplained(made: Diagnosis, doubts: list[str]) -> None:
+    selection = made.selection
+    assert selection is not None
+    made.verdict, made.doubts = "unexplained", tuple(doubts)
+    made.left_nominal = made.left if selection.model is selection.nominal else tuple(leftovers(selection.nominal))
+    made.where = _place(made)
+    if made.gain is None and made.nearest:
+        made.gain = _gain_of(made, selection, None)
+
+
+def _gain_of(made: Diagnosis, selection: Selection, holdout: Log | None) -> Gain:
+    assert made.record is not None
+    model, nominal = selection.model, selection.nominal
+    further = of_controller(made.controller)
     if holdout is not None:
         data = check(holdout, made.nominal)
-        return on_another(made.record, with_commands(record(holdout, made.nominal, data))[0], model, nominal)
-    return held_out(made.record, model, nominal)
+        return on_another(with_commands(record(holdout, made.nominal, data))[0], model, nominal, further)
+    return held_out(made.record, model, nominal, further)
 
 
 def _named(selection: Selection, k: int) -> Named:
@@ -187,6 +230,8 @@ def _named(selection: Selection, k: int) -> Named:
     cause, std = model.causes[k], model.fit.std(k)
     names = [free.name for free in cause.hypothesis.free]
     values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
+    if "time" in names:
+        values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in names},
                  _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k))
@@ -214,9 +259,11 @@ def _doubts(named: tuple[Named, ...], left: tuple[Leftover, ...]) -> list[str]:
         if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
             doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
                           f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
-    if left and left[0].gain > LEFTOVER_LIMIT:
-        doubts.append(f"a disturbance of unknown shape at the {left[0].disturbance.place} explains {left[0].gain:.0f} "
-                      f"nats more (limit {LEFTOVER_LIMIT:.0f})")
+    beyond = [each for each in left if each.gain > (SHAPE_LIMIT if each.shape else LEFTOVER_LIMIT)]
+    if beyond:
+        what = f"proportional to {beyond[0].shape}" if beyond[0].shape else "of unknown shape"
+        doubts.append(f"a disturbance {what} at the {beyond[0].disturbance.place} explains {beyond[0].gain:.0f} nats "
+                      f"more (limit {SHAPE_LIMIT if beyond[0].shape else LEFTOVER_LIMIT:.0f})")
     return doubts
 
 
@@ -277,8 +324,10 @@ def report(made: Diagnosis) -> dict[str, Any]:
         "nearest": [_nearest_json(cause) for cause in made.nearest],
         "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
                  "faults": [fault.__dict__ for fault in made.data.faults]},
+        "proposal": None if made.proposal is None or made.verdict == "explained" else made.proposal.equation,
         "controller": _controller_json(made.controller),
-        "leftover": [{"place": each.disturbance.place, "nats": number(each.gain)} for each in made.left],
+        "leftover": [{"place": each.disturbance.place, "shape": each.shape or None, "nats": number(each.gain)}
+                     for each in made.left],
         "ranking": [] if selection is None else
         [[{"cause": each.cause.hypothesis.cause, "evidence": number(each.evidence)} for each in step]
          for step in selection.rankings],

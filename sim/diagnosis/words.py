@@ -36,18 +36,20 @@ MEANING = {
 DEGREES = ("rad", "rad/s", "rad/s^2")
 
 
-def amount(value: float | str, std: float | None, unit: str) -> str:
-    """A value with its 95 % half-width; angles in degrees too."""
+def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
+    """A value with its 95 % half-width; angles in degrees too, a frequency in Hz."""
     if isinstance(value, str):
         return value
     spread = "" if std is None or not math.isfinite(std) else f" +- {1.96 * std:.2g}"
+    if unit == "rad/s" and hertz:
+        return f"{value:.4g}{spread} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
     degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in DEGREES and value else ""
     return f"{value:.4g}{spread}{' ' + unit if unit else ''}{degrees}"
 
 
 def sentence(cause: Named) -> str:
     """What a cause means, with its size."""
-    values = {name: amount(value, cause.std.get(name), cause.units.get(name, ""))
+    values = {name: amount(value, cause.std.get(name), cause.units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
     return MEANING[cause.cause].format(**values)
 

@@ -1,0 +1,310 @@
+"""The report: whole, self-contained, the same bytes twice, readable by a browser; every verdict has one."""
+
+import base64
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.diagnosis import report as report_module
+from sim.diagnosis.hypotheses import HYPOTHESES
+from sim.diagnosis.report import PICTURES, write_report
+from sim.diagnosis.verdict import Diagnosis, diagnose
+from sim.diagnosis.verdict import report as json_of
+from sim.effects import effect
+from sim.errors import InputError
+from sim.flight import fly_whole
+from sim.log import Log
+from sim.nominal import built_in, load_nominal
+
+DURATION = 30.0        # s
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
+PATIENCE = 30.0        # s for a browser to load a page
+LOADED = "the page is loaded"
+VOID = {"meta", "link", "img", "br", "hr"}
+ALWAYS = {"closed_loop.png", "innovations.png", "correlations.png", "spectra.png", "isolability.png"}
+EXPECTED = {
+    "consistent": ALWAYS,
+    "explained": ALWAYS | {"ranking.png", "sizes.png"},
+    "unexplained": ALWAYS | {"ranking.png", "sizes.png", "disturbance.png"},
+    "bad-data": {"faults.png"}}
+
+
+def measured(effects=(), freeze=slice(0, 0), name="<flight & test>.csv"):
+    """A short flight as a log; `freeze` rows of theta repeat their first."""
+    nominal = load_nominal(built_in("constant"))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
+    flight = fly_whole(nominal, 1, effects=effects)
+    columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
+    arrays = {column: getattr(flight, column).copy() for column in columns}
+    if freeze.stop:
+        arrays["theta"][freeze] = arrays["theta"][freeze.start]
+    return Log(name, columns, (), theta_ddot=np.full(len(flight.t), np.nan), **arrays), nominal
+
+
+def judged(names, **given):
+    log, nominal = measured(**given)
+    return diagnose(log, nominal, hypotheses=tuple(h for h in HYPOTHESES if h.cause in names))
+
+
+@pytest.fixture(scope="module")
+def diagnoses() -> dict[str, Diagnosis]:
+    """One of each verdict, few hypotheses each, so that it is quick."""
+    loss = effect("control_loss", fraction=0.4, time=14.0)
+    made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
+            judged(("control_effectiveness",), effects=[loss]), judged((), freeze=slice(1000, 1100))]
+    return {each.verdict: each for each in made}
+
+
+@pytest.fixture(scope="module")
+def folders(diagnoses, tmp_path_factory) -> dict[str, Path]:
+    """The reports, written."""
+    top = tmp_path_factory.mktemp("reports")
+    for verdict, made in diagnoses.items():
+        write_report(made, json_of(made), str(top / verdict / "new"))
+    return {verdict: top / verdict / "new" for verdict in diagnoses}
+
+
+class Page(HTMLParser):
+    """Open and closed tags, what it links to, its images and its words."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.faults: list[str] = []
+        self.links: list[str] = []
+        self.ids: set[str] = set()
+        self.tags: set[str] = set()
+        self.words = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.tags.add(tag)
+        self.links += [given[key] for key in ("src", "href") if key in given]
+        self.ids |= {given["id"]} if "id" in given else set()
+        if tag == "img" and not given.get("alt"):
+            self.faults.append("an image without words")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(f"</{tag}>")
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def read(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_there_is_one_of_each_verdict(diagnoses):
+    assert set(diagnoses) == set(EXPECTED)
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_a_report_is_one_balanced_page_that_needs_nothing_else(folders, verdict):
+    page = read(folders[verdict])
+    assert page.faults == [] and page.open == []
+    assert not page.tags & {"script", "iframe", "object", "embed"}
+    inside = [link for link in page.links if link.startswith("#")]
+    assert {link[1:] for link in inside} <= page.ids
+    assert all(link.startswith("data:") for link in page.links if link not in inside)
+    html = (folders[verdict] / "report.html").read_text(encoding="utf-8")
+    assert "http:" not in html and "https:" not in html and "url(" not in html and "@import" not in html
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_every_figure_is_a_png_in_the_folder_and_in_the_page(folders, verdict):
+    image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed: no figures")
+    written = {path.name for path in folders[verdict].glob("*.png")}
+    assert written == EXPECTED[verdict] and written <= set(PICTURES)
+    files = {(folders[verdict] / name).read_bytes() for name in written}
+    head = "data:image/png;base64,"
+    embedded = [base64.b64decode(link[len(head):], validate=True) for link in read(folders[verdict]).links
+                if link.startswith(head)]
+    assert set(embedded) == files and len(embedded) == len(files)
+    for name in written:
+        pixels = image.imread(folders[verdict] / name)
+        assert min(pixels.shape[:2]) > 80 and float(np.std(pixels[..., :3])) > 0.01, f"{name} is empty"
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_the_json_is_the_commands_and_nothing_half_written_is_left(folders, diagnoses, verdict):
+    assert json.loads((folders[verdict] / "verdict.json").read_text()) == json.loads(json.dumps(
+        json_of(diagnoses[verdict])))
+    assert [path.name for path in folders[verdict].iterdir() if path.name.startswith(".")] == []
+    assert (folders[verdict] / "extension.toml").exists() == (verdict == "explained")
+
+
+def test_the_extension_reads_back(folders, diagnoses):
+    made = diagnoses["explained"]
+    extension = load_nominal(folders["explained"] / "extension.toml")
+    assert [of.name for of in extension.effects] == ["control_loss"]
+    assert extension.effects == made.extension.effects and extension.controller == made.nominal.controller
+
+
+def test_the_first_lines_say_verdict_cause_size_and_doubt(folders):
+    words = {verdict: " ".join(read(folder).words.split()) for verdict, folder in folders.items()}
+    assert all("<flight & test>.csv" in said for said in words.values())
+    assert "EXPLAINED (plant): control_loss" in words["explained"] and "k1 drops by 0." in words["explained"]
+    assert "nats (12 needed)" in words["explained"] and "Held out" in words["explained"]
+    assert "UNEXPLAINED" in words["unexplained"] and "not the cause" in words["unexplained"]
+    assert "disturbance of unknown shape" in words["unexplained"]
+    assert "CONSISTENT" in words["consistent"] and "cannot be excluded" in words["consistent"]
+    assert "BAD DATA" in words["bad-data"] and "theta repeats its value" in words["bad-data"]
+    for verdict, said in words.items():
+        for term in ("Doubts", "nats", "held out", "constancy", "NRMSE", "tolerance", "launchid diagnose"):
+            assert term in said, f"{verdict}: {term}"
+
+
+def test_the_same_diagnosis_gives_the_same_bytes(folders, diagnoses, tmp_path):
+    write_report(diagnoses["unexplained"], json_of(diagnoses["unexplained"]), str(tmp_path))
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == sorted(path.name for path in folders["unexplained"].iterdir())
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (folders["unexplained"] / name).read_bytes(), name
+
+
+def test_what_an_earlier_report_left_is_removed(diagnoses, tmp_path):
+    for name in ("extension.toml", "disturbance.png"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "mine.txt").write_text("not of a report")
+    write_report(diagnoses["bad-data"], json_of(diagnoses["bad-data"]), str(tmp_path))
+    left = {path.name for path in tmp_path.iterdir()} - {"faults.png"}
+    assert left == {"mine.txt", "report.html", "verdict.json"}
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(diagnoses, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    for folder in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        with pytest.raises(InputError) as caught:
+            write_report(diagnoses["bad-data"], {}, str(folder))
+        assert str(folder) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("sim.plots", "sim.diagnosis.figures"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.delattr(sys.modules["sim.diagnosis"], "figures", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    write_report(diagnoses["explained"], json_of(diagnoses["explained"]), str(tmp_path))
+    assert report_module.NO_FIGURES in " ".join(read(tmp_path).words.split())
+    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "verdict.json", "extension.toml"}
+
+
+def test_a_log_without_nozzle_command_and_reference_has_a_report(tmp_path):
+    """Only theta and theta_dot beside beta: no closed loop, no controller check, no actuator."""
+    log, nominal = measured()
+    none = np.full(len(log.t), np.nan)
+    made = diagnose(replace(log, beta_cmd=none, theta_ref=none, theta_dot=none), nominal,
+                    hypotheses=HYPOTHESES[:1])
+    write_report(made, json_of(made), str(tmp_path))
+    page = read(tmp_path)
+    assert page.faults == [] and "the log has no gyro" in page.words and "Not checked" in page.words
+    assert not (tmp_path / "closed_loop.png").exists()
+
+
+# ---- what the figures compute
+
+
+def test_a_line_is_named_at_its_frequency_and_white_noise_names_none():
+    figures = pytest.importorskip("sim.diagnosis.figures", reason="matplotlib is not installed: no figures")
+    rng = np.random.default_rng(5)
+    period, n, named = 0.01, 7000, 0
+    for _ in range(100):
+        white = rng.standard_normal(n)
+        frequency, density, freedom = figures.spectrum(white, period)
+        level = figures.chance_level(len(frequency), freedom)
+        named += bool(figures.strongest(frequency, density, level))
+        assert abs(np.mean(density) - 1.0) < 0.1
+    assert named <= 5, "declared: 1 of 100 spectra"
+    for hertz in (0.7, 3.21, 20.0):
+        x = white + 0.7 * np.sin(2.0 * np.pi * hertz * period * np.arange(n) + 0.3)
+        found = figures.strongest(*figures.spectrum(x, period)[:2], level)
+        assert len(found) == 1 and abs(found[0][0] - hertz) < 0.3 / (figures.SEGMENT * period)
+
+
+def test_the_reconstructed_disturbance_is_the_one_flown():
+    figures = pytest.importorskip("sim.diagnosis.figures", reason="matplotlib is not installed: no figures")
+    made = judged((), effects=[effect("periodic_disturbance", amplitude=0.02, frequency=2.0, phase=1.0)])
+    d = figures.reconstructed(made)
+    truth = 0.02 * np.sin(2.0 * made.record.t + 1.0)
+    assert made.verdict == "unexplained"
+    assert np.corrcoef(d, truth)[0, 1] > 0.9 and 0.8 < np.std(d) / np.std(truth) < 1.2
+
+
+# ---- in a browser
+
+
+def browser() -> str:
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found:
+            return found
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        pytest.skip(f"no browser to look with: none of {', '.join(BROWSERS)} in PATH and no playwright")
+    with sync_playwright() as player:
+        path = player.chromium.executable_path
+    if not Path(path).exists():
+        pytest.skip("playwright is here, but its Chromium is not installed")
+    return path
+
+
+def console(page: Path, profile: Path) -> list[str]:
+    """What the browser's console says while it loads a page, up to a last line of the page's own."""
+    command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+               f"--user-data-dir={profile}", "--enable-logging=stderr", "--dump-dom", page.as_uri()]
+    said = profile.with_suffix(".log")
+    with said.open("wb") as out:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=out, start_new_session=True)
+    try:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end and LOADED.encode() not in said.read_bytes():
+            time.sleep(0.1)
+    finally:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        process.wait()
+    return [line for line in said.read_text(errors="replace").splitlines() if "CONSOLE" in line]
+
+
+def with_last_line(page: Path, to: Path) -> Path:
+    """The page and a script at its end that tells the console when all images have been decoded."""
+    last = ("<script>window.addEventListener('load', () => {"
+            "for (const i of document.images) if (!i.naturalWidth) console.error('broken image ' + i.alt);"
+            f"console.log('{LOADED}')}})</script></body>")
+    to.write_text(page.read_text(encoding="utf-8").replace("</body>", last), encoding="utf-8")
+    return to
+
+
+@pytest.mark.parametrize("verdict", ["explained", "unexplained", "bad-data"])
+def test_chromium_shows_it_without_a_console_error(folders, tmp_path, verdict):
+    said = console(with_last_line(folders[verdict] / "report.html", tmp_path / "page.html"), tmp_path / "profile")
+    assert len(said) == 1 and LOADED in said[0], said
+
+
+def test_the_browser_test_sees_an_error_and_a_broken_image(folders, tmp_path):
+    page = with_last_line(folders["bad-data"] / "report.html", tmp_path / "page.html")
+    html = page.read_text(encoding="utf-8").replace("base64,iVBOR", "base64,AAAAA")
+    page.write_text(html.replace("<main>", "<main><script>undefinedName()</script>"), encoding="utf-8")
+    said = " ".join(console(page, tmp_path / "profile"))
+    assert "undefinedName" in said and "broken image" in said and LOADED in said
