@@ -1,9 +1,10 @@
 """Fitting causes to a log: prediction-error method on whitened innovations (Ljung, 2nd ed., ch. 7 and 10).
 
-    minimise  1/2 |L^-1 e(p)|^2 + 1/2 (delta_a6^2 + delta_k1^2)/tolerance^2
+    minimise  1/2 |L^-1 e(p)|^2 + 1/2 |deviations/prior|^2
 
-over the free numbers p of the causes and the two deviations, by Levenberg-Marquardt with numerical slopes.  The
-Kalman gains and the factor L stay fixed in a fit and are made anew between fits (`noise`).
+over the free numbers p of the causes and the deviations of a6 and k1, by Levenberg-Marquardt with numerical slopes.
+The Kalman gains and the factor L stay fixed in a fit and are made anew between fits (`noise`).  The deviations are
+small, so their slopes are not made anew at every step.
 """
 
 import math
@@ -13,16 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from .hypotheses import Hypothesis, Values
-from .model import Point, innovations
+from .model import DEVIATIONS, Point, innovations
 from .noise import Filter
 from .record import Record
 
-NUISANCES = 2          # relative deviations of a6 and k1
+NUISANCES = DEVIATIONS
+DRIFT = 0.25           # of the tolerance, one sigma: what a deviation of a6 or k1 may change from the middle to an end
 NUISANCE_STEP = 1e-3
 ITERATIONS = 12
 SMALL_GAIN = 0.02      # nats: what an iteration must bring to go on
 RESOLVED = 0.49        # rad a step, of an oscillation's frequency (`sim.effects.catalogue` refuses 0.5)
 SERVO_RESOLVED = 0.9  # rad a step, of the servo: Runge-Kutta 4 stays stable up to 2.7
+NEARBY = 20.0          # nats: a step that gained more moved too far to keep slopes
+RENEWED = 4            # steps after which all slopes are made anew
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
 
 
@@ -38,9 +42,9 @@ class Cause:
 class Fit:
     """Causes fitted to a log under one filter.
 
-    delta        (2,) deviations of a6, k1
+    delta        (4,) deviations of a6 and k1, as `Point`
     cost         [nats] minimum, up to the filter's constant
-    covariance   (k, k) of the free numbers of all causes in order (logarithms where searched so), then the two
+    covariance   (k, k) of the free numbers of all causes in order (logarithms where searched so), then the
                  deviations; from the innovations' information
     slopes       (3n, k) derivatives of the whitened innovations, k as the covariance; None until asked for
     """
@@ -76,7 +80,7 @@ class Fit:
 
 def point_of(causes: Sequence[Cause], delta: np.ndarray) -> Point:
     """The model at these values."""
-    return Point(tuple(cause.hypothesis.effect(cause.values) for cause in causes), float(delta[0]), float(delta[1]))
+    return Point(tuple(cause.hypothesis.effect(cause.values) for cause in causes), tuple(float(d) for d in delta))
 
 
 def pack_values(causes: Sequence[Cause], delta: np.ndarray) -> np.ndarray:
@@ -124,7 +128,7 @@ class Problem:
 
     def __init__(self, record: Record, of: Filter, mask: np.ndarray | None = None) -> None:
         self.record, self.filter, self.mask = record, of, mask
-        self.tolerance = max(record.nominal.diagnosis.tolerance, 1e-6)
+        self.prior = max(record.nominal.diagnosis.tolerance, 1e-6) * np.array([1.0, 1.0, DRIFT, DRIFT])
 
     def white(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """(whitened (n, 3), innovations, states, stayed with the log)."""
@@ -142,14 +146,20 @@ class Problem:
         return white
 
     def residual(self, point: Point) -> np.ndarray:
-        """(3n + 2,)"""
-        white = self.white(point)[0]
-        return np.concatenate([white.ravel(), [point.delta_a6 / self.tolerance, point.delta_k1 / self.tolerance]])
+        """(3n + 4,)"""
+        return np.concatenate([self.white(point)[0].ravel(), np.array(point.deviations) / self.prior])
 
-    def slopes(self, causes: Sequence[Cause], delta: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """(3n + 2, k) at a point whose residual is r: forward differences, turned where a range ends."""
+    def slopes(self, causes: Sequence[Cause], delta: np.ndarray, r: np.ndarray,
+               known: np.ndarray | None = None) -> np.ndarray:
+        """(3n + 4, k) at a point whose residual is r: forward differences, turned where a range ends.
+
+        known  slopes at a point nearby, whose deviations' columns are taken over; None: all are made
+        """
         x, steps = pack_values(causes, delta), steps_of(causes)
         jacobian = np.zeros((len(r), len(x)))
+        if known is not None:
+            jacobian[:, -NUISANCES:] = known[:, -NUISANCES:]
+            steps = steps[:-NUISANCES]
         for k, step in enumerate(steps):
             moved = x.copy()
             for signed in (step, -step):
@@ -167,7 +177,7 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     r = problem.residual(point_of(causes, delta))
     cost, damping = 0.5 * float(r @ r), 1e-3
     jacobian = problem.slopes(causes, delta, r)
-    for _ in range(iterations):
+    for iteration in range(1, iterations + 1):
         hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
         scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian)) + 1e-300
         x, moved = pack_values(causes, delta), None
@@ -186,7 +196,8 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
             break
         gained = cost - new_cost
         (causes, delta), r, cost, damping = moved, new_r, new_cost, max(damping * 0.1, 1e-9)
-        jacobian = problem.slopes(causes, delta, r)
+        near = gained < NEARBY and iteration % RENEWED > 0
+        jacobian = problem.slopes(causes, delta, r, jacobian if near else None)
         if gained < SMALL_GAIN:
             break
     return _finished(problem, causes, delta, cost, jacobian)

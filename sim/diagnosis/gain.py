@@ -16,15 +16,17 @@ from ..flight import fly_whole
 from ..nominal import Nominal
 from ..sections import Guidance
 from .fit import Cause, Fit, Problem, fit
-from .hypotheses import Hypothesis
-from .model import Point, innovations, prediction_errors
+from .hypotheses import pinned
+from .model import DEVIATIONS, Point, innovations, prediction_errors
 from .noise import Filter, dynamics, fit_levels, run_filter
 from .record import CHANNELS, Record
 from .scan import scan
 from .selection import Model, first_filter
 
 HORIZONS = (0.1, 0.5, 1.0)   # s
-BLOCK = 1.25           # s left out at a time: a prediction over 1 s fits in, and a gust is never left out whole
+LONG = 1.25            # s left out at a time: a prediction over 1 s fits in
+SHORT = 0.1            # s
+FOLDS_SEED = 11
 SPACING = 0.125        # s between predictions
 DRAWS = 8              # noise draws of the closed loop
 
@@ -54,24 +56,43 @@ class Trained:
     filter: Filter
 
 
-def folds(record: Record) -> list[np.ndarray]:
-    """Two masks (n,) bool of rows to fit to; the rest of each is left out."""
-    odd = (np.arange(record.rows) * record.period / BLOCK).astype(np.int64) % 2 == 1
+def short_folds(record: Record) -> list[np.ndarray]:
+    """Two masks (n,) bool of rows to fit to, the rest of each left out, for likelihoods: each row is predicted from
+    all before it, so blocks may be short, and an onset is never left out with all that tells it.  They are dealt out at
+    random: a regular pattern would let a line pass for its alias."""
+    block = (np.arange(record.rows) * record.period / SHORT).astype(np.int64)
+    odd = np.random.default_rng(FOLDS_SEED).permutation(np.arange(block[-1] + 1) % 2)[block] == 1
     return [odd, ~odd]
 
 
-def trained(record: Record, causes: Sequence[Hypothesis], start: Filter, mask: np.ndarray | None) -> Trained:
-    """Causes searched from scratch, one after the other, then jointly with noise levels, on the rows of `mask`."""
+def long_folds(record: Record) -> list[np.ndarray]:
+    """The same for predictions: a block holds a horizon of 1 s.  When
+    a cause begins and how long it lasts is not fitted anew: blocks that hold an onset would be judged without it."""
+    odd = (np.arange(record.rows) * record.period / LONG).astype(np.int64) % 2 == 1
+    return [odd, ~odd]
+
+
+def trained(record: Record, causes: Sequence[Cause], start: Filter, mask: np.ndarray | None) -> Trained:
+    """Causes and noise levels fitted to the rows of `mask`: from where a search on these rows would start and from the
+    values given, whichever these rows prefer."""
     problem = Problem(record, start, mask)
-    fitted = fit(problem, (), np.zeros(2), iterations=4)
-    for hypothesis in causes:
-        candidates = scan(problem, fitted, (hypothesis,))
+    given = fit(problem, causes, np.zeros(DEVIATIONS))
+    fitted = fit(problem, (), np.zeros(DEVIATIONS), iterations=0)
+    for cause in causes:
+        candidates = scan(problem, fitted, (cause.hypothesis,))
         if candidates:
             best = candidates[0]
             fitted = fit(problem, (*fitted.causes, Cause(best.hypothesis, best.values)), fitted.delta)
-    for _ in range(2):
-        fitted, start = _levelled(record, fitted, start, mask)
+    fitted = min(fitted, given, key=lambda each: each.cost)
+    fitted, start = _levelled(record, fitted, start, mask)
     return Trained(fitted.point, start)
+
+
+def refitted(record: Record, causes: Sequence[Cause], start: Filter, mask: np.ndarray) -> Trained:
+    """Causes and noise levels fitted to the rows of `mask` from the values given; then the model as its file says it,
+    without the deviations of a6 and k1."""
+    fitted, filt = _levelled(record, fit(Problem(record, start, mask), causes, np.zeros(DEVIATIONS)), start, mask)
+    return Trained(Point(fitted.point.effects), filt)
 
 
 def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None) -> tuple[Fit, Filter]:
@@ -81,13 +102,14 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
 
 def held_out(record: Record, model: Model, nominal: Model, further: Sequence[Effect] = ()) -> Gain:
     """On blocked folds of the log itself; `further` effects fly in the closed loop only (the controller's)."""
-    causes = [cause.hypothesis for cause in model.causes]
     totals, errors, changes = np.zeros(2), [], []
-    for mask in folds(record):
-        left_out = ~mask
-        pair = (trained(record, (), nominal.fit.filter, mask), trained(record, causes, model.fit.filter, mask))
-        totals += [log_likelihood(record, each, left_out) for each in pair]
-        made, change = _errors(record, pair, left_out)
+    for mask in short_folds(record):
+        pair = (trained(record, (), nominal.fit.filter, mask), trained(record, model.causes, model.fit.filter, mask))
+        totals += [log_likelihood(record, each, ~mask) for each in pair]
+    timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
+    for mask in long_folds(record):
+        pair = (refitted(record, (), nominal.fit.filter, mask), refitted(record, timed, model.fit.filter, mask))
+        made, change = _errors(record, pair, ~mask)
         errors.append(made)
         changes.append(change)
     errors_, changes_ = np.concatenate(errors, axis=1), np.concatenate(changes)

@@ -6,7 +6,7 @@ for it to be visible at all.  The physics is the effect's own (`sim.effects`); n
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class Hypothesis:
     shapes: Callable[[Record], list[Values]]
     visible: Callable[[Record], bool]
     sizes: Callable[[Record], list[float]] | None = None
-    fixed: tuple[tuple[str, str], ...] = ()   # parameters that are no number (the term of `missing_term`)
+    fixed: tuple[tuple[str, str | float], ...] = ()   # parameters that are not searched (the term of `missing_term`)
 
     def effect(self, values: Values) -> Effect:
         """The simulator's effect at these values of the free numbers, and the fixed ones."""
@@ -87,6 +87,7 @@ EARLIEST = 2.0           # s: an onset so near an end is no onset, it is a const
 SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 14))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
 LOWEST_BENDING = 6.0     # rad/s
+TIMES = ("time", "duration")
 START_DAMPING = 0.05     # broad enough for a coarse grid of frequencies
 RATE_SHARES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command: the servo follows a part of it
 PLAYS = (3e-4, 1e-3, 3e-3, 1e-2)    # rad
@@ -150,6 +151,14 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 # its start, like those of `control_loss` and `gust`, is found by a search of its own (`scan`)
 PERIODIC = Hypothesis("periodic_disturbance", (_size("amplitude", 1e-4), _LINE, Free("phase", 0.02)), 0.0,
                       _alone, _always)
+
+
+def pinned(hypothesis: Hypothesis, values: Values) -> tuple[Hypothesis, Values]:
+    """The hypothesis with its times as they are, and the values of what stays free."""
+    times = tuple((free.name, value) for free, value in zip(hypothesis.free, values, strict=True) if free.name in TIMES)
+    kept = [(free, value) for free, value in zip(hypothesis.free, values, strict=True) if free.name not in TIMES]
+    return (replace(hypothesis, free=tuple(free for free, _ in kept), fixed=(*hypothesis.fixed, *times)),
+            tuple(value for _, value in kept))
 
 
 def missing_term(term: str) -> Hypothesis:

@@ -14,14 +14,18 @@ from .linear import Modes, slots_of
 from .predictor import follow, horizon_errors, tick_attitudes
 from .record import BETA, THETA, THETA_DOT, Record
 
+DEVIATIONS = 4
+
 
 @dataclass(frozen=True)
 class Point:
-    """What is believed beside the nominal: effects, and relative deviations of a6 and k1 within the tolerance."""
+    """What is believed beside the nominal: effects, and relative deviations of a6 and k1 within the tolerance.
+
+    deviations  of a6, of k1 in the middle of the log, and how much more they are at its end than in the middle
+    """
 
     effects: tuple[Effect, ...] = ()
-    delta_a6: float = 0.0
-    delta_k1: float = 0.0
+    deviations: tuple[float, ...] = (0.0,) * DEVIATIONS
 
 
 def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st.Vehicle:
@@ -30,7 +34,9 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     extra  (ticks,) [rad/s^2] a further acceleration, None: none
     """
     table = packed(record.nominal, point.effects)
-    a6, k1 = record.a6 * (1.0 + point.delta_a6), record.k1 * (1.0 + point.delta_k1)
+    a6_middle, k1_middle, a6_slope, k1_slope = point.deviations
+    a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
+    k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
     if len(table.plant) > 0:
         half = np.arange(len(a6)) * (0.5 * record.step)
         plant.parameters_over_time(table.plant, half, a6, k1)

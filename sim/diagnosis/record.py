@@ -7,6 +7,7 @@ controller lacks commands between its rows; they are recomputed (`fill_commands`
 Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
 """
 
+import functools
 import math
 from dataclasses import dataclass, replace
 
@@ -79,6 +80,12 @@ class Record:
     def resolution(self) -> float:
         """[s] the coarser of the grid's step and the nominal's: frequencies must be resolved by both"""
         return max(self.step, self.nominal.simulation.step if self.nominal.simulation is not None else 0.0)
+
+    @functools.cached_property
+    def tau(self) -> np.ndarray:
+        """(2 steps + 1,) at every half step: time from -1 at the first row to 1 at the last"""
+        half = np.arange(len(self.a6)) - 2 * self.first_step
+        return np.clip(half / max((self.rows - 1) * self.every, 1) - 1.0, -1.0, 1.0)
 
     @property
     def t(self) -> np.ndarray:

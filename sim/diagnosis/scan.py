@@ -46,14 +46,14 @@ class Projector:
     def __init__(self, problem: Problem, base: Fit, causes: bool = True) -> None:
         slopes = base.slopes if causes else base.slopes[:, -NUISANCES:]
         prior = np.zeros((NUISANCES, slopes.shape[1]))
-        prior[0, -2] = prior[1, -1] = 1.0 / problem.tolerance
+        prior[:, -NUISANCES:] = np.diag(1.0 / problem.prior)
         self.residual = problem.residual(base.point)
         basis, _ = np.linalg.qr(np.concatenate([slopes, prior]) / _norms(slopes))
         self.basis = basis
         self.rest = self.out(self.residual)
 
     def out(self, vector: np.ndarray) -> np.ndarray:
-        """The part of a vector (3n + 2,) that the model's own numbers cannot make."""
+        """The part of a vector (3n + 4,) that the model's own numbers cannot make."""
         return vector - self.basis @ (self.basis.T @ vector)
 
 
@@ -87,11 +87,11 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
 def with_effect(base: Fit, cause: Cause) -> Point:
     """The model with one more cause."""
     point = base.point
-    return Point((*point.effects, cause.hypothesis.effect(cause.values)), point.delta_a6, point.delta_k1)
+    return Point((*point.effects, cause.hypothesis.effect(cause.values)), point.deviations)
 
 
 def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis, shape: Values) -> np.ndarray:
-    """Change of the residual (3n + 2,) per unit of the size, at its neutral value."""
+    """Change of the residual (3n + 4,) per unit of the size, at its neutral value."""
     size = hypothesis.free[0]
     cause = Cause(hypothesis, (hypothesis.neutral + size.step, *shape))
     return (problem.residual(with_effect(base, cause)) - project.residual) / size.step

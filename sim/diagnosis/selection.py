@@ -13,7 +13,7 @@ import numpy as np
 
 from .fit import Cause, Fit, Problem, fit
 from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis, missing_term
-from .model import Point, innovations
+from .model import DEVIATIONS, Point, innovations
 from .noise import Dynamics, Filter, declared, dynamics, fit_levels, run_filter
 from .record import Record
 from .scan import Candidate, scan
@@ -29,6 +29,8 @@ NEAR = 8.0            # nats
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 ROUNDS = 3            # of alternating between causes and noise levels at most
 SETTLED = 0.1         # nats that a round must bring to go on
+SWAPS = 4             # rounds of swapping a cause for a better one at most
+SWAP_GAIN = 1.0       # nats that a swap must bring
 WRONG_NOISE = 1.5     # factor of a level over the declared that makes the declared levels a second start
 REPEATABLE = ("bending", "gust", "periodic_disturbance", "slosh")  # there may be two of
 
@@ -93,7 +95,7 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
         fitted = fit(Problem(record, filt, mask), causes, delta)
         dyn = dynamics(record, fitted.point)
         new = fit_levels(record, dyn, fitted.innovations, filt, filt.levels, counts=mask)
-        prior = 0.5 * float(np.sum((fitted.delta / Problem(record, filt).tolerance)**2))
+        prior = 0.5 * float(np.sum((fitted.delta / Problem(record, filt).prior)**2))
         value = new.log_likelihood - prior
         if made is None or value > best:
             made = Model(fitted, value, dyn)
@@ -124,7 +126,7 @@ def as_simulated(record: Record) -> Model:
     """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like."""
     levels = declared(record)
     start = first_filter(record, levels)
-    models = [profile(record, (), np.zeros(2), start)]
+    models = [profile(record, (), np.zeros(DEVIATIONS), start)]
     e = innovations(record, start, Point())[0]
     seen = levels.copy()
     for k in range(3):
@@ -132,7 +134,7 @@ def as_simulated(record: Record) -> Model:
             ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / 0.6745)
             seen[k] *= ratio
     seen[3:] *= 3.0
-    models.append(profile(record, (), np.zeros(2), first_filter(record, seen)))
+    models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
     return max(models, key=lambda model: model.log_likelihood)
 
 
@@ -172,10 +174,11 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
         if not found.model.causes:
             most += len(better.causes) - 1  # a block counts as one cause
         found.model = better
-        if len(better.causes) > 1 and not any(c.hypothesis.cause == "missing_term" for c in better.causes):
-            found.model = _dropped(record, _swapped(record, found, known), limit)
-    for k in range(len(found.model.causes)):
-        _stand_ins(record, found, known, k)
+    if len(found.model.causes) > 1:
+        found.model = _dropped(record, found.model, max(FURTHER, threshold))
+    for swap in range(SWAPS, -1, -1):
+        if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
+            break
     return found
 
 
@@ -248,21 +251,6 @@ def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:
     return fit(problem, causes, base.delta)
 
 
-def _swapped(record: Record, found: Selection, known: tuple[Hypothesis, ...]) -> Model:
-    """Each earlier cause against all others, now that the later ones are in."""
-    best = found.model
-    for k in range(len(best.causes) - 1):
-        others = best.causes[:k] + best.causes[k + 1:]
-        without = profile(record, others, best.fit.delta, best.fit.filter)
-        allowed = _allowed(known, others)
-        for model, _ in _ranking(record, without, allowed)[:1]:
-            gain = model.log_likelihood - best.log_likelihood
-            gain -= penalty(record, model.causes[-1].hypothesis) - penalty(record, best.causes[k].hypothesis)
-            if gain > 1.0:
-                best = model
-    return best
-
-
 def _dropped(record: Record, model: Model, limit: float) -> Model:
     """Without the causes that the others made needless."""
     for k in range(len(model.causes) - 1):
@@ -274,17 +262,24 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
     return model
 
 
-def _stand_ins(record: Record, found: Selection, known: tuple[Hypothesis, ...], k: int) -> None:
-    """Evidence of cause k, and the ranking of all that could stand in its place."""
-    model, cause = found.model, found.model.causes[k]
-    others = model.causes[:k] + model.causes[k + 1:]
-    if not others:
-        without, ranking = found.nominal, found.rankings[0]
-    else:
-        without = profile(record, others, model.fit.delta, model.fit.filter)
-        allowed = _allowed(known, others)
-        ranking = [Ranked(made.causes[-1], evidence) for made, evidence in _ranking(record, without, allowed)]
-    own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
-    found.evidence.append(own)
-    found.rivals.append([Ranked(cause, own), *(each for each in ranking
-                                               if each.cause.hypothesis.label != cause.hypothesis.label)])
+def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], least: float) -> bool:
+    """Evidence of each cause, and the ranking of all that could stand in its place now that the others are in; True
+    if one that does better by `least` nats took it, so that all must be looked at again."""
+    found.evidence, found.rivals = [], []
+    for k, cause in enumerate(found.model.causes):
+        model = found.model
+        others = model.causes[:k] + model.causes[k + 1:]
+        if not others:
+            without, ranked = found.nominal, found.rankings[0]
+        else:
+            without = profile(record, others, model.fit.delta, model.fit.filter)
+            models = _ranking(record, without, _allowed(known, others))
+            ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
+        own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
+        if others and models and models[0][1] > own + least:
+            found.model = models[0][0]
+            return True
+        found.evidence.append(own)
+        found.rivals.append([Ranked(cause, own), *(each for each in ranked
+                                                   if each.cause.hypothesis.label != cause.hypothesis.label)])
+    return False

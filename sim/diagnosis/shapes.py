@@ -68,7 +68,7 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
 
 
 def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.ndarray) -> np.ndarray:
-    """Residual (3n + 2,) with a shape added."""
+    """Residual (3n + 4,) with a shape added."""
     ticks = record.every // record.tick
     extra, changed = None, record
     if place == "plant":
@@ -81,5 +81,4 @@ def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.
         changed = replace(record, z=z)
     e = innovations(changed, problem.filter, fitted.point, extra)[0]
     white = problem.counted(problem.filter.whiten(e))
-    prior = np.array([fitted.point.delta_a6, fitted.point.delta_k1]) / problem.tolerance
-    return np.concatenate([white.ravel(), prior])
+    return np.concatenate([white.ravel(), np.array(fitted.point.deviations) / problem.prior])

@@ -27,6 +27,7 @@ from .threshold import threshold as measured_threshold
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 SIGNIFICANT = 3.0      # standard deviations of a noise level
 LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
+ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 CONTROLLER = "controller_mismatch"
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
@@ -140,7 +141,7 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
         return r, check_controller(r)
     checked = None
     for _ in range(FILLINGS):
-        attitude = predicted_attitude(r, first_filter(r, declared(r)))
+        attitude = predicted_attitude(r, first_filter(r, declared(r) * ALERT))
         checked = check_controller(r, attitude)
         if checked is None or checked.kind == "unknown":
             return r, checked
