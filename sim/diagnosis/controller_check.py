@@ -90,8 +90,8 @@ def _slow(record: Record, attitude: np.ndarray | None) -> ControllerCheck | None
 
     is linear in the gains; the errors between the rows are predicted ones, their noise is what is left.
     """
-    if attitude is None:
-        return None
+    if attitude is None or "theta_dot" not in record.channels:
+        return None  # without a rate the predicted errors are too poor to judge gains by
     m, n = record.every // record.tick, record.rows
     kp, kd, tau, period, limit = controller_gains(record.nominal)
     alpha = tau / (tau + period)

@@ -40,6 +40,8 @@ def declared(record: Record) -> np.ndarray:
               np.hypot(sensors.theta_dot_std, sensors.theta_dot_step / 12**0.5),
               np.hypot(sensors.beta_std, sensors.beta_step / 12**0.5), record.actuator.command_noise_std,
               simulation.acceleration_noise_std if simulation is not None else 0.0]
+    if not record.command_is_known:
+        levels[3] = levels[2]  # the measured nozzle angle is the command
     return np.maximum(levels, FLOOR)
 
 
@@ -233,8 +235,6 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     """
     reference = declared(record)
     free = [k for k in range(5) if k >= 3 or np.isfinite(base[:, k]).any()]
-    if not record.command_is_known:
-        reference[3] = max(reference[3], float(np.nanstd(np.diff(record.commands))))
 
     def value(x: np.ndarray) -> tuple[float, Filter]:
         result = run_filter(record, dyn, reference * np.exp(x), base, of, disturbance, counts)

@@ -30,6 +30,7 @@ SERVO_STEP = 0.2         # rad a step, of the servo
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
 DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
+DIRECT_DAMPING = 0.7
 DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
 
 
@@ -148,7 +149,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
-    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=0.7)
+    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
     first_step = round((t[0] - shift) / step)
     steps = first_step + n * every
     half = np.arange(2 * steps + 1) * (0.5 * step)
@@ -188,11 +189,15 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         if not known.any():
             raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
                              "command from; expected one of them")
-    if source == "beta":  # it is the input, so it tells nothing besides
-        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]))
+    if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
+        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
+                        actuator=Actuator(natural_frequency=DIRECT / draft.step, damping_ratio=DIRECT_DAMPING))
     rows = np.arange(draft.rows)
     held = command[np.maximum.accumulate(np.where(known, rows, 0))]
     held[~np.isfinite(held)] = command[known][0]
+    if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
+        early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
+        held = held + early * np.diff(held, append=held[-1])
     m = draft.every // draft.tick
     ticks = held if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, held)
     return replace(draft, commands=ticks, input=source)

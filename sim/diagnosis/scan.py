@@ -17,6 +17,7 @@ from .model import Point, innovations
 from .pulses import gusts, losses
 
 IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
+OWN_SHARE = 1e-9        # of a response's energy that the model cannot make itself: with less it is the model's own
 CYCLES = 3.0            # of a line in the log, at least: slower ones are trims
 TOP = 0.8               # highest line over the Nyquist frequency
 LINES = 3               # strongest lines handed on
@@ -100,9 +101,10 @@ def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypoth
 def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
     size, tries = hypothesis.free[0], []
     for shape in hypothesis.shapes(problem.record):
-        change = project.out(response(problem, base, project, hypothesis, shape))
+        whole = response(problem, base, project, hypothesis, shape)
+        change = project.out(whole)
         energy = float(change @ change)
-        if energy <= 0.0 or not math.isfinite(energy):
+        if not energy > OWN_SHARE * float(whole @ whole) or not math.isfinite(energy):
             continue
         slope = float(change @ project.rest)
         amount = hypothesis.neutral - slope / energy

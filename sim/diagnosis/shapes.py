@@ -17,13 +17,17 @@ from .scan import Projector
 
 PIECE = 1e-4   # rms of a shape when its response is taken: rad, rad/s, rad/s^2; small enough to be linear
 NO_ENERGY = 1e-9
+OWN_SHARE = 1e-4  # of a response's energy that the model cannot make itself: with less it is the model's own
 
 
 def _signals(fitted: Fit) -> dict[str, np.ndarray]:
-    """(n,) each: filtered attitude, rate, nozzle, nozzle rate, command; and time from -1 to 1."""
+    """(n,) each: filtered attitude, rate, nozzle, nozzle rate, command; what each sensor should see before it is read
+    (a corrected state holds its noise); and time from -1 to 1."""
     record, x = fitted.record, np.nan_to_num(fitted.states)
     ticks = record.every // record.tick
-    return {"theta": x[:, 0], "theta_dot": x[:, 1], "beta": x[:, 2], "beta_dot": x[:, 3],
+    expected = np.nan_to_num(record.z - fitted.innovations)
+    seen = {f"seen {channel}": expected[:, k] for k, channel in enumerate(CHANNELS)}
+    return {**seen, "theta": x[:, 0], "theta_dot": x[:, 1], "beta": x[:, 2], "beta_dot": x[:, 3],
             "u": record.commands[::ticks], "time": np.linspace(-1.0, 1.0, record.rows)}
 
 
@@ -41,7 +45,7 @@ def _shapes(s: dict[str, np.ndarray]) -> Iterator[tuple[str, str, np.ndarray]]:
                          ("abs(u)", np.abs(s["u"])), ("u*time", s["u"] * s["time"]), ("time", s["time"])):
         yield "actuator", name, signal
     for channel in CHANNELS:
-        own = s[channel]
+        own = s[f"seen {channel}"]
         for name, signal in ((f"{channel}^2", own**2), (f"{channel}^3", own**3), (f"abs({channel})", np.abs(own)),
                              (f"{channel}*time", own * s["time"]), ("time", s["time"])):
             yield channel, name, signal
@@ -58,9 +62,10 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
                 (place == "actuator" and not record.command_is_known):
             continue
         piece = signal * (PIECE / size)
-        change = project.out(_moved(problem, fitted, record, place, piece) - project.residual) / PIECE
+        whole = (_moved(problem, fitted, record, place, piece) - project.residual) / PIECE
+        change = project.out(whole)
         energy = float(change @ change)
-        if energy * PIECE**2 < NO_ENERGY:
+        if energy * PIECE**2 < NO_ENERGY or energy < OWN_SHARE * float(whole @ whole):
             continue
         slope = float(change @ project.rest)
         found.append((place, name, -slope / energy, 0.5 * slope * slope / energy))

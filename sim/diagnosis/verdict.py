@@ -143,9 +143,10 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
     for _ in range(FILLINGS):
         attitude = predicted_attitude(r, first_filter(r, declared(r) * ALERT))
         checked = check_controller(r, attitude)
-        if checked is None or checked.kind == "unknown":
+        if checked is not None and checked.kind == "unknown":
             return r, checked
-        r = filled(r, attitude, checked.kp_scale, checked.kd_scale)
+        scales = (1.0, 1.0) if checked is None else (checked.kp_scale, checked.kd_scale)
+        r = filled(r, attitude, *scales)
     return r, checked
 
 
