@@ -28,9 +28,10 @@ from hidden import LISTED, OTHER, PLAIN, UNLISTED, Hidden, Label, draw_spec, fly
 from hidden.build import SUBSTEP  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
-from sim.diagnosis.gain import HORIZONS, SPACING, folds, held_out  # noqa: E402
+from sim.diagnosis.answer import report  # noqa: E402
+from sim.diagnosis.gain import HORIZONS, SPACING, held_out, long_folds  # noqa: E402
 from sim.diagnosis.record import Record  # noqa: E402
-from sim.diagnosis.verdict import Diagnosis, diagnose, report  # noqa: E402
+from sim.diagnosis.verdict import Diagnosis, diagnose  # noqa: E402
 from sim.log import OPTIONAL, REQUIRED, Log  # noqa: E402
 from sim.nominal import Nominal, built_in, load_nominal  # noqa: E402
 
@@ -296,7 +297,7 @@ def change_rms(record: Record) -> float:
     starts = spacing * np.arange(math.ceil((record.rows - max(1, round(max(HORIZONS) / record.period))) / spacing))
     starts = starts[starts + ahead < record.rows]
     changes = []
-    for mask in folds(record):
+    for mask in long_folds(record):
         total = np.concatenate([[0], np.cumsum(~mask)])
         whole = total[starts + ahead + 1] - total[starts] == ahead + 1
         changes.append(theta[starts[whole] + ahead] - theta[starts[whole]])

@@ -170,7 +170,8 @@ def plan_command(args: argparse.Namespace) -> None:
 
 def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
-    from .diagnosis.verdict import diagnose, report
+    from .diagnosis.answer import report
+    from .diagnosis.verdict import diagnose
     from .diagnosis.words import lines
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sim.cli import main
+from sim.diagnosis.answer import report
 from sim.diagnosis.controller_check import check_controller
 from sim.diagnosis.data_check import check
 from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
@@ -16,7 +17,7 @@ from sim.diagnosis.model import Point, innovations
 from sim.diagnosis.noise import declared, exponential
 from sim.diagnosis.record import record
 from sim.diagnosis.selection import first_filter
-from sim.diagnosis.verdict import diagnose, report
+from sim.diagnosis.verdict import diagnose
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight

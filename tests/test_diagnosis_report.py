@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from sim.diagnosis import report as report_module
+from sim.diagnosis.answer import report as json_of
 from sim.diagnosis.hypotheses import HYPOTHESES
 from sim.diagnosis.report import PICTURES, write_report
 from sim.diagnosis.verdict import Diagnosis, diagnose
-from sim.diagnosis.verdict import report as json_of
 from sim.effects import effect
 from sim.errors import InputError
 from sim.flight import fly_whole

@@ -211,10 +211,13 @@ def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list
             for model, evidence in _ranking(record, base, _allowed(tuple(known), base.causes))]
 
 
-def _ranking(record: Record, base: Model, allowed: list[Hypothesis]) -> list[tuple[Model, float]]:
-    """Models with one more cause and its evidence, best first; the first few with their own noise levels."""
+def _ranking(record: Record, base: Model, allowed: list[Hypothesis], anew: bool = True) -> list[tuple[Model, float]]:
+    """Models with one more cause and its evidence, best first; the first few with their own noise levels.
+
+    anew  start from the declared noise levels too
+    """
     fits: list[tuple[Fit, float]] = []
-    for start in _starts(record, base):
+    for start in _starts(record, base) if anew else [base]:
         problem = Problem(record, start.fit.filter)
         promising = [c for c in scan(problem, start.fit, allowed)
                      if c.gain - penalty(record, c.hypothesis) > PROMISING]
@@ -273,7 +276,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             without, ranked = found.nominal, found.rankings[0]
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
-            models = _ranking(record, without, _allowed(known, others))
+            models = _ranking(record, without, _allowed(known, others), anew=False)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
         if others and models and models[0][1] > own + least:

@@ -1,4 +1,4 @@
-"""The diagnosis of one log: the checks in their order, the verdict, and the contract's JSON of it."""
+"""The diagnosis of one log: the checks in their order, and the verdict."""
 
 import math
 from collections.abc import Callable
@@ -23,6 +23,7 @@ from .proposal import Proposal, propose
 from .record import CHANNELS, Record, filled, record
 from .selection import THRESHOLD, Model, Ranked, Selection, first_filter, select
 from .threshold import threshold as measured_threshold
+from .user_gain import UserGain, user_gain
 
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 SIGNIFICANT = 3.0      # standard deviations of a noise level
@@ -94,6 +95,7 @@ class Diagnosis:
     noise: dict[str, dict[str, Any]] = field(default_factory=dict)
     gain: Gain | None = None
     extension: Nominal | None = None
+    user: UserGain | None = None
     proposal: Proposal | None = None
     threshold: float = THRESHOLD
     catalogue: bool = True
@@ -155,8 +157,11 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
     controller = made.controller
     assert made.selection is not None
     doubts = _tested(made, made.selection, holdout, say)
+    if doubts:
+        nominal = made.selection.nominal
+        made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
     foreign = controller is not None and controller.kind in ("unknown", "filter")
-    if doubts and not foreign and made.catalogue:
+    if doubts and not foreign and made.catalogue and _place(made) in ("plant", "environment"):
         doubts = _with_terms(made, holdout, doubts, say)
     if foreign:
         assert controller is not None
@@ -175,6 +180,8 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
     if causes:
         assert made.record is not None
         made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller)
+        say("gain for the estimator's user")
+        made.user = user_gain(made.nominal, made.extension)
 
 
 def _tested(made: Diagnosis, selection: Selection, holdout: Log | None, say: Say) -> list[str]:
@@ -211,7 +218,6 @@ def _unexplained(made: Diagnosis, doubts: list[str]) -> None:
     selection = made.selection
     assert selection is not None
     made.verdict, made.doubts = "unexplained", tuple(doubts)
-    made.left_nominal = made.left if selection.model is selection.nominal else tuple(leftovers(selection.nominal))
     made.where = _place(made)
     if made.gain is None and made.nearest:
         made.gain = _gain_of(made, selection, None)
@@ -308,85 +314,3 @@ def noise_of(model: Model) -> dict[str, dict[str, Any]]:
         found[name] = {"factor": factor, "std": std * factor if math.isfinite(std) else None,
                        "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std)}
     return found
-
-
-# ---- JSON
-
-
-def report(made: Diagnosis) -> dict[str, Any]:
-    """The contract's diagnose JSON, and more."""
-    selection = made.selection
-    return {
-        "verdict": made.verdict, "where": made.where,
-        "causes": [_cause_json(cause) for cause in made.causes],
-        "noise": made.noise,
-        "limits": {each.cause: _limit_json(each) for each in made.limits},
-        "gain": _gain_json(made.gain) if made.verdict in ("explained", "unexplained") else None,
-        "doubts": list(made.doubts),
-        "nearest": [_nearest_json(cause) for cause in made.nearest],
-        "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
-                 "faults": [fault.__dict__ for fault in made.data.faults]},
-        "proposal": None if made.proposal is None or made.verdict == "explained" else made.proposal.equation,
-        "controller": _controller_json(made.controller),
-        "leftover": [{"place": each.disturbance.place, "shape": each.shape or None, "nats": number(each.gain)}
-                     for each in made.left],
-        "ranking": [] if selection is None else
-        [[{"cause": each.cause.hypothesis.cause, "evidence": number(each.evidence)} for each in step]
-         for step in selection.rankings],
-        "look_alikes": [] if made.isolability is None else
-        [{"causes": [a, b], "cosine": round(c, 4)} for a, b, c in made.isolability.pairs(0.9)],
-        "threshold": made.threshold,
-        "deviation": None if selection is None else {"a6": float(selection.model.fit.delta[0]),
-                                                     "k1": float(selection.model.fit.delta[1])},
-    }
-
-
-def number(x: float) -> float | None:
-    """A JSON number: null for what is not finite."""
-    return float(x) if math.isfinite(x) else None
-
-
-def _cause_json(cause: Named) -> dict[str, Any]:
-    evidence: dict[str, Any] = {"nats": number(cause.evidence)}
-    if cause.constancy is not None:
-        evidence["constancy_chi_squared"] = number(cause.constancy.chi_squared)
-    parameters: dict[str, Any] = {}
-    for name, value in cause.values.items():
-        parameters[name] = {"value": value if isinstance(value, str) else number(value),
-                            "std": number(cause.std[name]) if name in cause.std else None,
-                            "unit": cause.units.get(name, "term")}
-    decides = [what for pair, what in DECIDES.items() if cause.cause in pair and pair & set(cause.rivals)]
-    return {"cause": cause.cause, "where": cause.where, "parameters": parameters,
-            "indistinguishable_from": list(cause.rivals), "would_decide": list(dict.fromkeys(decides)),
-            "evidence": evidence}
-
-
-def _nearest_json(cause: Named) -> dict[str, Any]:
-    return {"resembles": cause.cause, "nats": number(cause.evidence)}
-
-
-def _limit_json(limit: Limit) -> dict[str, Any]:
-    return {"parameter": limit.parameter, "unit": limit.unit, "size": limit.size,
-            "neutral": number(limit.neutral), "at": dict(limit.at)}
-
-
-def _controller_json(check_: ControllerCheck | None) -> dict[str, Any] | None:
-    if check_ is None:
-        return None
-    return {"mismatch": check_.kind, "rms_before": check_.before, "rms_after": check_.after,
-            "time_constant": check_.time_constant}
-
-
-def _gain_json(gain: Gain | None) -> dict[str, Any] | None:
-    if gain is None:
-        return None
-    table = {f"{horizon:g}": {channel: {"before": number(b), "after": number(a)} for channel, (b, a) in row.items()}
-             for horizon, row in gain.nrmse.items()}
-    first = gain.nrmse[1.0].get("theta", (math.nan, math.nan))
-    return {"horizon": 1.0, "held_out": True, "channels": table["1"], "before": number(first[0]),
-            "after": number(first[1]), "horizons": table, "nats": number(gain.nats), "source": gain.source,
-            "log_likelihood_per_row": {"before": number(gain.log_likelihood[0]),
-                                       "after": number(gain.log_likelihood[1])},
-            "closed_loop": None if gain.closed_loop is None else
-            {"before": number(gain.closed_loop[0]), "after": number(gain.closed_loop[1]), "unit": "rad"}}
-
