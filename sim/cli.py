@@ -176,6 +176,7 @@ def diagnose_command(args: argparse.Namespace) -> None:
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
+    progress = Progress()
     made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
     progress("")
     result = report(made)
@@ -191,11 +192,21 @@ def diagnose_command(args: argparse.Namespace) -> None:
     print("\n".join(lines(made)))
 
 
-def progress(text: str) -> None:
-    """What is being done, on a terminal only: one line that is written over; an empty text clears it."""
-    if sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
+class Progress:
+    """A bar of the steps done and what is being done, on a terminal only: one line that is written over."""
+
+    STEPS = 8  # of a diagnosis with one cause
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def __call__(self, text: str) -> None:
+        """An empty text clears the line."""
+        if sys.stderr.isatty():
+            full = min(self.done, self.STEPS)
+            sys.stderr.write("\r\x1b[K" + (f"[{'#' * full}{'.' * (self.STEPS - full)}] {text}" if text else ""))
+            sys.stderr.flush()
+        self.done += 1
 
 
 def at_least(name: str, value: int, low: int) -> None:

@@ -25,7 +25,8 @@ __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Guidance", "Multi
            "Simulation", "built_in", "constant_profile", "load_nominal", "locate", "read_profile", "write_nominal"]
 
 DATA = Path(__file__).parent / "data"
-BUILT_IN = ("constant", "vega_like", "greensite_cr826")
+BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
+STANDS = ("pendulum_linear",)   # plants of test stands, given by their terms: for `diagnose`
 
 
 def built_in(name: str) -> Path:
@@ -36,7 +37,7 @@ def built_in(name: str) -> Path:
 def locate(text: str) -> Path:
     """A nominal by path, or by the name of a built-in one when no such file exists."""
     path = Path(text)
-    return built_in(text) if text in BUILT_IN and not path.exists() else path
+    return built_in(text) if text in BUILT_IN + STANDS and not path.exists() else path
 
 
 def load_nominal(path: str | Path) -> Nominal:

@@ -20,6 +20,7 @@ from sim.effects import CATALOGUE, effect
 from sim.log import read_log
 from sim.nominal import load_nominal
 
+SECONDS = 45.0       # of the flights of the default run
 VISIBLE = 2.0        # times a clearly visible size (`size_at`)
 ALIKE = 0.999        # |cosine| of exact equivalents
 # hidden in the other physical form a first-order lag of the servo is as good a delay as a bandwidth, and a trapezoidal
@@ -57,11 +58,11 @@ def found(result, label):
     return len(sets) == len(truth(label)) and all(any(name in one for one in sets) for name in truth(label))
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cause=st.sampled_from(FEW), seed=st.integers(0, 2**20), variant=st.sampled_from([PLAIN, OTHER]),
        rate=st.sampled_from([50.0, 100.0]))
 def test_what_is_hidden_is_found(tmp_path, cause, seed, variant, rate):
-    spec = draw_spec(seed, cause=cause, factor=VISIBLE, variant=variant, rate=rate)
+    spec = draw_spec(seed, cause=cause, factor=VISIBLE, variant=variant, rate=rate, duration=SECONDS)
     result, label, _ = diagnosed(tmp_path, spec)
     assert found(result, label), (spec, result["verdict"], answers(result), result["doubts"], result["nearest"])
 
@@ -81,7 +82,7 @@ def test_every_cause_is_found_on_both_vehicles(tmp_path, nominal, cause, variant
 
 @pytest.mark.parametrize("name", ["servo_friction", "servo_curve", "attitude_curve", "gyro_warming"])
 def test_what_nobody_listed_is_not_named(tmp_path, name):
-    result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0))
+    result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0, duration=SECONDS))
     assert result["verdict"] == "unexplained" and result["causes"] == [], (answers(result), label)
     assert result["where"] in set().union(*label.places)
 
@@ -99,7 +100,7 @@ def test_no_unlisted_effect_is_named(tmp_path, nominal, name):
     (1, {"reference": "rough"}), (2, {}), (3, {"nominal": "vega_like"}), (4, {"reference": "rough", "rate": 50.0})])
 def test_decoys_are_consistent(tmp_path, seed, options):
     """Wrong noise levels (0.67 to 1.5) and 2 % dispersion are drawn; nothing is hidden."""
-    result, label, _ = diagnosed(tmp_path, draw_spec(seed, **options))
+    result, label, _ = diagnosed(tmp_path, draw_spec(seed, duration=SECONDS, **options))
     assert result["verdict"] == "consistent", (label, result["doubts"], answers(result))
 
 
@@ -114,11 +115,11 @@ def mirrored(columns):
                                    pytest.param("actuator_gain", marks=pytest.mark.campaign),
                                    pytest.param("gyro_bias", marks=pytest.mark.campaign)])
 def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path, cause):
-    spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0)
+    spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=SECONDS)
     columns, label = fly(spec)
     nominal = load_nominal("constant")
     thinned = {name: value[::2] for name, value in columns.items()}
-    double, _ = fly(draw_spec(5, cause=cause, factor=2.0 * VISIBLE, variant=PLAIN, rate=100.0))
+    double, _ = fly(draw_spec(5, cause=cause, factor=2.0 * VISIBLE, variant=PLAIN, rate=100.0, duration=SECONDS))
     for k, (log, order) in enumerate([(mirrored(columns), None), (columns, sorted(columns, reverse=True)),
                                       (thinned, None), (double, None)]):
         path = tmp_path / f"{k}.csv"
@@ -131,7 +132,7 @@ def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path,
                                    pytest.param("thrust_misalignment", marks=pytest.mark.campaign)])
 def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
     factor = 40.0 if cause.startswith("actuator") else VISIBLE   # the nozzle sensor was what showed them
-    spec = draw_spec(6, cause=cause, factor=factor, variant=PLAIN, rate=100.0, drop=("beta",))
+    spec = draw_spec(6, cause=cause, factor=factor, variant=PLAIN, rate=100.0, drop=("beta",), duration=SECONDS)
     result, label, _ = diagnosed(tmp_path, spec)
     assert found(result, label), (result["verdict"], answers(result), result["doubts"])
     assert len(answers(result)[0]) > 1
@@ -144,7 +145,7 @@ def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
                                    pytest.param(name, marks=pytest.mark.campaign)
                                    for name in LISTED if name != "controller_mismatch"])
 def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
-    spec = draw_spec(9, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0)
+    spec = draw_spec(9, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=SECONDS)
     result, label, made = diagnosed(tmp_path, spec, drop_hypothesis=cause)
     equivalents = {other for a, b, _ in made.isolability.pairs(ALIKE) for other in (a, b) if cause in (a, b)} - {cause}
     print(cause, "exact equivalents in this log:", sorted(equivalents) or "none")
@@ -156,7 +157,7 @@ def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
 
 
 def test_the_extension_beats_the_nominal_on_a_fresh_flight_and_another_label_does_not(tmp_path):
-    spec = draw_spec(31, cause="control_loss", factor=4.0, variant=PLAIN, rate=100.0)
+    spec = draw_spec(31, cause="control_loss", factor=4.0, variant=PLAIN, rate=100.0, duration=SECONDS)
     result, label, made = diagnosed(tmp_path, spec)
     assert found(result, label)
     columns, _ = fly(dataclasses.replace(spec, seed=32))

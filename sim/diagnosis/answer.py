@@ -23,6 +23,7 @@ def report(made: Diagnosis) -> dict[str, Any]:
                    "coverage": dict(zip(("before", "after"), map(number, made.user.coverage[name]), strict=True))}
             for name in ("a6", "k1")},
         "doubts": list(made.doubts),
+        "beneath": None if made.beneath is None else {"verdict": made.beneath[0], "causes": list(made.beneath[1])},
         "nearest": [_nearest_json(cause) for cause in made.nearest],
         "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
                  "faults": [fault.__dict__ for fault in made.data.faults]},

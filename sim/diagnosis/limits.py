@@ -89,6 +89,12 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
     return found, Isolability(tuple(names), np.abs(stack @ stack.T))
 
 
+def unseen() -> list[Limit]:
+    """Of a log too short for anything."""
+    return [Limit(each.cause, each.free[0].name, each.unit(each.free[0].name), None, each.neutral, ())
+            for each in (*HYPOTHESES, PERIODIC)]
+
+
 def _bisected(problem: Problem, model: Model, project: Projector, hypothesis: Hypothesis,
               needed: float) -> tuple[float | None, np.ndarray | None]:
     """Smallest size (a play) or largest (a rate limit) that pays, where the response is not proportional to it."""

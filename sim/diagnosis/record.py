@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import controller as controller_effects
+from ..effects import effect, values
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS, excitation, packed
 from ..log import Log
@@ -149,6 +150,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
+    nominal = _shifted(nominal, shift)
     actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
     first_step = round((t[0] - shift) / step)
     steps = first_step + n * every
@@ -157,6 +159,15 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
                    first_step, step, every, tick, shift)
     return _with_commands(draft, command, log.path)
+
+
+def _shifted(nominal: Nominal, shift: float) -> Nominal:
+    """The nominal with the times of its effects on the grid's clock."""
+    if shift == 0.0 or not nominal.effects:
+        return nominal
+    moved = [effect(of.name, **{name: value - shift if name == "time" and not isinstance(value, str) else value
+                                for name, value in values(of).items()}) for of in nominal.effects]
+    return replace(nominal, effects=tuple(moved))
 
 
 def _period(t: np.ndarray, nominal: Nominal) -> float:

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..effects import CATALOGUE
+from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
 from .controller_check import ControllerCheck, check_controller
@@ -16,7 +17,7 @@ from .extend import extended, of_controller
 from .gain import Gain, held_out, on_another
 from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SHAPE_LIMIT, Constancy, Leftover, constancy, leftovers
 from .hypotheses import Hypothesis
-from .limits import Isolability, Limit, limits
+from .limits import Isolability, Limit, limits, unseen
 from .model import predicted_attitude
 from .noise import LEVELS, declared, run_filter
 from .proposal import Proposal, propose
@@ -26,6 +27,8 @@ from .threshold import threshold as measured_threshold
 from .user_gain import UserGain, user_gain
 
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
+MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
+FEWEST = 100           # rows, without which nothing is fitted
 SIGNIFICANT = 3.0      # standard deviations of a noise level
 LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
@@ -74,6 +77,7 @@ class Diagnosis:
     doubts     why the best causes are not believed (unexplained), one line each
     nearest    the best causes of an `unexplained` log: they are not its cause
     proposal   missing terms that would help an `unexplained` log
+    beneath    of `bad-data` whose faults can be masked: verdict and causes of what is left
     catalogue  whether all causes were allowed, missing terms too
     """
 
@@ -97,6 +101,7 @@ class Diagnosis:
     extension: Nominal | None = None
     user: UserGain | None = None
     proposal: Proposal | None = None
+    beneath: tuple[str, tuple[str, ...]] | None = None
     threshold: float = THRESHOLD
     catalogue: bool = True
 
@@ -117,9 +122,33 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
     if data.is_bad:
         made.where = "data"
-    if data.usable.sum() < 2:
+        return made if not all(fault.kind in MASKED for fault in data.faults) else _beneath(made, say)
+    return _examined(made, holdout, bootstrap, hypotheses, say)
+
+
+def _beneath(made: Diagnosis, say: Say) -> Diagnosis:
+    """A log with faults that can be masked: the verdict stays `bad-data`; what the rest would have said is kept."""
+    rest = replace(made)
+    try:
+        _examined(rest, None, 0, None, say)
+    except InputError:
+        return made  # too little is left
+    made.beneath = (rest.verdict, tuple(cause.cause for cause in rest.causes))
+    made.record, made.selection, made.noise = rest.record, rest.selection, rest.noise
+    made.limits, made.isolability, made.controller = rest.limits, rest.isolability, rest.controller
+    return made
+
+
+def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: tuple[Hypothesis, ...] | None,
+              say: Say) -> Diagnosis:
+    """Everything after the data check; InputError where the log holds no input."""
+    threshold = made.threshold
+    r = made.record = record(made.log, made.nominal, made.data)
+    if r.rows < FEWEST:
+        made.verdict = "consistent"  # nothing is wrong that so short a log could show, and the limits say none could
+        made.limits = tuple(unseen())
         return made
-    r, made.controller = with_commands(record(log, nominal, data))
+    r, made.controller = with_commands(r)
     made.record = r
     if bootstrap > 0:
         threshold = made.threshold = measured_threshold(r, bootstrap, say)
@@ -130,9 +159,6 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     found, made.isolability = limits(r, made.selection.model, threshold)
     made.limits = tuple(found)
     made.noise = noise_of(made.selection.model)
-    if data.is_bad:
-        made.verdict, made.where = "bad-data", "data"
-        made.causes, made.nearest, made.doubts, made.gain, made.extension = (), (), (), None, None
     return made
 
 

@@ -76,6 +76,9 @@ def lines(made: Diagnosis) -> list[str]:
     """The whole verdict for a terminal."""
     said = [headline(made)]
     said += [f"  {fault.message}" for fault in made.data.faults]
+    if made.beneath is not None:
+        said.append(f"  with the faulty rows masked the rest would be {made.beneath[0]}"
+                    + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
     for cause in made.causes:
         said.append(f"  {cause.cause}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
         if cause.rivals:
