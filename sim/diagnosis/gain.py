@@ -27,6 +27,7 @@ HORIZONS = (0.1, 0.5, 1.0)   # s
 LONG = 1.25            # s left out at a time: a prediction over 1 s fits in
 SHORT = 0.1            # s
 FOLDS_SEED = 11
+REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 SPACING = 0.125        # s between predictions
 DRAWS = 8              # noise draws of the closed loop
 
@@ -88,6 +89,20 @@ def trained(record: Record, causes: Sequence[Cause], start: Filter, mask: np.nda
     return Trained(fitted.point, start)
 
 
+def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
+    """With the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
+    that needs more is another model."""
+    reach = REACH * Problem(record, of.filter).prior
+    if np.all(np.abs(of.point.deviations) <= reach):
+        return of
+    point = replace(of.point, deviations=tuple(np.clip(of.point.deviations, -reach, reach).tolist()))
+    filt = of.filter
+    for _ in range(2):
+        e, _, _ = innovations(record, filt, point)
+        filt = fit_levels(record, dynamics(record, point), e, filt, filt.levels, counts=mask)
+    return Trained(point, filt)
+
+
 def refitted(record: Record, causes: Sequence[Cause], start: Filter, mask: np.ndarray) -> Trained:
     """Causes and noise levels fitted to the rows of `mask` from the values given; then the model as its file says it,
     without the deviations of a6 and k1."""
@@ -104,7 +119,8 @@ def held_out(record: Record, model: Model, nominal: Model, further: Sequence[Eff
     """On blocked folds of the log itself; `further` effects fly in the closed loop only (the controller's)."""
     totals, errors, changes = np.zeros(2), [], []
     for mask in short_folds(record):
-        pair = (trained(record, (), nominal.fit.filter, mask), trained(record, model.causes, model.fit.filter, mask))
+        pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
+                trained(record, model.causes, model.fit.filter, mask))
         totals += [log_likelihood(record, each, ~mask) for each in pair]
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in long_folds(record):
@@ -125,6 +141,7 @@ def on_another(other: Record, model: Model, nominal: Model, further: Sequence[Ef
         start = first_filter(other, each.fit.filter.levels)
         e, _, _ = innovations(other, start, point)
         pair.append(Trained(point, run_filter(other, dynamics(other, point), start.levels, e, start)))
+    pair[0] = within(other, pair[0], None)
     totals = np.array([log_likelihood(other, each, everything) for each in pair])
     errors, change = _errors(other, (pair[0], pair[1]), everything)
     return _gain(other, totals, errors, change, (*model.fit.point.effects, *further), "a second log")
