@@ -311,9 +311,10 @@ def _place(made: Diagnosis) -> str:
     """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
     place of the nearest cause where that explains more."""
     assert made.selection is not None
-    if made.controller is not None and made.controller.kind not in ("none",) and not made.controller.is_named:
-        return "controller"
+    foreign = made.controller if made.controller is not None and made.controller.kind in ("unknown", "filter") else None
     best = max(made.left_nominal, key=lambda leftover: leftover.gain)
+    if foreign is not None and foreign.evidence > best.gain:
+        return "controller"
     if made.nearest:
         strongest = max(made.nearest, key=lambda cause: cause.evidence)
         if strongest.evidence > best.gain:
