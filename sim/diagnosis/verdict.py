@@ -183,10 +183,10 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
     controller = made.controller
     assert made.selection is not None
     doubts = _tested(made, made.selection, holdout, say)
-    if doubts:
+    foreign = controller is not None and controller.kind in ("unknown", "filter")
+    if doubts or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    foreign = controller is not None and controller.kind in ("unknown", "filter")
     if doubts and not foreign and made.catalogue and _place(made) in ("plant", "environment"):
         doubts = _with_terms(made, holdout, doubts, say)
     if foreign:
