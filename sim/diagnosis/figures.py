@@ -22,7 +22,8 @@ from ..plots import save
 from .fit import Problem
 from .gain import as_flown
 from .goodness import CONSTANCY_LIMIT, correlations
-from .record import BETA, CHANNELS, THETA, THETA_DOT, Record
+from .proposal import acceleration
+from .record import BETA, CHANNELS, THETA, Record
 from .selection import FURTHER
 from .verdict import Diagnosis
 
@@ -80,14 +81,14 @@ def _legend_above(figure: Figure, axis: Any) -> None:
     figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", ncol=3, fontsize=8, frameon=False)
 
 
-def _mark_times(axis: Any, made: Diagnosis, shift: float) -> None:
+def _mark_times(axis: Any, made: Diagnosis) -> None:
     """When causes begin and end, for those that do."""
     for cause in (*made.causes, *made.nearest):
         start, duration = (cause.values.get(name) for name in ("time", "duration"))
         times = [] if start is None else [start] if duration is None else [start, float(start) + float(duration)]
         for time, word in zip(times, (cause.cause, "ends"), strict=False):
-            axis.axvline(float(time) + shift, color="0.0", linestyle="-.", linewidth=0.9)
-            axis.annotate(word, (float(time) + shift, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
+            axis.axvline(float(time), color="0.0", linestyle="-.", linewidth=0.9)
+            axis.annotate(word, (float(time), 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
                           textcoords="offset points", fontsize=7, bbox=PATCH)
 
 
@@ -138,7 +139,7 @@ def closed_loop(made: Diagnosis) -> Figure | None:
     for axis in axes[:, 0]:
         if axis is not axes[1, 0]:
             axis.legend(fontsize=8, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 0.99), frameon=False)
-        _mark_times(axis, made, record.shift)
+        _mark_times(axis, made)
     return figure
 
 
@@ -165,7 +166,7 @@ def innovation_bands(made: Diagnosis) -> Figure:
             outside = float(np.mean(np.abs(model.e[inside, k]) > band[inside, k]))
             axis.set_title(f"{model.label}: {100 * outside:.1f} % outside", fontsize=8, loc="left")
             axis.set_ylim(-top, top)
-            _mark_times(axis, made, record.shift)
+            _mark_times(axis, made)
         axes[row, 0].set_ylabel(f"{CHANNELS[k]}\n[{UNITS[CHANNELS[k]]}]", fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
@@ -341,10 +342,10 @@ def reconstructed(made: Diagnosis) -> np.ndarray:
     """Disturbance (n,) [rad/s^2] that the nominal lacks: the filter's corrections of the rate per second, smoothed."""
     assert made.selection is not None
     fit = made.selection.nominal.fit
-    correction = np.einsum("ij,ij->i", fit.filter.gains[:, THETA_DOT], np.nan_to_num(fit.innovations))
+    correction = acceleration(fit)
     rows = max(1, round(SMOOTHING / fit.record.period))
     weight = np.convolve(np.ones(len(correction)), np.ones(rows), "same")
-    return np.asarray(np.convolve(correction, np.ones(rows), "same") / weight / fit.record.period)
+    return np.asarray(np.convolve(correction, np.ones(rows), "same") / weight)
 
 
 def disturbance(made: Diagnosis) -> Figure | None:
