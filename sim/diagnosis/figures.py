@@ -341,11 +341,10 @@ def isolability(made: Diagnosis) -> Figure | None:
 def reconstructed(made: Diagnosis) -> np.ndarray:
     """Disturbance (n,) [rad/s^2] that the nominal lacks: the filter's corrections of the rate per second, smoothed."""
     assert made.selection is not None
-    fit = made.selection.nominal.fit
-    correction = acceleration(fit)
-    rows = max(1, round(SMOOTHING / fit.record.period))
-    weight = np.convolve(np.ones(len(correction)), np.ones(rows), "same")
-    return np.asarray(np.convolve(correction, np.ones(rows), "same") / weight)
+    added = acceleration(made.selection.nominal.fit)
+    rows = max(1, round(SMOOTHING / made.selection.nominal.fit.record.period))
+    weight = np.convolve(np.ones(len(added)), np.ones(rows), "same")
+    return np.asarray(np.convolve(added, np.ones(rows), "same") / weight)
 
 
 def disturbance(made: Diagnosis) -> Figure | None:
