@@ -25,6 +25,7 @@ ITERATIONS = 12
 SMALL_GAIN = 0.02      # nats: what an iteration must bring to go on
 RESOLVED = 0.49        # rad a step, of an oscillation's frequency (`sim.effects.catalogue` refuses 0.5)
 SERVO_RESOLVED = 0.9  # rad a step, of the servo: Runge-Kutta 4 stays stable up to 2.7
+AT_END = 1e-6          # relative, of a value to its range's end
 NEARBY = 20.0          # nats: a step that gained more moved too far to keep slopes
 RENEWED = 4            # steps after which all slopes are made anew
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
@@ -36,6 +37,16 @@ class Cause:
 
     hypothesis: Hypothesis
     values: Values
+
+    @property
+    def is_at_an_end(self) -> bool:
+        """A value is at the end of the range that was searched: whatever it stands for, it is not this cause."""
+        for free, value in zip(self.hypothesis.free, self.values, strict=True):
+            ends = [end for end in (free.low, free.high)
+                    if math.isfinite(end) and end not in (0.0, self.hypothesis.neutral)]
+            if any(abs(value - end) <= AT_END * abs(end) for end in ends):
+                return True
+        return False
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,7 +120,7 @@ def _size(name: str, step: float, low: float = -math.inf, high: float = math.inf
 
 _FREQUENCY = Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True)
 _LINE = Free("frequency", 1e-4, 0.05, 300.0, logarithmic=True)  # its phase drifts over the whole log
-_DAMPING = Free("damping_ratio", 0.1, 0.002, 1.5, logarithmic=True)
+_DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("control_effectiveness", (_size("scale", 0.01, 0.05, 5.0),), 1.0, _alone, _always),

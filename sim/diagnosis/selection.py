@@ -97,7 +97,7 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
         new = fit_levels(record, dyn, fitted.innovations, filt, filt.levels, counts=mask)
         prior = 0.5 * float(np.sum((fitted.delta / Problem(record, filt).prior)**2))
         value = new.log_likelihood - prior
-        if made is None or value > best:
+        if made is None or (math.isfinite(value) and value > best):
             made = Model(fitted, value, dyn)
         gained, best = value - best, max(best, value)
         causes, delta, filt = fitted.causes, fitted.delta, new
@@ -119,6 +119,8 @@ def _settled(record: Record, causes: tuple[Cause, ...], delta: np.ndarray, filt:
 def _constant(filt: Filter, measured: np.ndarray) -> float:
     """1/2 (log det + count log 2 pi) of the whitening."""
     diagonal = np.einsum("kaa->ka", filt.low)
+    if not np.all(diagonal[measured] > 0.0):
+        return math.inf  # a model that did not stay with the log has no filter
     return float(np.sum(np.log(diagonal[measured])) + 0.5 * math.log(2.0 * math.pi) * measured.sum())
 
 
@@ -234,7 +236,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], anew: bool 
         seen.add(name)
         model = profile(record, fitted.causes, fitted.delta, fitted.filter)
         evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
-        if math.isfinite(evidence):
+        if math.isfinite(evidence) and not model.causes[-1].is_at_an_end:
             models.append((model, evidence))
     return sorted(models, key=lambda pair: -pair[1])
 

@@ -193,7 +193,7 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
         assert controller is not None
         doubts.append(f"the logged command is not the nominal controller's ({_controller_words(controller)})")
     if doubts:
-        _unexplained(made, doubts)
+        _unexplained(made, doubts, holdout)
         return
     causes = list(made.nearest)
     if controller is not None and controller.is_named:
@@ -240,13 +240,13 @@ def _with_terms(made: Diagnosis, holdout: Log | None, doubts: list[str], say: Sa
     return doubts
 
 
-def _unexplained(made: Diagnosis, doubts: list[str]) -> None:
+def _unexplained(made: Diagnosis, doubts: list[str], holdout: Log | None) -> None:
     selection = made.selection
     assert selection is not None
     made.verdict, made.doubts = "unexplained", tuple(doubts)
     made.where = _place(made)
     if made.gain is None and made.nearest:
-        made.gain = _gain_of(made, selection, None)
+        made.gain = _gain_of(made, selection, holdout)
 
 
 def _gain_of(made: Diagnosis, selection: Selection, holdout: Log | None) -> Gain:
