@@ -69,6 +69,11 @@ class Named:
     def where(self) -> str:
         return CATALOGUE[self.cause].where
 
+    @property
+    def label(self) -> str:
+        """Its name, with the term of a missing one."""
+        return f"{self.cause} {self.values['term']}" if "term" in self.values else self.cause
+
 
 @dataclass(eq=False)
 class Diagnosis:

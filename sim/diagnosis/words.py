@@ -31,7 +31,7 @@ MEANING = {
     "nozzle_sensor_bias": "the nozzle sensor reads {angle} too much",
     "controller_mismatch": "the controller on board is not the nominal's: kp times {kp_scale}, kd times {kd_scale}, "
                            "computing time {delay}",
-    "missing_term": "the rotation lacks a term: {coefficient} {term}",
+    "missing_term": "the angular acceleration lacks {coefficient} times {term}",
 }
 DEGREES = ("rad", "rad/s", "rad/s^2")
 
@@ -49,7 +49,8 @@ def amount(value: float | str, std: float | None, unit: str, hertz: bool = False
 
 def sentence(cause: Named) -> str:
     """What a cause means, with its size."""
-    values = {name: amount(value, cause.std.get(name), cause.units.get(name, ""), name == "frequency")
+    units = {**cause.units, **({"coefficient": ""} if "term" in cause.values else {})}
+    values = {name: amount(value, cause.std.get(name), units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
     return MEANING[cause.cause].format(**values)
 
@@ -68,7 +69,7 @@ def headline(made: Diagnosis) -> str:
         return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
     if made.verdict == "unexplained":
         return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
-    causes = " and ".join(" or ".join((cause.cause, *cause.rivals)) for cause in made.causes)
+    causes = " and ".join(" or ".join((cause.label, *cause.rivals)) for cause in made.causes)
     return f"EXPLAINED ({made.where}): {causes}."
 
 
@@ -80,14 +81,14 @@ def lines(made: Diagnosis) -> list[str]:
         said.append(f"  with the faulty rows masked the rest would be {made.beneath[0]}"
                     + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
     for cause in made.causes:
-        said.append(f"  {cause.cause}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
+        said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
         if cause.rivals:
             decides = would_decide(cause)
             said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"
                         + (f"; what would: {' or '.join(decides)}" if decides else ""))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     for cause in made.nearest:
-        said.append(f"  nearest (not the cause): resembles {cause.cause}, {cause.evidence:.0f} nats")
+        said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats")
     if made.proposal is not None:
         said.append(f"  proposal: {made.proposal}")
     said += _gain_lines(made) + _ranking_lines(made) + _noise_lines(made) + _limit_lines(made)
