@@ -179,4 +179,4 @@ def test_the_extension_beats_the_nominal_on_a_fresh_flight_and_another_label_doe
 def test_the_generator_and_the_catalogue_list_the_same_causes():
     assert set(LISTED) | {"missing_term"} == set(CATALOGUE)
     assert not set(UNLISTED) & set(CATALOGUE)
-    assert len(UNLISTED) >= 6 and all(isinstance(name, str) for name in UNLISTED)
+    assert len(UNLISTED) >= 6
