@@ -22,11 +22,14 @@ NUISANCES = DEVIATIONS
 DRIFT = 0.25           # of the tolerance, one sigma: what a deviation of a6 or k1 may change from the middle to an end
 NUISANCE_STEP = 1e-3
 ITERATIONS = 12
-SMALL_GAIN = 0.02      # nats: what an iteration must bring to go on
+SMALL_GAIN = 0.02      # nats that a further step must promise; and of what it promised, the part it must keep
+DAMPING = 1e-4         # of the curvature, at first
+LEAST_DAMPING = 1e-9
 RESOLVED = 0.49        # rad a step, of an oscillation's frequency (`sim.effects.catalogue` refuses 0.5)
 SERVO_RESOLVED = 0.9  # rad a step, of the servo: Runge-Kutta 4 stays stable up to 2.7
 AT_END = 1e-6          # relative, of a value to its range's end
-NEARBY = 20.0          # nats: a step that gained more moved too far to keep slopes
+NEARBY = 20.0          # nats: a step that gained more moved too far to keep the deviations' slopes
+CLOSE = 1.0            # nats: after a step that gained less all slopes are kept
 RENEWED = 4            # steps after which all slopes are made anew
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
 
@@ -186,14 +189,17 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     """Levenberg-Marquardt from these values (Nocedal and Wright, Numerical Optimization, 2nd ed., ch. 10.3)."""
     causes = tuple(causes)
     r = problem.residual(point_of(causes, delta))
-    cost, damping = 0.5 * float(r @ r), 1e-3
+    cost, damping = 0.5 * float(r @ r), DAMPING
     jacobian = problem.slopes(causes, delta, r)
     for iteration in range(1, iterations + 1):
         hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
         scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian)) + 1e-300
+        promised = -0.5 * float(slope @ _step(hessian, LEAST_DAMPING * scale, slope))
+        if promised < SMALL_GAIN:
+            break
         x, moved = pack_values(causes, delta), None
         while damping < 1e6:
-            step = -np.linalg.solve(hessian + damping * np.diag(scale), slope)
+            step = _step(hessian, damping * scale, slope)
             if not np.all(np.isfinite(step)):
                 break
             made, d = unpack_values(causes, x + step, problem.record)
@@ -206,12 +212,17 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
         if moved is None:
             break
         gained = cost - new_cost
-        (causes, delta), r, cost, damping = moved, new_r, new_cost, max(damping * 0.1, 1e-9)
-        near = gained < NEARBY and iteration % RENEWED > 0
-        jacobian = problem.slopes(causes, delta, r, jacobian if near else None)
-        if gained < SMALL_GAIN:
+        (causes, delta), r, cost, damping = moved, new_r, new_cost, max(damping * 0.1, LEAST_DAMPING)
+        if gained < SMALL_GAIN * promised:
             break
+        if gained > CLOSE or iteration % RENEWED == 0:
+            near = gained < NEARBY and iteration % RENEWED > 0
+            jacobian = problem.slopes(causes, delta, r, jacobian if near else None)
     return _finished(problem, causes, delta, cost, jacobian)
+
+
+def _step(hessian: np.ndarray, damping: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    return -np.linalg.solve(hessian + np.diag(damping), slope)
 
 
 def _finished(problem: Problem, causes: tuple[Cause, ...], delta: np.ndarray, cost: float,

@@ -8,12 +8,13 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .fit import Problem
-from .noise import Disturbance, Filter, fit_levels, run_filter
+from .noise import Disturbance, Refilter, fit_levels
 from .record import CHANNELS, Record
 from .scan import _norms
 from .selection import Model
@@ -26,7 +27,9 @@ SHAPE_LIMIT = 15.0         # nats of one of forty shapes: noise reaches it once 
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
          "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
-EVALUATIONS = 7            # of a golden-section search over the logarithm of the size
+COARSE = 5                 # sizes of a first look, evenly over the logarithm
+WORTH_A_SEARCH = 0.5       # nats of the best of them
+EVALUATIONS = 4            # of a golden-section search between its neighbours
 RELEVELLED = 2.0           # nats from which the noise levels are fitted anew beside the disturbance
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_dot": "sensor", "beta": "sensor"}
@@ -114,26 +117,34 @@ def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:
     fitted = model.fit
     filt = fit_levels(record, model.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels,
                       leftover.disturbance)
-    gain = filt.log_likelihood - _alone(record, model).log_likelihood
+    gain = filt.log_likelihood - _refilter(record, model).log_likelihood(fitted.filter.levels)
     return Leftover(leftover.disturbance, max(gain, leftover.gain))
 
 
-def _alone(record: Record, model: Model) -> Filter:
-    fitted = model.fit
-    return run_filter(record, model.dynamics, fitted.filter.levels, fitted.innovations, fitted.filter)
+def _refilter(record: Record, model: Model) -> Refilter:
+    return Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
 
 
 def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover:
-    """Golden-section search of the standard deviation."""
-    fitted = model.fit
-    base = _alone(record, model).log_likelihood
+    """The standard deviation that gains most: a coarse look, and where it gains anything a golden-section search."""
+    levels, refilter = model.fit.filter.levels, _refilter(record, model)
+    base = refilter.log_likelihood(levels)
 
     def gain(x: float) -> float:
-        of = Disturbance(place, math.exp(x), tau)
-        return run_filter(record, model.dynamics, fitted.filter.levels, fitted.innovations, fitted.filter,
-                          of).log_likelihood - base
+        return refilter.log_likelihood(levels, Disturbance(place, math.exp(x), tau)) - base
 
-    low, high = (math.log(size) for size in SIZES[place])
+    grid = np.linspace(*(math.log(size) for size in SIZES[place]), COARSE)
+    looked = [gain(x) for x in grid]
+    k = int(np.argmax(looked))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, COARSE - 1)]
+    best = looked[k], grid[k]
+    if looked[k] > WORTH_A_SEARCH:
+        best = max(best, _golden(gain, low, high))
+    return Leftover(Disturbance(place, math.exp(best[1]), tau), max(best[0], 0.0))
+
+
+def _golden(gain: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """(gain, place) of the maximum between low and high."""
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = gain(left), gain(right)
     for _ in range(EVALUATIONS):
@@ -145,8 +156,7 @@ def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover
             low, left, at_left = left, right, at_right
             right = low + GOLDEN * (high - low)
             at_right = gain(right)
-    best = max((at_left, left), (at_right, right))
-    return Leftover(Disturbance(place, math.exp(best[1]), tau), max(best[0], 0.0))
+    return max((at_left, left), (at_right, right))
 
 
 # ---- whiteness

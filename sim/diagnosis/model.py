@@ -37,7 +37,7 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     a6_middle, k1_middle, a6_slope, k1_slope = point.deviations
     a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
     k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
-    if len(table.plant) > 0:
+    if len(table.plant) > 0 and plant.change_parameters(table.plant):
         half = np.arange(len(a6)) * (0.5 * record.step)
         plant.parameters_over_time(table.plant, half, a6, k1)
     servo = record.actuator

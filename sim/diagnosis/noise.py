@@ -13,9 +13,10 @@ import numpy as np
 from ..effects.plant import SLOSH
 from ..sections import Sensors
 from ..vehicle import step as st
+from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
 from .model import Point, vehicle
-from .predictor import N_RIGID, likelihood, whiten
+from .predictor import N_RIGID
 from .record import Record
 
 LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
@@ -157,27 +158,49 @@ class Filter:
 CHANNEL_OF = {"theta": 0, "theta_dot": 1, "beta": 2}
 
 
-def run_filter(record: Record, dyn: Dynamics, levels: np.ndarray, base: np.ndarray, of: "Filter | None" = None,
-               disturbance: Disturbance | None = None, counts: np.ndarray | None = None) -> Filter:
-    """What a filter with these levels (and a generic disturbance) makes of the innovations `base` of another.
+class Refilter:
+    """What filters with other levels, and a generic disturbance beside the model, make of the innovations of one.
 
-    of      the other, None: one that corrects nothing;  counts (n,) bool: rows that count, None: all
+    base    (n, 3) innovations of the filter `of`; None: of one that corrects nothing
+    counts  (n,) bool: rows that count, None: all
     """
-    n, m = record.rows, dyn.f.shape[1]
-    q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
-    f, c = dyn.f, dyn.c
-    p = _start(record, levels, m)
-    if disturbance is not None:
-        f, q, c, p = _with_disturbance(record, dyn, disturbance, f, q, c, p)
-    held = levels[3:5]**2 if record.held > 1 else np.zeros(0)
-    size = f.shape[1]
-    base_gains = np.zeros((n, N_RIGID, 3)) if of is None else carried_over(of, dyn.modes)
-    gains, low, whitened = np.zeros((n, size, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
-    total = likelihood(f, dyn.block, q, c, levels[:3]**2, p, dyn.resets, held, base, base_gains,
-                       np.ones(n, bool) if counts is None else counts, gains, low, whitened)
-    full = np.zeros((n, N_RIGID + 2 * len(dyn.modes), 3))
-    full[:, :m] = gains[:, :m]
-    return Filter(levels, full, low, whitened, dyn.modes, float(total))
+
+    def __init__(self, record: Record, dyn: Dynamics, base: np.ndarray, of: "Filter | None" = None,
+                 counts: np.ndarray | None = None) -> None:
+        self.record, self.dyn, self.base = record, dyn, base
+        self.base_gains = np.zeros((record.rows, N_RIGID, 3)) if of is None else carried_over(of, dyn.modes)
+        self.counts = np.ones(record.rows, bool) if counts is None else counts
+
+    def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
+        """Of the rows that count."""
+        return self._run(levels, disturbance, np.zeros((0, 1, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+
+    def filter(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> "Filter":
+        """Its gains and whitening."""
+        n, m, modes = self.record.rows, self.dyn.f.shape[1], self.dyn.modes
+        size = m if disturbance is None else m + 1
+        gains, low, whitened = np.zeros((n, size, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
+        total = self._run(levels, disturbance, gains, low, whitened)
+        full = np.zeros((n, N_RIGID + 2 * len(modes), 3))
+        full[:, :m] = gains[:, :m]
+        return Filter(levels, full, low, whitened, modes, total)
+
+    def _run(self, levels: np.ndarray, disturbance: Disturbance | None, gains: np.ndarray, low: np.ndarray,
+             whitened: np.ndarray) -> float:
+        record, dyn = self.record, self.dyn
+        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
+        f, c, p = dyn.f, dyn.c, _start(record, levels, dyn.f.shape[1])
+        if disturbance is not None:
+            f, q, c, p = _with_disturbance(record, dyn, disturbance, f, q, c, p)
+        held = levels[3:5]**2 if record.held > 1 else np.zeros(0)
+        return float(likelihood(f, dyn.block, q, c, levels[:3]**2, p, dyn.resets, held, self.base, self.base_gains,
+                                self.counts, gains, low, whitened))
+
+
+def run_filter(record: Record, dyn: Dynamics, levels: np.ndarray, base: np.ndarray, of: "Filter | None" = None) \
+        -> Filter:
+    """The filter with these levels, from the innovations `base` of another (`Refilter`)."""
+    return Refilter(record, dyn, base, of).filter(levels)
 
 
 def carried_over(of: Filter, modes: Modes) -> np.ndarray:
@@ -235,50 +258,53 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     """
     reference = declared(record)
     free = [k for k in range(5) if k >= 3 or np.isfinite(base[:, k]).any()]
+    refilter = Refilter(record, dyn, base, of, counts)
 
-    def value(x: np.ndarray) -> tuple[float, Filter]:
-        result = run_filter(record, dyn, reference * np.exp(x), base, of, disturbance, counts)
-        return result.log_likelihood - 0.5 * float(np.sum((x / PRIOR)**2)), result
+    def value(x: np.ndarray) -> float:
+        return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / PRIOR)**2))
 
     x = np.clip(np.log(start / reference), np.log(SMALLEST), np.log(LARGEST))
-    best, result = value(x)
-    curvature = np.zeros(5)
+    best, curvature = value(x), np.zeros(5)
     for iteration in range(ITERATIONS):
-        step, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
+        step, promised, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
+        if promised < SMALL_GAIN:
+            break
         size = 1.0
         while size > 0.05:
             trial = np.clip(x + size * step, np.log(SMALLEST), np.log(LARGEST))
-            new, new_result = value(trial)
+            new = value(trial)
             if new > best:
                 break
             size *= 0.4
         else:
-            return result
+            break
         moved, gained = float(np.max(np.abs(trial - x))), new - best
-        x, best, result = trial, new, new_result
+        x, best = trial, new
         if moved < TOLERANCE or gained < SMALL_GAIN:
-            return result
-    return result
+            break
+    return refilter.filter(reference * np.exp(x), disturbance)
 
 
-Value = Callable[[np.ndarray], tuple[float, Filter]]
+Value = Callable[[np.ndarray], float]
 
 
 def _newton_step(value: Value, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
-                 anew: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Ascent direction: each level's own slope over its own curvature (they are nearly independent).
+                 anew: bool) -> tuple[np.ndarray, float, np.ndarray]:
+    """Ascent direction and the gain it promises: each level's own slope over its own curvature (they are nearly
+    independent).
 
     curvature  (5,) of the last step; made anew by central differences, or kept for one-sided ones
     """
-    step, curvature = np.zeros(len(x)), curvature.copy()
+    step, slopes, curvature = np.zeros(len(x)), np.zeros(len(x)), curvature.copy()
     for k in free:
         moved = x.copy()
         moved[k] += STEP
-        high = value(moved)[0]
+        high = value(moved)
         if anew:
             moved[k] = x[k] - STEP
-            low = value(moved)[0]
+            low = value(moved)
             curvature[k] = (high - 2.0 * best + low) / STEP**2
-        slope = (high - best) / STEP - 0.5 * STEP * curvature[k]
-        step[k] = slope / max(-curvature[k], 1.0 / PRIOR**2) if curvature[k] < 0.0 else np.sign(slope) * 0.5
-    return np.clip(step, -1.5, 1.5), curvature
+        slopes[k] = (high - best) / STEP - 0.5 * STEP * curvature[k]
+        step[k] = slopes[k] / max(-curvature[k], 1.0 / PRIOR**2) if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
+    step = np.clip(step, -1.5, 1.5)
+    return step, 0.5 * float(slopes @ step), curvature

@@ -3,10 +3,7 @@
 `follow` runs the very Runge-Kutta step and the very effects of `sim.vehicle.step` from row to row on the logged
 commands, and corrects attitude, rate and nozzle by fixed Kalman gains (innovations form: Ljung, System
 Identification, 2nd ed., ch. 4.3 and 7).  A correction of the rate is an angular acceleration that was not modelled, so
-a sloshing mass feels it too.  `likelihood` is a linear filter on top of the innovations of `follow`: it answers what
-other noise levels, or a generic disturbance beside them, would have made of the same data, without running it again.
-
-Assumption of `likelihood`: deviations between two filters are small, so the rigid body's linear dynamics carry them.
+a sloshing mass feels it too.
 """
 
 import math
@@ -36,7 +33,6 @@ from ..vehicle.step import (
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
 N_CHANNELS = 3
 ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
-LOG_TWO_PI = math.log(2.0 * math.pi)
 
 
 @inner
@@ -145,181 +141,6 @@ def tick_attitudes(v, slots, z, gains, attitudes):
             attitudes[k * per_row + j] = attitude(v, i)
             if k + 1 < len(z) or j + 1 < per_row:
                 advance_row(v, held, i, i + tick, begin)
-
-
-@kernel
-def cholesky_3(s, present, low):
-    """Lower factor of the measured channels' covariance s (3, 3) into low (3, 3), rows of others 0; the log of its
-    determinant."""
-    log_determinant = 0.0
-    for a in range(N_CHANNELS):
-        for b in range(N_CHANNELS):
-            low[a, b] = 0.0
-        if not present[a]:
-            continue
-        for b in range(a + 1):
-            if not present[b]:
-                continue
-            total = s[a, b]
-            for c in range(b):
-                total -= low[a, c] * low[b, c]
-            low[a, b] = math.sqrt(max(total, 1e-300)) if a == b else total / low[b, b]
-        log_determinant += 2.0 * math.log(low[a, a])
-    return log_determinant
-
-
-@kernel
-def likelihood(f, block, q, c, r, p, resets, reset_variances, base, base_gains, counts, gains, low, whitened):
-    """Log-likelihood of a log under noise levels, from the innovations of a filter with other gains.
-
-    f (b, m, m)           in     transition over a row, block[k] of it from row k to k + 1
-    q (b, m, m)           in     process noise over a row
-    c (3, m)              in     what is measured
-    r (3,)                in     variances of the sensors
-    p (m, m)              inout  covariance before the first row; scratch afterwards
-    resets (n,)           in     bool: at this row the states from 4 to 4 + len(reset_variances) are drawn anew
-    reset_variances (s,)  in     their variances
-    base (n, 3)           in     innovations under the gains base_gains (n, 6, 3); NaN: not measured
-    counts (n,)           in     bool: rows whose measurements count in the likelihood (all correct the state)
-    gains (n, m, 3), low (n, 3, 3)   out   Kalman gains, lower factor of the innovations' covariance
-    whitened (n, 3)       out    innovations of this filter times the factor's inverse, 0 where not measured
-    """
-    n, m = len(base), f.shape[1]
-    d, new_d = np.zeros(m), np.zeros(m)
-    pc, fp, s = np.zeros((m, N_CHANNELS)), np.zeros((m, m)), np.zeros((N_CHANNELS, N_CHANNELS))
-    present, e, y = np.zeros(N_CHANNELS, np.bool_), np.zeros(N_CHANNELS), np.zeros((N_CHANNELS, m))
-    total = 0.0
-    for k in range(n):
-        if resets[k]:
-            reset(p, d, reset_variances)
-        innovation_of(base[k], c, d, p, r, present, e, pc, s)
-        log_determinant = cholesky_3(s, present, low[k])
-        solve_row(low[k], present, e, pc, y, whitened[k])
-        if counts[k]:
-            total -= 0.5 * log_determinant
-            for a in range(N_CHANNELS):
-                if present[a]:
-                    total -= 0.5 * (whitened[k, a] * whitened[k, a] + LOG_TWO_PI)
-        back_substitute(low[k], present, y, gains[k])
-        correct(base[k], base_gains[k], gains[k], present, e, y, d, p)
-        if k + 1 < n:
-            propagate(f[block[k]], q[block[k]], d, new_d, p, fp)
-    return total
-
-
-@inner
-def reset(p, d, variances):
-    """Held noises are drawn anew."""
-    for a in range(len(variances)):
-        p[4 + a, :] = 0.0
-        p[:, 4 + a] = 0.0
-        p[4 + a, 4 + a] = variances[a]
-        d[4 + a] = 0.0
-
-
-@inner
-def innovation_of(base, c, d, p, r, present, e, pc, s):
-    """e (3,), its covariance s (3, 3) and pc = P C' (m, 3) of this filter at a row; present (3,): what is measured."""
-    for a in range(N_CHANNELS):
-        present[a] = not np.isnan(base[a])
-        e[a] = base[a] if present[a] else 0.0
-        for j in range(len(d)):
-            pc[j, a] = 0.0
-            for i in range(len(d)):
-                pc[j, a] += p[j, i] * c[a, i]
-            if present[a]:
-                e[a] -= c[a, j] * d[j]
-    for a in range(N_CHANNELS):
-        for b in range(N_CHANNELS):
-            s[a, b] = r[a] if a == b else 0.0
-            for j in range(len(d)):
-                s[a, b] += c[a, j] * pc[j, b]
-
-
-@inner
-def correct(base, base_gains, gains, present, e, y, d, p):
-    """d, the deviation from the base filter's state, and P after a row's measurement."""
-    for j in range(len(d)):
-        for a in range(N_CHANNELS):
-            if present[a]:
-                d[j] += gains[j, a] * e[a]
-                if j < len(base_gains):
-                    d[j] -= base_gains[j, a] * base[a]
-        for i in range(len(d)):
-            for a in range(N_CHANNELS):
-                p[j, i] -= y[a, j] * y[a, i]
-
-
-@inner
-def solve_row(low, present, e, pc, y, whitened):
-    """whitened = low^-1 e and y = low^-1 (P C')' for the measured channels, 0 for others."""
-    m = y.shape[1]
-    for a in range(N_CHANNELS):
-        whitened[a] = 0.0
-        for j in range(m):
-            y[a, j] = 0.0
-        if not present[a]:
-            continue
-        value = e[a]
-        for b in range(a):
-            value -= low[a, b] * whitened[b]
-        whitened[a] = value / low[a, a]
-        for j in range(m):
-            value = pc[j, a]
-            for b in range(a):
-                value -= low[a, b] * y[b, j]
-            y[a, j] = value / low[a, a]
-
-
-@inner
-def back_substitute(low, present, y, gains):
-    """gains (m, 3) = y' low^-1: the Kalman gains; 0 for channels not measured."""
-    for j in range(y.shape[1]):
-        for a in range(N_CHANNELS - 1, -1, -1):
-            gains[j, a] = 0.0
-            if not present[a]:
-                continue
-            value = y[a, j]
-            for b in range(a + 1, N_CHANNELS):
-                if present[b]:
-                    value -= low[b, a] * gains[j, b]
-            gains[j, a] = value / low[a, a]
-
-
-@inner
-def propagate(f, q, d, new_d, p, fp):
-    """d <- F d, P <- F P F' + Q."""
-    m = len(d)
-    for i in range(m):
-        new_d[i] = 0.0
-        for k in range(m):
-            new_d[i] += f[i, k] * d[k]
-        for j in range(m):
-            fp[i, j] = 0.0
-            for k in range(m):
-                fp[i, j] += f[i, k] * p[k, j]
-    for i in range(m):
-        d[i] = new_d[i]
-        for j in range(i + 1):
-            total = q[i, j]
-            for k in range(m):
-                total += fp[i, k] * f[j, k]
-            p[i, j] = total
-            p[j, i] = total
-
-
-@kernel
-def whiten(low, innovations, whitened):
-    """whitened (n, 3) out = low^-1 innovations, 0 where not measured."""
-    for k in range(len(innovations)):
-        for a in range(N_CHANNELS):
-            whitened[k, a] = 0.0
-            if np.isnan(innovations[k, a]):
-                continue
-            value = innovations[k, a]
-            for b in range(a):
-                value -= low[k, a, b] * whitened[k, b]
-            whitened[k, a] = value / low[k, a, a]
 
 
 @kernel

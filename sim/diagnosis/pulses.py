@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..effects.environment import gust_angle
+from ..vehicle.kernels import kernel
 from .fit import Fit, Problem
 from .hypotheses import EARLIEST, Values
 from .model import innovations, vehicle
@@ -90,12 +91,21 @@ def gusts(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray) -> t
     middle = 0.5 * (found.t[1:] + found.t[:-1])
     shapes = [(float(begin), duration) for duration in DURATIONS
               for begin in np.arange(record.t[0] - 0.3 * duration, record.t[-1] - 0.4 * duration, STARTS * duration)]
-    weights = np.array([[gust_angle(1.0, begin, duration, t) for t in middle] for begin, duration in shapes])
+    weights = np.zeros((len(shapes), len(middle)))
+    gust_angles(np.array(shapes), middle, weights)
     slope = weights @ found.slope
     energy = np.einsum("sj,jk,sk->s", weights, found.energy, weights, optimize=True)
     gain = np.where(energy > 1e-12 * energy.max(initial=0.0), 0.5 * slope**2 / np.maximum(energy, 1e-300), 0.0)
     k = int(np.argmax(gain))
     return float(gain[k]), (float(-slope[k] / max(energy[k], 1e-300)), *shapes[k])
+
+
+@kernel
+def gust_angles(shapes, t, angles):
+    """angles (s, n) out: of gusts (begin, duration) = shapes (s, 2) at t (n,) [s], each of size 1."""
+    for s in range(len(shapes)):
+        for k in range(len(t)):
+            angles[s, k] = gust_angle(1.0, shapes[s, 0], shapes[s, 1], t[k])
 
 
 def _at_rows(record: Record, half_steps: np.ndarray) -> np.ndarray:

@@ -26,6 +26,8 @@ MOST_CAUSES = 3
 TRIED = 6             # candidates of a scan that are fitted
 PROFILED = 3          # of these, how many get their own noise levels; and all within NEAR of the best
 NEAR = 8.0            # nats
+HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
+FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 ROUNDS = 3            # of alternating between causes and noise levels at most
 SETTLED = 0.1         # nats that a round must bring to go on
@@ -87,33 +89,35 @@ def first_filter(record: Record, levels: np.ndarray) -> Filter:
 
 
 def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
-            mask: np.ndarray | None = None) -> Model:
-    """Causes and noise levels fitted in turn until neither brings anything."""
-    causes, best, filt = tuple(causes), -math.inf, start
-    made: Model | None = None
+            mask: np.ndarray | None = None, fitted: Fit | None = None) -> Model:
+    """Causes and noise levels fitted in turn until neither brings anything.
+
+    fitted  the causes' fit under `start`, where there is one
+    """
+    found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
+    made = _model(record, found, mask)
     for _ in range(ROUNDS):
-        fitted = fit(Problem(record, filt, mask), causes, delta)
-        dyn = dynamics(record, fitted.point)
-        new = fit_levels(record, dyn, fitted.innovations, filt, filt.levels, counts=mask)
-        prior = 0.5 * float(np.sum((fitted.delta / Problem(record, filt).prior)**2))
-        value = new.log_likelihood - prior
-        if made is None or (math.isfinite(value) and value > best):
-            made = Model(fitted, value, dyn)
-        gained, best = value - best, max(best, value)
-        causes, delta, filt = fitted.causes, fitted.delta, new
-        if gained < SETTLED:
+        fitted = made.fit
+        new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
+        if new.log_likelihood - _prior(fitted) < made.log_likelihood + SETTLED:
             break
-    assert made is not None
-    return _settled(record, causes, delta, filt, made, mask)
+        better = _model(record, fit(Problem(record, new, mask), fitted.causes, fitted.delta), mask)
+        if not better.log_likelihood > made.log_likelihood:
+            break
+        made = better
+    return made
 
 
-def _settled(record: Record, causes: tuple[Cause, ...], delta: np.ndarray, filt: Filter, made: Model,
-             mask: np.ndarray | None) -> Model:
-    """One last fit under the final gains, so that fit and filter belong together."""
-    fitted = fit(Problem(record, filt, mask), causes, delta, iterations=2)
+def _prior(fitted: Fit) -> float:
+    """What the tolerance's prior takes from the log-likelihood [nats]."""
+    return 0.5 * float(np.sum((fitted.delta / Problem(fitted.record, fitted.filter).prior)**2))
+
+
+def _model(record: Record, fitted: Fit, mask: np.ndarray | None) -> Model:
+    """A fit with its log-likelihood under its own filter."""
     rows = np.isfinite(fitted.innovations) if mask is None else np.isfinite(fitted.innovations) & mask[:, None]
-    log_likelihood = -fitted.cost - _constant(filt, rows)
-    return Model(fitted, log_likelihood, made.dynamics)
+    log_likelihood = -fitted.cost - _constant(fitted.filter, rows)
+    return Model(fitted, log_likelihood, dynamics(record, fitted.point))
 
 
 def _constant(filt: Filter, measured: np.ndarray) -> float:
@@ -213,28 +217,34 @@ def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list
             for model, evidence in _ranking(record, base, _allowed(tuple(known), base.causes))]
 
 
-def _ranking(record: Record, base: Model, allowed: list[Hypothesis], anew: bool = True) -> list[tuple[Model, float]]:
+def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None) \
+        -> list[tuple[Model, float]]:
     """Models with one more cause and its evidence, best first; the first few with their own noise levels.
 
-    anew  start from the declared noise levels too
+    known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     """
     fits: list[tuple[Fit, float]] = []
-    for start in _starts(record, base) if anew else [base]:
+    for start in _starts(record, base) if known is None else [base]:
         problem = Problem(record, start.fit.filter)
         promising = [c for c in scan(problem, start.fit, allowed)
                      if c.gain - penalty(record, c.hypothesis) > PROMISING]
         promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
+        most = known or 0.0
         for candidate in promising[:TRIED]:
+            if candidate.gain < HOPELESS * most:
+                continue
             fitted = _joined(problem, start.fit, candidate)
+            most = max(most, start.fit.cost - fitted.cost)
             fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
     fits.sort(key=lambda pair: -pair[1])
     models, seen = [], set()
     for fitted, gain in fits:
         name = fitted.causes[-1].hypothesis.label
-        if name in seen or (len(models) >= PROFILED and gain < fits[0][1] - NEAR):
+        far = gain < fits[0][1] - NEAR and (len(models) >= PROFILED or gain < FAR_BEHIND * fits[0][1])
+        if name in seen or far:
             continue
         seen.add(name)
-        model = profile(record, fitted.causes, fitted.delta, fitted.filter)
+        model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
         evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
         if math.isfinite(evidence) and not model.causes[-1].is_at_an_end:
             models.append((model, evidence))
@@ -278,7 +288,8 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             without, ranked = found.nominal, found.rankings[0]
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
-            models = _ranking(record, without, _allowed(known, others), anew=False)
+            gain = model.log_likelihood - without.log_likelihood
+            models = _ranking(record, without, _allowed(known, others), gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
         if others and models and models[0][1] > own + least:

@@ -19,7 +19,7 @@ from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SHAPE_LIMIT, Constancy, L
 from .hypotheses import Hypothesis
 from .limits import Isolability, Limit, limits, unseen
 from .model import predicted_attitude
-from .noise import LEVELS, declared, run_filter
+from .noise import LEVELS, Refilter, declared
 from .proposal import Proposal, propose
 from .record import CHANNELS, Record, filled, record
 from .selection import THRESHOLD, Model, Ranked, Selection, first_filter, select
@@ -330,7 +330,7 @@ def _place(made: Diagnosis) -> str:
 def noise_of(model: Model) -> dict[str, dict[str, Any]]:
     """Each level over the declared, and whether it differs beyond doubt."""
     r, fitted = model.fit.record, model.fit
-    base = declared(r)
+    base, refilter = declared(r), Refilter(r, model.dynamics, fitted.innovations, fitted.filter)
     found: dict[str, dict[str, Any]] = {}
     values = {}
     for k, name in enumerate(LEVELS):
@@ -339,7 +339,7 @@ def noise_of(model: Model) -> dict[str, dict[str, Any]]:
         for sign in (-1.0, 0.0, 1.0):
             levels = fitted.filter.levels.copy()
             levels[k] *= math.exp(sign * LEVEL_STEP)
-            values[sign] = run_filter(r, model.dynamics, levels, fitted.innovations, fitted.filter).log_likelihood
+            values[sign] = refilter.log_likelihood(levels)
         curvature = (2.0 * values[0.0] - values[-1.0] - values[1.0]) / LEVEL_STEP**2
         std = 1.0 / math.sqrt(curvature) if curvature > 0.0 else math.inf
         factor = float(fitted.filter.levels[k] / base[k])

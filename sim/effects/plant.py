@@ -147,6 +147,15 @@ def parameters(fx, t, a6, k1):
 
 
 @kernel
+def change_parameters(fx):
+    """Whether any effect is one on a6 or k1."""
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == CONTROL_EFFECTIVENESS or fx[e, CODE] == CONTROL_LOSS or fx[e, CODE] == AERO_INSTABILITY:
+            return True
+    return False
+
+
+@kernel
 def parameters_over_time(fx, t, a6, k1):
     """`parameters` at every time.  t (n,) in; a6, k1 (n,) inout."""
     for i in range(t.shape[0]):
