@@ -2,8 +2,8 @@
 
 * Constancy: the size of a true cause is the same in every part of the log (score test over segments of equal
   information; Nyblom 1989, Andrews 1993 for the idea).
-* Generic discrepancy: a stochastic disturbance of any colour, in the plant, at the actuator or on a sensor, must find
-  nothing worth its place beside the causes.
+* Generic discrepancy: a stochastic disturbance of any colour, in the plant, at the actuator or on a sensor, a
+  deterministic shape (`shapes`), or a line must find nothing worth its place beside the causes.
 """
 
 import itertools
@@ -16,7 +16,7 @@ import numpy as np
 from .fit import Problem
 from .noise import Disturbance, Refilter, fit_levels
 from .record import CHANNELS, Record
-from .scan import _norms
+from .scan import _norms, lines
 from .selection import Model
 from .shapes import shape_gains
 
@@ -24,6 +24,8 @@ SEGMENTS = 8
 CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
 SHAPE_LIMIT = 15.0         # nats of one of forty shapes: noise reaches it once in 1e6 logs
+LINE_LIMIT = 17.0          # nats of one of some thousand lines: noise reaches it once in 1e4 logs
+LINE = "sin"               # what the shape of a line begins with
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
          "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
@@ -91,6 +93,20 @@ class Leftover:
     def where(self) -> str:
         return PLACE_OF[self.disturbance.place]
 
+    @property
+    def is_line(self) -> bool:
+        return self.shape.startswith(LINE)
+
+    @property
+    def limit(self) -> float:
+        """[nats] that may be left."""
+        return LINE_LIMIT if self.is_line else SHAPE_LIMIT if self.shape else LEFTOVER_LIMIT
+
+    @property
+    def words(self) -> str:
+        """What it looks like."""
+        return f"proportional to {self.shape}" if self.shape else "of unknown shape"
+
 
 def leftovers(model: Model) -> list[Leftover]:
     """Of every place the log can show the stochastic disturbance and the shape that gain most, the best first."""
@@ -105,11 +121,17 @@ def leftovers(model: Model) -> list[Leftover]:
 
 
 def _shaped(model: Model) -> list[Leftover]:
-    """The shape of each place that gains most."""
+    """The shape of each place that gains most, and the strongest line of the acceleration."""
     best: dict[str, Leftover] = {}
-    for place, name, amplitude, gain in shape_gains(Problem(model.fit.record, model.fit.filter), model.fit):
+    problem = Problem(model.fit.record, model.fit.filter)
+    for place, name, amplitude, gain in shape_gains(problem, model.fit):
         best.setdefault(place, Leftover(Disturbance(place, abs(amplitude), math.inf), gain, name))
-    return list(best.values())
+    found = list(best.values())
+    for line in lines(problem, model.fit)[:1]:
+        amplitude, frequency, _ = line.values
+        of = Disturbance("plant", amplitude / math.sqrt(2.0), math.inf)
+        found.append(Leftover(of, line.gain, f"{LINE}({frequency:.4g} t)"))
+    return found
 
 
 def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:

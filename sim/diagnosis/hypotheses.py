@@ -120,6 +120,7 @@ def _size(name: str, step: float, low: float = -math.inf, high: float = math.inf
 
 _FREQUENCY = Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True)
 _LINE = Free("frequency", 1e-4, 0.05, 300.0, logarithmic=True)  # its phase drifts over the whole log
+_SLOSH = Free("frequency", 2e-3, 0.2, 60.0, logarithmic=True)   # faster, it is no liquid
 _DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
@@ -130,7 +131,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("aero_cubic", (_size("coefficient", 0.5),), 0.0, _alone, _always),
     Hypothesis("friction", (_size("coefficient", 1e-3, 0.0),), 0.0, _alone, _always),
     Hypothesis("thrust_misalignment", (_size("angle", 1e-4),), 0.0, _alone, _always),
-    Hypothesis("slosh", (_size("coupling", 0.005, -0.8, 5.0), _FREQUENCY, _DAMPING), 0.0, _slosh, _always),
+    Hypothesis("slosh", (_size("coupling", 0.005, -0.8, 5.0), _SLOSH, _DAMPING), 0.0, _slosh, _always),
     Hypothesis("bending", (_size("gain", 1e-4), _FREQUENCY, _DAMPING), 0.0, _bending, _always),
     Hypothesis("gust", (_size("angle", 1e-3), Free("time", 0.05), Free("duration", 0.02, 0.2, 60.0, True)), 0.0,
                _alone, _always),

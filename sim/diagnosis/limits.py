@@ -5,6 +5,7 @@ the penalty: about even odds of being found.  Both tables are made of the model'
 log, its manoeuvres, its noise and its columns.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -41,10 +42,18 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Isolability:
-    """|cosine| between the responses of visible causes: 1 cannot be told apart, 0 is perfectly told apart."""
+    """How alike the responses of visible causes are.
+
+    products  (c, c) of the responses, each of length 1
+    """
 
     names: tuple[str, ...]
-    cosine: np.ndarray
+    products: np.ndarray
+
+    @property
+    def cosine(self) -> np.ndarray:
+        """(c, c) |cosine| between the responses: 1 cannot be told apart, 0 is perfectly told apart."""
+        return np.abs(self.products)
 
     def pairs(self, least: float) -> list[tuple[str, str, float]]:
         """Pairs from this |cosine| on, the most alike first."""
@@ -52,6 +61,21 @@ class Isolability:
         found = [(self.names[a], self.names[b], float(self.cosine[a, b])) for a in range(n) for b in range(a)
                  if self.cosine[a, b] >= least]
         return sorted(found, key=lambda pair: -pair[2])
+
+    def equivalents(self, name: str, least: float) -> list[tuple[str, ...]]:
+        """Causes that alone, or two together, make the response of `name` with a |cosine| from `least` on."""
+        if name not in self.names:
+            return []
+        own, g = self.names.index(name), self.products
+        alone = [k for k in range(len(self.names)) if k != own and abs(g[own, k]) >= least]
+        rest = [k for k in range(len(self.names)) if k != own and k not in alone]
+        together = []
+        for a, b in itertools.combinations(rest, 2):
+            pair = [a, b]
+            share = g[own, pair] @ np.linalg.pinv(g[np.ix_(pair, pair)], hermitian=True) @ g[own, pair]
+            if math.sqrt(max(share, 0.0)) >= least:
+                together.append((self.names[a], self.names[b]))
+        return [*((self.names[k],) for k in alone), *together]
 
 
 def shape_of(hypothesis: Hypothesis, record: Record) -> Values:
@@ -86,7 +110,7 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
             responses.append(change / np.sqrt(change @ change))
             names.append(hypothesis.cause)
     stack = np.array(responses)
-    return found, Isolability(tuple(names), np.abs(stack @ stack.T))
+    return found, Isolability(tuple(names), stack @ stack.T)
 
 
 def unseen() -> list[Limit]:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..files import write_text
 from ..nominal import write_nominal
 from .gain import Gain
-from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SEGMENTS, SHAPE_LIMIT, Leftover
+from .goodness import CONSTANCY_LIMIT, SEGMENTS
 from .limits import LOOK_ALIKE, Limit
 from .noise import LEVELS, declared
 from .record import CHANNELS
@@ -198,15 +198,6 @@ def _alike_lines(made: Diagnosis) -> list[str]:
     return lines or (["Nothing: every other cause explains the log clearly worse."] if made.causes else [])
 
 
-def limit_of(left: Leftover) -> float:
-    """[nats] that may be left."""
-    return SHAPE_LIMIT if left.shape else LEFTOVER_LIMIT
-
-
-def shape_of(left: Leftover) -> str:
-    return f"proportional to {left.shape}" if left.shape else "of free shape"
-
-
 def needed_at(made: Diagnosis, step: int) -> float:
     """Evidence [nats] that the first cause (step 0) and each further one must reach."""
     return made.threshold if step == 0 else max(FURTHER, made.threshold)
@@ -214,9 +205,9 @@ def needed_at(made: Diagnosis, step: int) -> float:
 
 def evidence(made: Diagnosis) -> list[str]:
     """What the verdict rests on, a line each."""
-    worst = max(made.left, key=lambda each: each.gain / limit_of(each), default=None)
-    left = "" if worst is None else f"A disturbance {shape_of(worst)} explains {worst.gain:.1f} nats more (limit " \
-                                    f"{limit_of(worst):.0f})."
+    worst = max(made.left, key=lambda each: each.gain / each.limit, default=None)
+    left = "" if worst is None else f"A disturbance {worst.words} explains {worst.gain:.1f} nats more (limit " \
+                                    f"{worst.limit:.0f})."
     if made.verdict == "consistent":
         tried = [step[0] for step in made.selection.rankings if step] if made.selection is not None else []
         best = f"The best, {tried[0].cause.hypothesis.cause}, reached {tried[0].evidence:.1f}." if tried else ""
@@ -255,8 +246,8 @@ def doubts(made: Diagnosis) -> list[str]:
         if each.constancy is not None and CLOSE * CONSTANCY_LIMIT < each.constancy.chi_squared <= CONSTANCY_LIMIT:
             said.append(f"{each.cause}: its size varies along the log more than most true causes' "
                         f"(chi-squared {each.constancy.chi_squared:.0f}, limit {CONSTANCY_LIMIT:.0f})")
-    said += [f"something small may be left at the {each.disturbance.place}, {shape_of(each)}" for each in made.left[:1]
-             if CLOSE * limit_of(each) < each.gain <= limit_of(each)]
+    said += [f"something small may be left at the {each.disturbance.place}, {each.words}" for each in made.left[:1]
+             if CLOSE * each.limit < each.gain <= each.limit]
     loud = [f"{name} {level['factor']:.2g}" for name, level in made.noise.items() if level["significant"]]
     if loud:
         said.append(f"noise differs from the declared, by factors of: {', '.join(loud)} (no part of the verdict)")
@@ -361,7 +352,7 @@ def _pairs(made: Diagnosis) -> str:
 
 def _left(made: Diagnosis) -> str:
     before = {(each.disturbance.place, each.shape): each.gain for each in made.left_nominal}
-    rows = [(text(each.disturbance.place), text(shape_of(each)), f"{each.gain:.1f}", f"{limit_of(each):.0f}",
+    rows = [(text(each.disturbance.place), text(each.words), f"{each.gain:.1f}", f"{each.limit:.0f}",
              f"{before.get((each.disturbance.place, each.shape), math.nan):.1f}".replace("nan", ""))
             for each in made.left]
     return '<p class="note">What a disturbance beside the model would explain.</p>' + table(

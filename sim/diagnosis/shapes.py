@@ -17,6 +17,7 @@ from .scan import Projector
 
 PIECE = 1e-4   # rms of a shape when its response is taken: rad, rad/s, rad/s^2; small enough to be linear
 NO_ENERGY = 1e-9
+PLAY = 0.3     # half-width of the play that is tried, of the command's rms
 OWN_SHARE = 1e-4  # of a response's energy that the model cannot make itself: with less it is the model's own
 
 
@@ -38,17 +39,28 @@ def _shapes(s: dict[str, np.ndarray]) -> Iterator[tuple[str, str, np.ndarray]]:
     for a in ("theta", "theta_dot", "beta"):
         yield "plant", f"{a}*abs({a})", s[a] * np.abs(s[a])
         yield "plant", f"{a}*time", s[a] * s["time"]
+    yield "plant", "sign(theta_dot)", np.sign(s["theta_dot"])
     yield "plant", "time", s["time"]
     yield "actuator", "sign(beta_dot)", np.sign(s["beta_dot"])
     yield "actuator", "beta_dot*abs(beta_dot)", s["beta_dot"] * np.abs(s["beta_dot"])
     for name, signal in (("u^2", s["u"]**2), ("u*abs(u)", s["u"] * np.abs(s["u"])), ("u^3", s["u"]**3),
                          ("abs(u)", np.abs(s["u"])), ("u*time", s["u"] * s["time"]), ("time", s["time"])):
         yield "actuator", name, signal
+    yield "actuator", "play(u)", _play(s["u"]) - s["u"]
     for channel in CHANNELS:
         own = s[f"seen {channel}"]
         for name, signal in ((f"{channel}^2", own**2), (f"{channel}^3", own**3), (f"abs({channel})", np.abs(own)),
                              (f"{channel}*time", own * s["time"]), ("time", s["time"])):
             yield channel, name, signal
+
+
+def _play(u: np.ndarray) -> np.ndarray:
+    """u (n,) through a play of PLAY times its RMS."""
+    half, at, found = PLAY * float(np.sqrt(np.mean(u**2))), float(u[0]), np.empty_like(u)
+    for k, command in enumerate(u.tolist()):
+        at = min(max(at, command - half), command + half)
+        found[k] = at
+    return found
 
 
 def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, float]]:

@@ -15,7 +15,7 @@ from .controller_check import ControllerCheck, check_controller
 from .data_check import DataCheck, check
 from .extend import extended, of_controller
 from .gain import Gain, held_out, on_another
-from .goodness import CONSTANCY_LIMIT, LEFTOVER_LIMIT, SHAPE_LIMIT, Constancy, Leftover, constancy, leftovers
+from .goodness import CONSTANCY_LIMIT, Constancy, Leftover, constancy, leftovers
 from .hypotheses import Hypothesis
 from .limits import Isolability, Limit, limits, unseen
 from .model import predicted_attitude
@@ -29,7 +29,8 @@ from .user_gain import UserGain, user_gain
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST = 100           # rows, without which nothing is fitted
-SIGNIFICANT = 3.0      # standard deviations of a noise level
+SIGNIFICANT = 3.0      # standard deviations of a noise level, of an onset
+UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
@@ -220,7 +221,8 @@ def _tested(made: Diagnosis, selection: Selection, holdout: Log | None, say: Say
     made.nearest = tuple(_named(selection, k) for k in range(len(selection.model.causes)))
     made.left = tuple(leftovers(selection.model))
     made.gain = None
-    doubts = _doubts(made.nearest, made.left)
+    assert made.record is not None
+    doubts = _doubts(made.nearest, made.left, float(made.record.t[0]) + made.record.shift)
     if made.nearest and not doubts:
         say("held-out gain")
         made.gain = _gain_of(made, selection, holdout)
@@ -292,18 +294,32 @@ def _mismatch(controller: ControllerCheck) -> Named:
     return Named(CONTROLLER, values, std, {"kp_scale": "", "kd_scale": "", "delay": "s"}, (), controller.evidence, None)
 
 
-def _doubts(named: tuple[Named, ...], left: tuple[Leftover, ...]) -> list[str]:
+def _doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float) -> list[str]:
+    """Why these causes are not believed, a line each; began [s]: the log's first row."""
     doubts = []
     for each in named:
         if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
             doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
                           f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
-    beyond = [each for each in left if each.gain > (SHAPE_LIMIT if each.shape else LEFTOVER_LIMIT)]
+        doubts += _undetermined(each, began)
+    beyond = [each for each in left if each.gain > each.limit]
     if beyond:
-        what = f"proportional to {beyond[0].shape}" if beyond[0].shape else "of unknown shape"
-        doubts.append(f"a disturbance {what} at the {beyond[0].disturbance.place} explains {beyond[0].gain:.0f} nats "
-                      f"more (limit {SHAPE_LIMIT if beyond[0].shape else LEFTOVER_LIMIT:.0f})")
+        doubts.append(f"a disturbance {beyond[0].words} at the {beyond[0].disturbance.place} explains "
+                      f"{beyond[0].gain:.0f} nats more (limit {beyond[0].limit:.0f})")
     return doubts
+
+
+def _undetermined(each: Named, began: float) -> list[str]:
+    """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
+    found = []
+    frequency, time = each.values.get("frequency"), each.values.get("time")
+    if isinstance(frequency, float) and each.std["frequency"] > UNTOLD * frequency:
+        found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
+                     f"{each.std['frequency']:.2g} rad/s)")
+    if each.cause == "control_loss" and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
+        found.append(f"control_loss: the log does not tell its onset from the log's beginning ({time:.3g} +- "
+                     f"{each.std['time']:.2g} s)")
+    return found
 
 
 def _controller_words(controller: ControllerCheck) -> str:
@@ -317,7 +333,7 @@ def _place(made: Diagnosis) -> str:
     place of the nearest cause where that explains more."""
     assert made.selection is not None
     foreign = made.controller if made.controller is not None and made.controller.kind in ("unknown", "filter") else None
-    best = max(made.left_nominal, key=lambda leftover: leftover.gain)
+    best = max((each for each in made.left_nominal if not each.is_line), key=lambda leftover: leftover.gain)
     if foreign is not None and foreign.evidence > best.gain:
         return "controller"
     if made.nearest:
