@@ -6,7 +6,8 @@ from typing import Any
 from .controller_check import ControllerCheck
 from .gain import Gain
 from .limits import Limit
-from .verdict import DECIDES, Diagnosis, Named
+from .named import Named
+from .verdict import DECIDES, Diagnosis
 
 
 def report(made: Diagnosis) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def _cause_json(cause: Named) -> dict[str, Any]:
     decides = [what for pair, what in DECIDES.items() if cause.cause in pair and pair & set(cause.rivals)]
     return {"cause": cause.cause, "where": cause.where, "parameters": parameters,
             "indistinguishable_from": list(cause.rivals), "would_decide": list(dict.fromkeys(decides)),
-            "evidence": evidence}
+            "evidence": evidence, "steps": [{"time": time, "fraction": fraction} for time, fraction in cause.steps]}
 
 
 def _nearest_json(cause: Named) -> dict[str, Any]:

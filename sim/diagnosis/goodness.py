@@ -25,6 +25,7 @@ CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes re
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
 SHAPE_LIMIT = 15.0         # nats of one of forty shapes: noise reaches it once in 1e6 logs
 LINE_LIMIT = 17.0          # nats of one of some thousand lines: noise reaches it once in 1e4 logs
+BINS = 1.0                 # of the log's resolution, within which a line is a harmonic
 LINE = "sin"               # what the shape of a line begins with
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
@@ -127,11 +128,21 @@ def _shaped(model: Model) -> list[Leftover]:
     for place, name, amplitude, gain in shape_gains(problem, model.fit):
         best.setdefault(place, Leftover(Disturbance(place, abs(amplitude), math.inf), gain, name))
     found = list(best.values())
-    for line in lines(problem, model.fit)[:1]:
+    known = [cause.values[1] for cause in model.causes if cause.hypothesis.cause == "periodic_disturbance"]
+    resolution = BINS * 2.0 * math.pi / (model.fit.record.rows * model.fit.record.period)
+    foreign = [line for line in lines(problem, model.fit)
+               if not any(_is_harmonic(line.values[1], base, resolution) for base in known)]
+    for line in foreign[:1]:
         amplitude, frequency, _ = line.values
         of = Disturbance("plant", amplitude / math.sqrt(2.0), math.inf)
         found.append(Leftover(of, line.gain, f"{LINE}({frequency:.4g} t)"))
     return found
+
+
+def _is_harmonic(frequency: float, base: float, resolution: float) -> bool:
+    """A multiple of a named line, within what the log resolves [rad/s]: what is periodic need not be a sine."""
+    multiple = round(frequency / base)
+    return multiple > 1 and abs(frequency - multiple * base) < resolution
 
 
 def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:

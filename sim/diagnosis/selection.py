@@ -6,7 +6,7 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,8 @@ from .record import Record
 from .scan import Candidate, scan
 
 SINE = "sin(theta)"
+LOSS = "control_loss"
+STEPS = (0.25, 0.8)   # s from the middle, of the halves of a loss that may be gradual
 FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
 THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
 FURTHER = 22.0        # nats for each further one
@@ -34,7 +36,7 @@ SETTLED = 0.1         # nats that a round must bring to go on
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
 WRONG_NOISE = 1.5     # factor of a level over the declared that makes the declared levels a second start
-REPEATABLE = ("bending", "gust", "periodic_disturbance", "slosh")  # there may be two of
+REPEATABLE = ("bending", "control_loss", "gust", "periodic_disturbance", "slosh")  # there may be two (steps of a loss)
 
 Say = Callable[[str], None]
 
@@ -236,6 +238,8 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
             fitted = _joined(problem, start.fit, candidate)
             most = max(most, start.fit.cost - fitted.cost)
             fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
+        for fitted in _in_steps(problem, start.fit, allowed):
+            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
     fits.sort(key=lambda pair: -pair[1])
     models, seen = [], set()
     for fitted, gain in fits:
@@ -264,6 +268,18 @@ def _starts(record: Record, base: Model) -> list[Model]:
 def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:
     causes = (*base.causes, Cause(candidate.hypothesis, candidate.values))
     return fit(problem, causes, base.delta)
+
+
+def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterator[Fit]:
+    """The base with its last loss in two steps: a ramp, of which the second half would else be sought elsewhere."""
+    known = {h.cause for h in allowed}
+    last = next((k for k in range(len(base.causes) - 1, -1, -1) if base.causes[k].hypothesis.cause == LOSS), None)
+    if last is None or LOSS not in known:
+        return
+    (fraction, time), hypothesis = base.causes[last].values, base.causes[last].hypothesis
+    for apart in STEPS:
+        halves = [Cause(hypothesis, (0.5 * fraction, time + sign * apart)) for sign in (-1.0, 1.0)]
+        yield fit(problem, (*base.causes[:last], halves[0], *base.causes[last + 1:], halves[1]), base.delta)
 
 
 def _dropped(record: Record, model: Model, limit: float) -> Model:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import CATALOGUE
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
@@ -15,26 +14,24 @@ from .controller_check import ControllerCheck, check_controller
 from .data_check import DataCheck, check
 from .extend import extended, of_controller
 from .gain import Gain, held_out, on_another
-from .goodness import CONSTANCY_LIMIT, Constancy, Leftover, constancy, leftovers
+from .goodness import Leftover, leftovers
 from .hypotheses import Hypothesis
 from .limits import Isolability, Limit, limits, unseen
 from .model import predicted_attitude
+from .named import Named, doubts_about, mismatch, named_causes
 from .noise import LEVELS, Refilter, declared
 from .proposal import Proposal, propose
 from .record import CHANNELS, Record, filled, record
-from .selection import THRESHOLD, Model, Ranked, Selection, first_filter, select
+from .selection import THRESHOLD, Model, Selection, first_filter, select
 from .threshold import threshold as measured_threshold
 from .user_gain import UserGain, user_gain
 
-SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST = 100           # rows, without which nothing is fitted
-SIGNIFICANT = 3.0      # standard deviations of a noise level, of an onset
-UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
+SIGNIFICANT = 3.0      # standard deviations of a noise level
 LEVEL_STEP = 0.05      # of a log factor, for its standard deviation
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
-CONTROLLER = "controller_mismatch"
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 DECIDES = {
     frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
@@ -47,33 +44,6 @@ DECIDES = {
 }
 
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Named:
-    """One cause as reported.
-
-    values, std, units   of its parameters, in the catalogue's names
-    rivals               causes that explain the log as well, without itself
-    constancy            None for the controller's, which is exact
-    """
-
-    cause: str
-    values: dict[str, float | str]
-    std: dict[str, float]
-    units: dict[str, str]
-    rivals: tuple[str, ...]
-    evidence: float
-    constancy: Constancy | None
-
-    @property
-    def where(self) -> str:
-        return CATALOGUE[self.cause].where
-
-    @property
-    def label(self) -> str:
-        """Its name, with the term of a missing one."""
-        return f"{self.cause} {self.values['term']}" if "term" in self.values else self.cause
 
 
 @dataclass(eq=False)
@@ -203,7 +173,7 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
         return
     causes = list(made.nearest)
     if controller is not None and controller.is_named:
-        causes.append(_mismatch(controller))
+        causes.append(mismatch(controller))
         made.gain = made.gain or _gain_of(made, made.selection, holdout)
     causes.sort(key=lambda cause: -cause.evidence)
     made.causes, made.nearest = tuple(causes), ()
@@ -218,11 +188,11 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
 
 def _tested(made: Diagnosis, selection: Selection, holdout: Log | None, say: Say) -> list[str]:
     """The best causes of a selection into `nearest`, with what is left and what they gain; the doubts about them."""
-    made.nearest = tuple(_named(selection, k) for k in range(len(selection.model.causes)))
+    made.nearest = named_causes(selection)
     made.left = tuple(leftovers(selection.model))
     made.gain = None
     assert made.record is not None
-    doubts = _doubts(made.nearest, made.left, float(made.record.t[0]) + made.record.shift)
+    doubts = doubts_about(made.nearest, made.left, float(made.record.t[0]) + made.record.shift)
     if made.nearest and not doubts:
         say("held-out gain")
         made.gain = _gain_of(made, selection, holdout)
@@ -264,62 +234,6 @@ def _gain_of(made: Diagnosis, selection: Selection, holdout: Log | None) -> Gain
         data = check(holdout, made.nominal)
         return on_another(with_commands(record(holdout, made.nominal, data))[0], model, nominal, further)
     return held_out(made.record, model, nominal, further)
-
-
-def _named(selection: Selection, k: int) -> Named:
-    model = selection.model
-    cause, std = model.causes[k], model.fit.std(k)
-    names = [free.name for free in cause.hypothesis.free]
-    values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
-    if "time" in names:
-        values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
-    return Named(cause.hypothesis.cause, values,
-                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in names},
-                 _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k))
-
-
-def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
-    """Causes within SET of the best in the same place of the model."""
-    if not ranking:
-        return ()
-    best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - SET]
-    return tuple(dict.fromkeys(each for each in near if each != name))
-
-
-def _mismatch(controller: ControllerCheck) -> Named:
-    values: dict[str, float | str] = {"kp_scale": controller.kp_scale, "kd_scale": controller.kd_scale,
-                                      "delay": controller.delay}
-    std = dict(zip(values, controller.std, strict=True))
-    return Named(CONTROLLER, values, std, {"kp_scale": "", "kd_scale": "", "delay": "s"}, (), controller.evidence, None)
-
-
-def _doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float) -> list[str]:
-    """Why these causes are not believed, a line each; began [s]: the log's first row."""
-    doubts = []
-    for each in named:
-        if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
-            doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
-                          f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
-        doubts += _undetermined(each, began)
-    beyond = [each for each in left if each.gain > each.limit]
-    if beyond:
-        doubts.append(f"a disturbance {beyond[0].words} at the {beyond[0].disturbance.place} explains "
-                      f"{beyond[0].gain:.0f} nats more (limit {beyond[0].limit:.0f})")
-    return doubts
-
-
-def _undetermined(each: Named, began: float) -> list[str]:
-    """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
-    found = []
-    frequency, time = each.values.get("frequency"), each.values.get("time")
-    if isinstance(frequency, float) and each.std["frequency"] > UNTOLD * frequency:
-        found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
-                     f"{each.std['frequency']:.2g} rad/s)")
-    if each.cause == "control_loss" and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
-        found.append(f"control_loss: the log does not tell its onset from the log's beginning ({time:.3g} +- "
-                     f"{each.std['time']:.2g} s)")
-    return found
 
 
 def _controller_words(controller: ControllerCheck) -> str:

@@ -2,7 +2,8 @@
 
 import math
 
-from .verdict import DECIDES, Diagnosis, Named
+from .named import Named
+from .verdict import DECIDES, Diagnosis
 
 MEANING = {
     "control_effectiveness": "the nozzle turns the vehicle with {scale} of the k1 the simulation believes",
@@ -55,6 +56,11 @@ def sentence(cause: Named) -> str:
     return MEANING[cause.cause].format(**values)
 
 
+def gradually(cause: Named) -> str:
+    """The steps of a loss that comes gradually."""
+    return ", ".join(f"{fraction:.3g} at {time:.2f} s" for time, fraction in cause.steps)
+
+
 def would_decide(cause: Named) -> list[str]:
     """Measurements that would tell a cause from its look-alikes."""
     found = [what for pair, what in DECIDES.items() if cause.cause in pair and pair & set(cause.rivals)]
@@ -82,6 +88,8 @@ def lines(made: Diagnosis) -> list[str]:
                     + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
     for cause in made.causes:
         said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
+        if cause.steps:
+            said.append(f"    it comes gradually: {gradually(cause)}")
         if cause.rivals:
             decides = would_decide(cause)
             said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"

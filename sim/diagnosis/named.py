@@ -1,0 +1,157 @@
+"""Causes as they are reported: values in the catalogue's names, look-alikes, and what makes a name doubtful."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effects import CATALOGUE
+from .controller_check import ControllerCheck
+from .goodness import CONSTANCY_LIMIT, Constancy, Leftover, constancy
+from .selection import Model, Ranked, Selection, penalty, profile
+
+SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
+SIGNIFICANT = 3.0      # standard deviations of an onset
+UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
+GRADUAL = 3.0          # s: steps of a loss that are so near belong to one that comes gradually
+CONTROLLER = "controller_mismatch"
+LOSS = "control_loss"
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """One cause as reported.
+
+    values, std, units   of its parameters, in the catalogue's names
+    rivals               causes that explain the log as well, without itself
+    constancy            None for the controller's, which is exact
+    is_at_an_end         of the range searched: whatever it stands for, it is not this cause
+    steps                (time [s], fraction) of a loss that comes gradually, () of all else
+    """
+
+    cause: str
+    values: dict[str, float | str]
+    std: dict[str, float]
+    units: dict[str, str]
+    rivals: tuple[str, ...]
+    evidence: float
+    constancy: Constancy | None
+    is_at_an_end: bool = False
+    steps: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def where(self) -> str:
+        return CATALOGUE[self.cause].where
+
+    @property
+    def label(self) -> str:
+        """Its name, with the term of a missing one."""
+        return f"{self.cause} {self.values['term']}" if "term" in self.values else self.cause
+
+
+def named_causes(selection: Selection) -> tuple[Named, ...]:
+    """The causes of a selection's model; a loss in steps is one cause."""
+    return tuple(_named(selection, group[0]) if len(group) == 1 else _gradual(selection, group)
+                 for group in _groups(selection.model))
+
+
+def _groups(model: Model) -> Iterator[list[int]]:
+    """Indices of the causes; the steps of one loss together, in the order of their times."""
+    losses = sorted((cause.values[1], k) for k, cause in enumerate(model.causes) if cause.hypothesis.cause == LOSS)
+    group: list[int] = []
+    for time, k in losses:
+        last = model.causes[group[-1]].values if group else None
+        if last is not None and (time - last[1] > GRADUAL or model.causes[k].values[0] * last[0] < 0.0):
+            yield group
+            group = []
+        group.append(k)
+    if group:
+        yield group
+    for k, cause in enumerate(model.causes):
+        if cause.hypothesis.cause != LOSS:
+            yield [k]
+
+
+def _named(selection: Selection, k: int) -> Named:
+    model = selection.model
+    cause, std = model.causes[k], model.fit.std(k)
+    names = [free.name for free in cause.hypothesis.free]
+    values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
+    if "time" in names:
+        values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
+    return Named(cause.hypothesis.cause, values,
+                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in names},
+                 _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k),
+                 cause.is_at_an_end)
+
+
+def _gradual(selection: Selection, group: list[int]) -> Named:
+    """The steps of one loss as one: what is lost in all, in the middle."""
+    model, parts = selection.model, [_named(selection, k) for k in group]
+    fractions = np.array([model.causes[k].values[0] for k in group])
+    times = np.array([float(part.values["time"]) for part in parts])
+    kept = np.prod(1.0 - fractions)
+    first = [sum(len(cause.values) for cause in model.causes[:k]) for k in group]
+    slope, weight = kept / (1.0 - fractions), fractions / fractions.sum()
+    covariance = model.fit.covariance
+    variances = [part @ covariance[np.ix_(at, at)] @ part
+                 for part, at in ((slope, first), (weight, [k + 1 for k in first]))]
+    others = tuple(cause for k, cause in enumerate(model.causes) if k not in group)
+    without = profile(model.fit.record, others, model.fit.delta, model.fit.filter) if others else selection.nominal
+    evidence = model.log_likelihood - without.log_likelihood \
+        - sum(penalty(model.fit.record, model.causes[k].hypothesis) for k in group)
+    worst, of = max(zip(parts, fractions, strict=True), key=lambda pair: pair[0].constancy.chi_squared)
+    assert worst.constancy is not None
+    whole = float(1.0 - kept)
+    return replace(worst, values={"fraction": whole, "time": float(weight @ times)},
+                   std=dict(zip(("fraction", "time"), (math.sqrt(max(v, 0.0)) for v in variances), strict=True)),
+                   rivals=tuple(each for each in parts[0].rivals if all(each in part.rivals for part in parts)),
+                   evidence=evidence, is_at_an_end=any(part.is_at_an_end for part in parts),
+                   constancy=replace(worst.constancy, size=tuple(size + whole - of for size in worst.constancy.size)),
+                   steps=tuple(zip(times.tolist(), fractions.tolist(), strict=True)))
+
+
+def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
+    """Causes within SET of the best in the same place of the model."""
+    if not ranking:
+        return ()
+    best = max(each.evidence for each in ranking)
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - SET]
+    return tuple(dict.fromkeys(each for each in near if each != name))
+
+
+def mismatch(controller: ControllerCheck) -> Named:
+    """The controller's cause."""
+    values: dict[str, float | str] = {"kp_scale": controller.kp_scale, "kd_scale": controller.kd_scale,
+                                      "delay": controller.delay}
+    std = dict(zip(values, controller.std, strict=True))
+    return Named(CONTROLLER, values, std, {"kp_scale": "", "kd_scale": "", "delay": "s"}, (), controller.evidence, None)
+
+
+def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float) -> list[str]:
+    """Why these causes are not believed, a line each; began [s]: the log's first row."""
+    doubts = []
+    for each in named:
+        if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
+            doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
+                          f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
+        doubts += _undetermined(each, began)
+    beyond = [each for each in left if each.gain > each.limit]
+    if beyond:
+        doubts.append(f"a disturbance {beyond[0].words} at the {beyond[0].disturbance.place} explains "
+                      f"{beyond[0].gain:.0f} nats more (limit {beyond[0].limit:.0f})")
+    return doubts
+
+
+def _undetermined(each: Named, began: float) -> list[str]:
+    """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
+    found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
+    frequency, time = each.values.get("frequency"), each.values.get("time")
+    if isinstance(frequency, float) and each.std["frequency"] > UNTOLD * frequency:
+        found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
+                     f"{each.std['frequency']:.2g} rad/s)")
+    if each.cause == LOSS and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
+        found.append(f"control_loss: the log does not tell its onset from the log's beginning ({time:.3g} +- "
+                     f"{each.std['time']:.2g} s)")
+    return found
