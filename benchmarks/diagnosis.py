@@ -1,6 +1,6 @@
 """`launchid diagnose` on flights in which something is hidden: right names, false alarms, sizes, gain, limits.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis.py [--quick] [--seeds N] [--out DIR] [--jobs 2]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/diagnosis.py [--quick] [--seeds N] [--first N] [--out DIR] [--jobs 2]
 
 First clean flights: what is found in them is a false alarm, and what the diagnosis says it could have found sizes the
 effects of the rest.  Then, on constant and vega_like each:
@@ -12,6 +12,7 @@ effects of the rest.  Then, on constant and vega_like each:
   odds      a few causes at 0.5 to 2 times the limit: where half of the flights are found
 Odd seeds fly a rough reference (unlisted: the nominal's), every other pair of seeds the cause's physically other
 form; noise 0.67 to 1.5 of the declared, dispersion 2 %, logs of 50, 100 or 200 Hz are drawn from the seed.
+`--first N`, a multiple of 4, begins at another seed: flights that nobody has seen.
 `--quick` flies 4 seeds of each effect, two a nominal, and 1 or 2 in the other groups.  Sizes are judged twice: of the
 deviation from the neutral value, and of the value.  The excess of the 1 s error is over that of the clean flight.
 
@@ -352,6 +353,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="4 seeds, a part of the groups: under 20 minutes")
     parser.add_argument("--seeds", type=int, help="of each effect; the groups keep their shares")
+    parser.add_argument("--first", type=int, default=0, help="first seed, a multiple of 4: forms and references go in "
+                        "fours")
     parser.add_argument("--out", type=Path, default=Path("diagnosis-benchmark"), help="directory of the tables")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
@@ -359,6 +362,8 @@ def main() -> int:
     parser.add_argument("--nominals", nargs="+", choices=NOMINALS, default=list(NOMINALS))
     parser.add_argument("--rate", type=float, default=0.0, help="Hz of every log; default: drawn from 50, 100, 200")
     args = parser.parse_args()
+    if args.first % 4 or args.first < 0:
+        parser.error(f"--first {args.first}: not a multiple of 4 from 0 on")
     args.out.mkdir(parents=True, exist_ok=True)
     cases = wanted(args)
     calm = campaign("clean", clean(args, cases), calibrated, args)

@@ -114,7 +114,7 @@ def seeds_of(args: argparse.Namespace, group: str, index: int) -> list[int]:
     if group not in args.groups and group != "clean":
         return []
     shared = args.quick and group in HALVED and len(args.nominals) > 1
-    return [seed for seed in range(count) if not shared or (seed + seed // 2 + index) % 2 == 0]
+    return [args.first + seed for seed in range(count) if not shared or (seed + seed // 2 + index) % 2 == 0]
 
 
 def case(group: str, nominal: str, causes: str, factor: float, seed: int, rate: float, drop: str = "") -> Case:
@@ -143,7 +143,8 @@ def wanted(args: argparse.Namespace) -> list[Case]:
                 add("large", name, (LARGE,), number)
                 add("half", name, (HALF,), number)
                 add("dropped", name, (TWICE,), number, DROPS)
-        for seed, pair in enumerate(pairs(causes, len(seeds_of(args, "pairs", index)), index)):
+        seeds = seeds_of(args, "pairs", index)
+        for seed, pair in zip(seeds, pairs(causes, len(seeds), (index, args.first)), strict=True):
             cases.append(case("pairs", nominal, pair, PAIR, seed, args.rate))
         for number, name in enumerate(UNLISTED):
             add("unlisted", name, VISIBLE, number)
@@ -153,14 +154,14 @@ def wanted(args: argparse.Namespace) -> list[Case]:
     return cases
 
 
-def pairs(causes: Iterable[str], count: int, stream: int) -> list[str]:
+def pairs(causes: Iterable[str], count: int, stream: tuple[int, int]) -> list[str]:
     """Random pairs of different places that are not exact equivalents of other pairs."""
     free = [name for name in causes if name not in NO_LIMIT]
     possible = [f"{a}+{b}" for a, b in combinations(free, 2) if CAUSES[a].place != CAUSES[b].place
                 and not {a, b} <= OFFSETS and not {a, b} <= SERVO]
     if not possible:
         return []
-    chosen = np.random.default_rng((2, stream)).choice(len(possible), count, replace=count > len(possible))
+    chosen = np.random.default_rng((2, *stream)).choice(len(possible), count, replace=count > len(possible))
     return [possible[k] for k in chosen]
 
 
