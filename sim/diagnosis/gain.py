@@ -104,10 +104,11 @@ def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
 
 
 def refitted(record: Record, causes: Sequence[Cause], start: Filter, mask: np.ndarray) -> Trained:
-    """Causes and noise levels fitted to the rows of `mask` from the values given; then the model as its file says it,
-    without the deviations of a6 and k1."""
+    """Causes, deviations of a6 and k1 within the tolerance, and noise levels fitted to the rows of `mask` from the
+    values given.  Without the deviations, which both models may have, an error of 2 % in a6 hides what a small cause
+    does."""
     fitted, filt = _levelled(record, fit(Problem(record, start, mask), causes, np.zeros(DEVIATIONS)), start, mask)
-    return Trained(Point(fitted.point.effects), filt)
+    return within(record, Trained(fitted.point, filt), mask)
 
 
 def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None) -> tuple[Fit, Filter]:
