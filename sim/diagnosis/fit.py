@@ -88,8 +88,9 @@ class Fit:
         first = sum(len(cause.values) for cause in self.causes[:index])
         cause = self.causes[index]
         spread = np.sqrt(np.maximum(np.diag(self.covariance)[first:first + len(cause.values)], 0.0))
-        return tuple(float(s * value) if free.logarithmic else float(s)
-                     for s, value, free in zip(spread, cause.values, cause.hypothesis.free, strict=True))
+        own = [float(s * value) if free.logarithmic else float(s)
+               for s, value, free in zip(spread, cause.values, cause.hypothesis.free, strict=True)]
+        return (math.hypot(own[0], cause.hypothesis.dithered * float(self.filter.levels[3])), *own[1:])
 
 
 def point_of(causes: Sequence[Cause], delta: np.ndarray) -> Point:

@@ -34,6 +34,8 @@ class Hypothesis:
     shapes   of a record: values of the other free numbers to start from
     sizes    of a record: sizes to try where the response is not proportional to the size; None: it is
     visible  of a record: whether the log has the columns that could show it
+    dithered how much of the command noise's rms its size may be off: the noise keeps a play moving, which the
+             prediction, run on the mean command, does not see
     """
 
     cause: str
@@ -43,6 +45,7 @@ class Hypothesis:
     visible: Callable[[Record], bool]
     sizes: Callable[[Record], list[float]] | None = None
     fixed: tuple[tuple[str, str | float], ...] = ()   # parameters that are not searched (the term of `missing_term`)
+    dithered: float = 0.0
 
     def effect(self, values: Values) -> Effect:
         """The simulator's effect at these values of the free numbers, and the fixed ones."""
@@ -121,6 +124,7 @@ def _size(name: str, step: float, low: float = -math.inf, high: float = math.inf
 _FREQUENCY = Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True)
 _LINE = Free("frequency", 1e-4, 0.05, 300.0, logarithmic=True)  # its phase drifts over the whole log
 _SLOSH = Free("frequency", 2e-3, 0.2, 60.0, logarithmic=True)   # faster, it is no liquid
+_GUST = Free("duration", 0.02, 0.2, 20.0, logarithmic=True)     # s: longer, the wind has changed
 _DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
@@ -133,14 +137,15 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("thrust_misalignment", (_size("angle", 1e-4),), 0.0, _alone, _always),
     Hypothesis("slosh", (_size("coupling", 0.005, -0.8, 5.0), _SLOSH, _DAMPING), 0.0, _slosh, _always),
     Hypothesis("bending", (_size("gain", 1e-4), _FREQUENCY, _DAMPING), 0.0, _bending, _always),
-    Hypothesis("gust", (_size("angle", 1e-3), Free("time", 0.05), Free("duration", 0.02, 0.2, 60.0, True)), 0.0,
+    Hypothesis("gust", (_size("angle", 1e-3), Free("time", 0.05), _GUST), 0.0,
                _alone, _always),
     Hypothesis("steady_wind", (_size("angle", 1e-3),), 0.0, _alone, _always),
     Hypothesis("actuator_delay", (_size("delay", 1e-3, 0.0, 1.0),), 0.0, _alone, _command),
     Hypothesis("actuator_bandwidth", (_size("scale", 0.02, 0.02, 5.0),), 1.0, _alone, _command),
     Hypothesis("actuator_gain", (_size("scale", 0.005, -3.0, 5.0),), 1.0, _alone, _command),
     Hypothesis("actuator_rate_limit", (Free("rate", 0.01, 1e-3, 50.0, True),), math.inf, _alone, _command, _rates),
-    Hypothesis("actuator_backlash", (_size("half_width", 5e-5, 0.0, 0.2),), 0.0, _alone, _command, _plays),
+    Hypothesis("actuator_backlash", (_size("half_width", 5e-5, 0.0, 0.2),), 0.0, _alone, _command, _plays,
+               dithered=0.1),
     Hypothesis("actuator_bias", (_size("angle", 1e-4),), 0.0, _alone, _command),
     Hypothesis("attitude_bias", (_size("angle", 1e-3),), 0.0, _alone, _always),
     Hypothesis("attitude_delay", (_size("delay", 2e-3, 0.0, 1.0),), 0.0, _alone, _always),

@@ -14,6 +14,7 @@ from .selection import Model, Ranked, Selection, penalty, profile
 SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 SIGNIFICANT = 3.0      # standard deviations of an onset
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
+FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 GRADUAL = 3.0          # s: steps of a loss that are so near belong to one that comes gradually
 CONTROLLER = "controller_mismatch"
 LOSS = "control_loss"
@@ -129,14 +130,14 @@ def mismatch(controller: ControllerCheck) -> Named:
     return Named(CONTROLLER, values, std, {"kp_scale": "", "kd_scale": "", "delay": "s"}, (), controller.evidence, None)
 
 
-def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float) -> list[str]:
-    """Why these causes are not believed, a line each; began [s]: the log's first row."""
+def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float, ended: float) -> list[str]:
+    """Why these causes are not believed, a line each; began, ended [s]: the log's first and last row."""
     doubts = []
     for each in named:
         if each.constancy is not None and each.constancy.chi_squared > CONSTANCY_LIMIT:
             doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
                           f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
-        doubts += _undetermined(each, began)
+        doubts += _undetermined(each, began, ended)
     beyond = [each for each in left if each.gain > each.limit]
     if beyond:
         doubts.append(f"a disturbance {beyond[0].words} at the {beyond[0].disturbance.place} explains "
@@ -144,13 +145,15 @@ def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: fl
     return doubts
 
 
-def _undetermined(each: Named, began: float) -> list[str]:
+def _undetermined(each: Named, began: float, ended: float) -> list[str]:
     """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
     frequency, time = each.values.get("frequency"), each.values.get("time")
     if isinstance(frequency, float) and each.std["frequency"] > UNTOLD * frequency:
         found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
                      f"{each.std['frequency']:.2g} rad/s)")
+    if each.cause == "periodic_disturbance" and float(frequency) * (ended - began) < 2.0 * math.pi * FEWEST_CYCLES:
+        found.append(f"periodic_disturbance: less than {FEWEST_CYCLES:.0f} of its periods are in the log")
     if each.cause == LOSS and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
         found.append(f"control_loss: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")

@@ -192,7 +192,8 @@ def _tested(made: Diagnosis, selection: Selection, holdout: Log | None, say: Say
     made.left = tuple(leftovers(selection.model))
     made.gain = None
     assert made.record is not None
-    doubts = doubts_about(made.nearest, made.left, float(made.record.t[0]) + made.record.shift)
+    first, last = (float(made.record.t[k]) + made.record.shift for k in (0, -1))
+    doubts = doubts_about(made.nearest, made.left, first, last)
     if made.nearest and not doubts:
         say("held-out gain")
         made.gain = _gain_of(made, selection, holdout)
