@@ -13,7 +13,9 @@ from sim.diagnosis.answer import report
 from sim.diagnosis.controller_check import check_controller
 from sim.diagnosis.data_check import check
 from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
+from sim.diagnosis.limits import Isolability
 from sim.diagnosis.model import Point, innovations
+from sim.diagnosis.named import Named, doubts_about
 from sim.diagnosis.noise import declared, exponential
 from sim.diagnosis.record import record
 from sim.diagnosis.selection import first_filter
@@ -78,6 +80,58 @@ def test_a_cause_is_named_with_its_size(effect, parameter, truth):
     assert abs(value["value"] - truth) < 5.0 * value["std"]
     assert name not in cause["indistinguishable_from"]
     assert result["gain"]["held_out"] and result["gain"]["nats"] > 0.0
+    if result["where"] in ("plant", "environment"):  # the extension predicts better, not only more likely
+        assert all(error["after"] < error["before"] for channel, error in result["gain"]["horizons"]["1"].items()
+                   if channel != "beta")
+
+
+def test_a_loss_that_comes_in_steps_is_one_cause():
+    cause, = found("control_loss:fraction=0.1,time=28", "control_loss:fraction=0.1,time=29")["causes"]
+    assert cause["cause"] == "control_loss" and len(cause["steps"]) == 2
+    for name, truth in (("fraction", 0.19), ("time", 28.5)):
+        value = cause["parameters"][name]
+        assert abs(value["value"] - truth) < 4.0 * value["std"]
+
+
+def test_losses_far_apart_or_of_other_signs_are_two():
+    for second in ("control_loss:fraction=0.1,time=38", "control_loss:fraction=-0.15,time=29.5"):
+        causes = found("control_loss:fraction=0.15,time=28", second)["causes"]
+        assert [cause["cause"] for cause in causes] == ["control_loss"] * 2 and not any(c["steps"] for c in causes)
+
+
+@pytest.mark.parametrize(("frequency", "verdict"), [(10.0, "explained"), (7.3, "unexplained")])
+def test_a_small_harmonic_belongs_to_its_line_and_another_line_does_not(frequency, verdict):
+    """Too small to be a cause of its own, too large to be nothing."""
+    result = found("periodic_disturbance:amplitude=0.01,frequency=5",
+                   f"periodic_disturbance:amplitude=6e-4,frequency={frequency}")
+    assert result["verdict"] == verdict, (result["doubts"], result["leftover"])
+
+
+def doubtful(cause, values, std, at_an_end=False):
+    units = dict.fromkeys(values, "")
+    return doubts_about((Named(cause, values, std, units, (), 100.0, None, at_an_end),), (), 0.0, 45.0)
+
+
+@pytest.mark.parametrize(("cause", "values", "std", "said"), [
+    ("control_loss", {"fraction": 0.2, "time": 0.4}, {"fraction": 0.01, "time": 0.2}, "onset"),
+    ("control_loss", {"fraction": 0.2, "time": 20.0}, {"fraction": 0.01, "time": 0.2}, None),
+    ("slosh", {"coupling": 0.2, "frequency": 40.0}, {"coupling": 0.1, "frequency": 30.0}, "frequency"),
+    ("slosh", {"coupling": 0.2, "frequency": 4.0}, {"coupling": 0.1, "frequency": 0.2}, None),
+    ("periodic_disturbance", {"amplitude": 0.1, "frequency": 0.2}, {"amplitude": 0.1, "frequency": 0.01}, "periods"),
+    ("periodic_disturbance", {"amplitude": 0.1, "frequency": 0.4}, {"amplitude": 0.1, "frequency": 0.01}, None)])
+def test_what_the_log_does_not_determine_is_no_cause(cause, values, std, said):
+    doubts = doubtful(cause, values, std)
+    assert (doubts == []) if said is None else (len(doubts) == 1 and said in doubts[0])
+    assert "end of the range" in doubtful(cause, values, std, at_an_end=True)[0]
+
+
+def test_two_causes_together_may_be_one_other():
+    a, b = np.eye(3)[0], np.eye(3)[1]
+    stack = np.array([a, b, (a - b) / math.sqrt(2.0), np.eye(3)[2], -a])
+    table = Isolability(("a", "b", "both", "other", "again"), stack @ stack.T)
+    assert table.equivalents("both", 0.999) == [("a", "b"), ("b", "again")]
+    assert table.equivalents("a", 0.999) == [("again",), ("b", "both")]
+    assert table.equivalents("other", 0.999) == [] == table.equivalents("not there", 0.999)
 
 
 def test_exact_look_alikes_are_answered_by_the_set():

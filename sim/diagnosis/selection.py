@@ -182,9 +182,8 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
         if not found.model.causes:
             most += len(better.causes) - 1  # a block counts as one cause
         found.model = better
-    if len(found.model.causes) > 1:
-        found.model = _dropped(record, found.model, max(FURTHER, threshold))
     for swap in range(SWAPS, -1, -1):
+        found.model = _dropped(record, found.model, max(FURTHER, threshold))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
             break
     return found
@@ -283,13 +282,13 @@ def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterato
 
 
 def _dropped(record: Record, model: Model, limit: float) -> Model:
-    """Without the causes that the others made needless."""
-    for k in range(len(model.causes) - 1):
+    """Without the causes that the others made needless; one alone stays."""
+    for k in range(len(model.causes) if len(model.causes) > 1 else 0):
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(record, others, model.fit.delta, model.fit.filter)
         loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
         if loss < limit:
-            return _dropped(record, without, limit) if len(others) > 1 else without
+            return _dropped(record, without, limit)
     return model
 
 

@@ -1,0 +1,93 @@
+"""The likelihood of other noise levels from one filter's innovations, against the joint Gaussian written out."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from sim.diagnosis.likelihood import likelihood, whiten
+
+ROWS, BLOCKS = 9, 3
+
+
+def system(seed, m):
+    """Random stable-enough dynamics (BLOCKS, m, m), noise, measurement (3, m), sensor variances, first covariance."""
+    rng = np.random.default_rng(seed)
+    f = np.eye(m) + 0.2 * rng.standard_normal((BLOCKS, m, m))
+    roots = 0.3 * rng.standard_normal((BLOCKS, m, m))
+    c = np.zeros((3, m))
+    c[[0, 1, 2], [0, 1, 2]] = 1.0
+    c[1, m - 1] = 0.7   # a mode seen by the gyro
+    p = np.diag(rng.uniform(0.1, 2.0, m))
+    return rng, f, roots @ roots.transpose(0, 2, 1), c, rng.uniform(0.05, 0.5, 3), p
+
+
+def written_out(block, f, q, c, r, p, resets, variances):
+    """Covariance (3n, 3n) of all measurements: every state as a map from independent unit draws."""
+    state, maps = np.linalg.cholesky(p), []
+    for k in range(ROWS):
+        if resets[k]:
+            state[4:4 + len(variances)] = 0.0
+            fresh = np.zeros((len(p), len(variances)))
+            fresh[4:4 + len(variances)] = np.diag(np.sqrt(variances))
+            state = np.hstack([state, fresh])
+        maps.append(state)
+        state = np.hstack([f[block[k]] @ state, np.linalg.cholesky(q[block[k]])])
+    width = max(each.shape[1] for each in maps)
+    seen = np.vstack([c @ np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in maps])
+    return seen @ seen.T + np.diag(np.tile(r, ROWS))
+
+
+def innovations(z, block, f, c, gains, resets, held):
+    """(n, 3) of a filter with these gains that starts at 0."""
+    x, found = np.zeros(f.shape[1]), np.zeros((ROWS, 3))
+    for k in range(ROWS):
+        if resets[k]:
+            x[4:4 + held] = 0.0
+        found[k] = z[k] - c @ x
+        x = f[block[k]] @ (x + gains[k] @ np.where(np.isnan(found[k]), 0.0, found[k]))
+    return found
+
+
+def run(arrays, base, base_gains, m, size=ROWS):
+    f, block, q, c, r, p, resets, variances = arrays
+    gains, low, white = np.zeros((size, m, 3)), np.zeros((size, 3, 3)), np.zeros((size, 3))
+    all_rows = np.ones(ROWS, bool)
+    total = likelihood(f, block, q, c, r, p.copy(), resets, variances, base, base_gains, all_rows, gains, low, white)
+    return total, gains, low, white
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**20), held=st.booleans(), share=st.sampled_from([0.0, 0.3, 0.9]))
+def test_it_is_the_joint_gaussian_whatever_filter_made_the_innovations(seed, held, share):
+    m = 6 if held else 5
+    rng, f, q, c, r, p = system(seed, m)
+    block = np.arange(ROWS) * BLOCKS // ROWS
+    resets = np.arange(ROWS) % 2 == 0 if held else np.zeros(ROWS, bool)
+    variances = np.array([0.4, 0.9]) if held else np.zeros(0)
+    z = rng.standard_normal((ROWS, 3))
+    z[rng.random((ROWS, 3)) < share] = math.nan
+    base_gains = 0.3 * rng.standard_normal((ROWS, m, 3))
+    base = innovations(z, block, f, c, base_gains, resets, len(variances))
+    arrays = (f, block, q, c, r, p, resets, variances)
+    total, gains, low, white = run(arrays, base, base_gains, m)
+    seen = np.isfinite(z).ravel()
+    covariance = written_out(block, f, q, c, r, p, resets, variances)[np.ix_(seen, seen)]
+    expected = multivariate_normal.logpdf(z.ravel()[seen], cov=covariance) if seen.any() else 0.0
+    assert total == pytest.approx(expected, rel=1e-9, abs=1e-8)
+    own = innovations(z, block, f, c, gains, resets, len(variances))  # its gains and factors are those of the filter
+    again = np.zeros_like(own)
+    whiten(low, own, again)
+    np.testing.assert_allclose(again, white, rtol=1e-7, atol=1e-9)
+    assert run(arrays, base, base_gains, m, 0)[0] == total  # nothing written, the same number
+
+
+def test_a_log_without_measurements_has_no_information():
+    _, f, q, c, r, p = system(1, 4)
+    block, none = np.zeros(ROWS, np.int64), np.full((ROWS, 3), math.nan)
+    total, gains, _, white = run((f, block, q, c, r, p, np.zeros(ROWS, bool), np.zeros(0)), none,
+                                 np.zeros((ROWS, 4, 3)), 4)
+    assert total == 0.0 and not gains.any() and not white.any()
