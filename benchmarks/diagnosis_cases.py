@@ -326,27 +326,30 @@ def diagnosed(case: Case) -> dict[str, Any]:
     told = report(made)
     places = frozenset().union(*label.places)
     truth = {str(cause["cause"]): cause["parameters"] for cause in label.causes}
-    return {**_verdict(made), **judged(made, tuple(truth)), "place_right": made.where in places,
-            "places": "/".join(sorted(places)), "as_noise": label.as_noise,
+    said = [(cause.cause, *cause.rivals) for cause in made.causes]
+    return {**_verdict(made), **judged(made.verdict, said, tuple(truth), case.variant),
+            "place_right": made.where in places, "places": "/".join(sorted(places)), "as_noise": label.as_noise,
             "noise_said": any(level["significant"] for level in told["noise"].values()),
             **_sizes(made, truth), **_gain(made), "achieved": _achieved(case, truth), "lost": label.lost,
             "t_end": label.t_end, "flown_rate": label.spec.rate, "seconds": seconds,
             "truth": json.dumps(truth), "estimates": json.dumps(told["causes"]), "spec": repr(label.spec)}
 
 
-def judged(made: Diagnosis, truth: tuple[str, ...]) -> dict[str, Any]:
+def judged(verdict: str, said: list[tuple[str, ...]], truth: tuple[str, ...], variant: str) -> dict[str, Any]:
     """right: every true cause is named, alone or in a set of at most LARGEST_SET, and nothing else is.
-    wrong: a listed cause is named that is not true (`missing_term` is in no list)."""
+    wrong: a listed cause is named that is not true (`missing_term` is in no list).
+    said: of each answer the cause and what it cannot be told from.  A cause in its other form (two bending modes, a
+    ramp) may be named in parts."""
     left, wrong, extra = list(truth), False, False
-    for cause in made.causes:
-        answer = (cause.cause, *cause.rivals)
-        true = next((name for name in left if name in answer), None)
+    parts = truth if variant == OTHER else ()
+    for answer in said:
+        true = next((name for name in (*left, *parts) if name in answer), None)
         if true is not None and len(answer) <= LARGEST_SET:
-            left.remove(true)
+            left = [name for name in left if name != true]
             continue
         extra = True
-        wrong |= true is None and cause.cause != "missing_term"
-    found = made.verdict == "explained" and not left and not extra
+        wrong |= true is None and answer[0] != "missing_term"
+    found = verdict == "explained" and not left and not extra
     return {"right": found, "wrong": wrong, "found": len(truth) - len(left)}
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
 
 from sim.diagnosis.likelihood import likelihood, whiten
 
+stats = pytest.importorskip("scipy.stats")
 ROWS, BLOCKS = 9, 3
 
 
@@ -76,7 +76,7 @@ def test_it_is_the_joint_gaussian_whatever_filter_made_the_innovations(seed, hel
     total, gains, low, white = run(arrays, base, base_gains, m)
     seen = np.isfinite(z).ravel()
     covariance = written_out(block, f, q, c, r, p, resets, variances)[np.ix_(seen, seen)]
-    expected = multivariate_normal.logpdf(z.ravel()[seen], cov=covariance) if seen.any() else 0.0
+    expected = stats.multivariate_normal.logpdf(z.ravel()[seen], cov=covariance) if seen.any() else 0.0
     assert total == pytest.approx(expected, rel=1e-9, abs=1e-8)
     own = innovations(z, block, f, c, gains, resets, len(variances))  # its gains and factors are those of the filter
     again = np.zeros_like(own)

@@ -53,12 +53,8 @@ def sentence(cause: Named) -> str:
     units = {**cause.units, **({"coefficient": ""} if "term" in cause.values else {})}
     values = {name: amount(value, cause.std.get(name), units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
-    return MEANING[cause.cause].format(**values)
-
-
-def gradually(cause: Named) -> str:
-    """The steps of a loss that comes gradually."""
-    return ", ".join(f"{fraction:.3g} at {time:.2f} s" for time, fraction in cause.steps)
+    steps = ", ".join(f"{fraction:.3g} at {time:.2f} s" for time, fraction in cause.steps)
+    return MEANING[cause.cause].format(**values) + (f", gradually: {steps}" if steps else "")
 
 
 def would_decide(cause: Named) -> list[str]:
@@ -88,8 +84,6 @@ def lines(made: Diagnosis) -> list[str]:
                     + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
     for cause in made.causes:
         said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
-        if cause.steps:
-            said.append(f"    it comes gradually: {gradually(cause)}")
         if cause.rivals:
             decides = would_decide(cause)
             said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"
