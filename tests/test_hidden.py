@@ -7,14 +7,21 @@ benchmark `benchmarks/diagnosis.py` counts rates.
 
 import dataclasses
 
+import numpy as np
 import pytest
 from hidden import LISTED, OTHER, PLAIN, UNLISTED, draw_spec, fly, write_csv
+from hidden.spec import Hidden
+from hidden.vehicles import vehicle
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sim.diagnosis.answer import report
+from sim.diagnosis.data_check import check
 from sim.diagnosis.gain import closed_loop_errors
 from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
+from sim.diagnosis.model import innovations
+from sim.diagnosis.record import record
+from sim.diagnosis.selection import as_simulated
 from sim.diagnosis.verdict import diagnose
 from sim.effects import CATALOGUE, effect
 from sim.log import read_log
@@ -157,6 +164,24 @@ def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
     print(cause, "exact equivalents in this log:", ", ".join(" with ".join(each) for each in equivalents) or "none")
     named = {one["cause"] for one in result["causes"]}
     assert not named or any(named == set(each) for each in equivalents), (label, answers(result), result["doubts"])
+
+
+def test_a_first_order_lag_of_the_servo_is_a_delay_and_no_slower_servo(tmp_path):
+    """Why `actuator_bandwidth` in its other form is AMBIGUOUS: responses of the innovations, the same noise in all."""
+    craft, slower = vehicle("constant"), -4.0
+    lag = 2.0 * craft.servo_damping / craft.servo_frequency * (1.0 / (1.0 + slower / 100.0) - 1.0)
+    hidden = [(), (Hidden("lazy_servo", (("percent", slower),), OTHER),),
+              (Hidden("late_servo", (("ms", 1e3 * lag),)),), (Hidden("lazy_servo", (("percent", slower),)),)]
+    clean, white = None, []
+    for k, effects in enumerate(hidden):
+        write_csv(tmp_path / f"{k}.csv", fly(dataclasses.replace(draw_spec(5, rate=100.0, duration=SECONDS),
+                                                                 effects=effects))[0])
+        log, nominal = read_log(tmp_path / f"{k}.csv"), load_nominal("constant")
+        of = record(log, nominal, check(log, nominal))
+        clean = clean or as_simulated(of)
+        white.append(clean.fit.filter.whiten(innovations(of, clean.fit.filter, clean.fit.point)[0]).ravel())
+    lagged, late, lazy = ((each - white[0]) / np.linalg.norm(each - white[0]) for each in white[1:])
+    assert lagged @ late > 0.995 and abs(lagged @ lazy) < 0.6
 
 
 # ---- the gain
