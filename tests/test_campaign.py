@@ -179,8 +179,9 @@ def test_interrupted_and_continued_is_the_same_table_and_repeats_no_finished_job
 
 
 RUNNER = """
-import functools, sys
+import functools, signal, sys
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell's children ignore it
 sys.path[:0] = {path!r}
 from sim.campaign import run_campaign
 from test_campaign import points, slow
