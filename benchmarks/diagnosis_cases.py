@@ -54,6 +54,7 @@ SERVO = frozenset({"actuator_delay", "actuator_bandwidth", "actuator_rate_limit"
 NAN = math.nan
 CONTROLLER = "controller_mismatch"
 NO_LIMIT = (CONTROLLER,)     # found by exact comparison, so no limit is printed; flown at the generator's factor
+IN_PARTS = ("bending",)      # its other form has two modes
 LARGEST_SET = 3              # causes an answer may leave open
 HORIZON = 1.0                # s of the prediction error in the gain
 NORMAL_95 = 1.96
@@ -338,10 +339,10 @@ def diagnosed(case: Case) -> dict[str, Any]:
 def judged(verdict: str, said: list[tuple[str, ...]], truth: tuple[str, ...], variant: str) -> dict[str, Any]:
     """right: every true cause is named, alone or in a set of at most LARGEST_SET, and nothing else is.
     wrong: a listed cause is named that is not true (`missing_term` is in no list).
-    said: of each answer the cause and what it cannot be told from.  A cause in its other form (two bending modes, a
-    ramp) may be named in parts."""
+    said: of each answer the cause and what it cannot be told from.  A cause IN_PARTS in its other form may be
+    named as often as it has parts."""
     left, wrong, extra = list(truth), False, False
-    parts = truth if variant == OTHER else ()
+    parts = [name for name in truth if name in IN_PARTS and variant == OTHER]
     for answer in said:
         true = next((name for name in (*left, *parts) if name in answer), None)
         if true is not None and len(answer) <= LARGEST_SET:
