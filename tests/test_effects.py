@@ -14,6 +14,7 @@ from launchid_core.library import library_row, term_codes
 from sim.cli import main
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
 from sim.effects import actuator as fx_actuator
+from sim.effects.actuator import slowed
 from sim.effects.plant import missing_term
 from sim.errors import InputError, UsageError
 from sim.flight import SUITES, Flight, fly, fly_whole, parameters
@@ -38,6 +39,7 @@ CONTRACT = {  # section 4: where, and parameters with their neutral value, defau
     "gyro_bias": ("sensor", {"rate": 0}), "gyro_scale": ("sensor", {"scale": 1}),
     "gyro_delay": ("sensor", {"delay": 0}), "nozzle_sensor_bias": ("sensor", {"angle": 0}),
     "controller_mismatch": ("controller", {"kp_scale": 1, "kd_scale": 1, "delay": 0})}
+FORMS = {"actuator_bandwidth": {"lag": 0}, "actuator_rate_limit": {"wind_up": 0}}  # beside the contract's
 STRONG = {
     "control_effectiveness:scale=0.8", "control_loss:fraction=0.3,time=1.5", "aero_instability:scale=1.3",
     "aero_damping:coefficient=0.4", "aero_cubic:coefficient=30", "friction:coefficient=0.01",
@@ -84,7 +86,8 @@ def neutral(name: str) -> Effect:
 
 def test_catalogue_is_the_contract_s_table():
     assert {name: (cause.where, {p.name: p.default if p.neutral is None else p.neutral for p in cause.parameters})
-            for name, cause in CATALOGUE.items()} == CONTRACT
+            for name, cause in CATALOGUE.items()} \
+        == {name: (where, parameters | FORMS.get(name, {})) for name, (where, parameters) in CONTRACT.items()}
     assert {text.split(":")[0] for text in STRONG} == set(CONTRACT)
 
 
@@ -256,6 +259,51 @@ def test_rate_limit_is_the_saturated_servo():
     steps = np.abs(np.diff(flight.beta)) / 0.001
     assert np.max(steps) <= rate * (1 + 1e-9) and np.mean(steps > 0.999 * rate) > 0.2
     assert np.allclose(flight.beta, reference, atol=2e-5) and np.max(np.abs(flight.beta)) > 3e-3
+
+
+def test_rate_that_is_asked_for_winds_up_to_its_share_beyond_the_limit():
+    """Against plain Python in steps twenty times as fine; the nozzle itself keeps to the limit."""
+    rate, reach, w, zeta, fine = 0.03, 0.045, 50.0, 0.7, 20
+    flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_rate_limit", rate=rate, wind_up=0.5)])
+    b, r, reference = 0.0, 0.0, []
+    for u in flight.beta_cmd.tolist():
+        reference.append(b)
+        for _ in range(fine):
+            slope = w * w * (u - b) - 2 * zeta * w * r
+            r = min(max(r + slope * 0.001 / fine, -reach), reach)
+            b += min(max(r, -rate), rate) * 0.001 / fine
+    assert np.max(np.abs(np.diff(flight.beta))) / 0.001 <= rate * (1 + 1e-9)
+    assert np.allclose(flight.beta, reference, atol=2e-5)
+    assert bits(flight) != bits(fly_whole(probed(), 0, "ideal", effects=[effect("actuator_rate_limit", rate=rate)]))
+
+
+def test_lag_before_the_servo():
+    """Against plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the slowing."""
+    scale, w, zeta, fine = 0.5, 50.0, 0.7, 100
+    tau = 2.0 * zeta / w * (1.0 / scale - 1.0)
+    flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=scale, lag=1.0)])
+    b, r, late, reference, h = 0.0, 0.0, 0.0, [], 0.001 / fine
+    for u in flight.beta_cmd.tolist():
+        reference.append(b)
+        for _ in range(fine):
+            late += h * (u - late) / tau
+            r += h * (w * w * (late - b) - 2 * zeta * w * r)
+            b += h * r
+    assert np.max(np.abs(flight.beta)) > 3e-3
+    assert np.allclose(flight.beta, reference, atol=1e-5)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3, 1.0])
+def test_slow_command_is_as_late_by_a_lag_as_by_a_lower_frequency(lag):
+    """After a slow ramp of the test input the nozzle is 2 zeta/w/scale late, however that comes about."""
+    frequency, tau = slowed(0.5, lag, 50.0, 0.7)
+    assert 2 * 0.7 / frequency + tau == pytest.approx(2 * 0.7 / 50.0 / 0.5, rel=1e-12)
+
+
+def test_no_lag_makes_a_servo_faster():
+    quick = [fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=1.5, lag=lag)])
+             for lag in (0.0, 1.0)]
+    assert bits(quick[0]) == bits(quick[1])
 
 
 def test_play_operator():

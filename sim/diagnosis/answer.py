@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from .controller_check import ControllerCheck
+from .controller_kind import ControllerCheck
 from .gain import Gain
 from .limits import Limit
 from .named import Named

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ..effects import Effect, effect
 from ..nominal import Nominal
-from .controller_check import ControllerCheck
+from .controller_kind import ControllerCheck
 from .fit import Cause
 
 
@@ -16,16 +16,20 @@ def extended(nominal: Nominal, causes: Iterable[Cause], shift: float = 0.0,
     shift  [s] log's clock less the grid's: times of effects are written in the log's clock
     """
     effects = [_in_log_time(cause, shift) for cause in causes]
-    effects += of_controller(controller)
-    return replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects))
+    return with_controller(replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects)),
+                           controller)
 
 
-def of_controller(controller: ControllerCheck | None) -> list[Effect]:
-    """The controller's mismatch as an effect, if it is one."""
-    if controller is None or not controller.is_named:
-        return []
-    return [effect("controller_mismatch", kp_scale=controller.kp_scale, kd_scale=controller.kd_scale,
-                   delay=controller.delay)]
+def with_controller(nominal: Nominal, found: ControllerCheck | None) -> Nominal:
+    """The nominal with the controller on board, if it is known: its filter, and gains and computing time as an
+    effect."""
+    if found is None or not found.is_named:
+        return nominal
+    own = nominal.controller
+    if own is not None and found.time_constant is not None:
+        own = replace(own, derivative_time_constant=found.time_constant)
+    mismatch = effect("controller_mismatch", kp_scale=found.kp_scale, kd_scale=found.kd_scale, delay=found.delay)
+    return replace(nominal, controller=own, effects=(*nominal.effects, mismatch))
 
 
 def _in_log_time(cause: Cause, shift: float) -> Effect:

@@ -15,6 +15,8 @@ from ..errors import InputError
 from ..flight import fly_whole
 from ..nominal import Nominal
 from ..sections import Guidance
+from .controller_kind import ControllerCheck
+from .extend import with_controller
 from .fit import Cause, Fit, Problem, fit
 from .hypotheses import pinned
 from .model import DEVIATIONS, Point, innovations, prediction_errors
@@ -116,8 +118,8 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
     return fit(Problem(record, filt, mask), fitted.causes, fitted.delta, iterations=3), filt
 
 
-def held_out(record: Record, model: Model, nominal: Model, further: Sequence[Effect] = ()) -> Gain:
-    """On blocked folds of the log itself; `further` effects fly in the closed loop only (the controller's)."""
+def held_out(record: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
+    """On blocked folds of the log itself; the controller found on board flies in the closed loop."""
     totals, errors, changes = np.zeros(2), [], []
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
@@ -130,10 +132,11 @@ def held_out(record: Record, model: Model, nominal: Model, further: Sequence[Eff
         errors.append(made)
         changes.append(change)
     errors_, changes_ = np.concatenate(errors, axis=1), np.concatenate(changes)
-    return _gain(record, totals, errors_, changes_, (*model.fit.point.effects, *further), "blocked folds")
+    closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
+    return _gain(record, totals, errors_, changes_, closed_loop, "blocked folds")
 
 
-def on_another(other: Record, model: Model, nominal: Model, further: Sequence[Effect] = ()) -> Gain:
+def on_another(other: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
     """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted."""
     everything = np.ones(other.rows, bool)
     pair = []
@@ -145,7 +148,8 @@ def on_another(other: Record, model: Model, nominal: Model, further: Sequence[Ef
     pair[0] = within(other, pair[0], None)
     totals = np.array([log_likelihood(other, each, everything) for each in pair])
     errors, change = _errors(other, (pair[0], pair[1]), everything)
-    return _gain(other, totals, errors, change, (*model.fit.point.effects, *further), "a second log")
+    closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
+    return _gain(other, totals, errors, change, closed_loop, "a second log")
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -177,7 +181,7 @@ def _errors(record: Record, pair: tuple[Trained, Trained], rows: np.ndarray) -> 
 
 
 def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.ndarray,
-          effects: Sequence[Effect], source: str) -> Gain:
+          closed_loop: tuple[float, float] | None, source: str) -> Gain:
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     for h, horizon in enumerate(HORIZONS):
         nrmse[horizon] = {}
@@ -186,7 +190,7 @@ def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.nd
             if channel in record.channels and scale > 0.0:
                 nrmse[horizon][channel] = (_rms(errors[0, :, h, c]) / scale, _rms(errors[1, :, h, c]) / scale)
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                closed_loop_errors(record, effects), source)
+                closed_loop, source)
 
 
 def _rms(x: np.ndarray) -> float:
@@ -194,17 +198,18 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2))) if len(x) else math.nan
 
 
-def closed_loop_errors(record: Record, extension: Sequence[Effect]) -> tuple[float, float] | None:
+def closed_loop_errors(record: Record, extension: Sequence[Effect],
+                       controller: ControllerCheck | None = None) -> tuple[float, float] | None:
     """RMS of measured less simulated attitude [rad], nominal and extended, mean over noise draws; None where the
     nominal cannot fly this log (no controller, no reference, a shifted clock)."""
     flown = as_flown(record)
     if flown is None:
         return None
     found = []
-    for effects in ((), tuple(extension)):
+    for craft, effects in ((flown, ()), (with_controller(flown, controller), tuple(extension))):
         errors = []
         for seed in range(DRAWS):
-            theta = simulated(record, flown, effects, seed)
+            theta = simulated(record, craft, effects, seed)
             n = min(len(theta), record.rows)
             rest = record.z[:n, 0] - theta[:n]
             errors.append(_rms(rest))

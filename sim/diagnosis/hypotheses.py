@@ -65,7 +65,8 @@ class Hypothesis:
         return next(p.unit for p in CATALOGUE[self.cause].parameters if p.name == name)
 
 
-def _alone(record: Record) -> list[Values]:
+def only_start(record: Record) -> list[Values]:
+    """No other free numbers to start from."""
     return [()]
 
 
@@ -82,7 +83,8 @@ def _nozzle(record: Record) -> bool:
     return "beta" in record.channels and record.command_is_known
 
 
-def _command(record: Record) -> bool:
+def command_is_known(record: Record) -> bool:
+    """The log has the command, or reference and controller make it."""
     return record.command_is_known
 
 
@@ -106,7 +108,7 @@ def _bending(record: Record) -> list[Values]:
     return [(float(w), START_DAMPING) for w in np.geomspace(LOWEST_BENDING, top, count)]
 
 
-def _rates(record: Record) -> list[float]:
+def rates(record: Record) -> list[float]:
     """Rate limits [rad/s] that would bind on this log's command."""
     smooth = np.diff(record.commands) / (record.tick * record.step)
     largest = float(np.quantile(np.abs(smooth), 0.999)) if len(smooth) else 0.0
@@ -117,8 +119,14 @@ def _plays(record: Record) -> list[float]:
     return list(PLAYS)
 
 
-def _size(name: str, step: float, low: float = -math.inf, high: float = math.inf) -> Free:
+def size(name: str, step: float, low: float = -math.inf, high: float = math.inf) -> Free:
+    """A free number that is searched as it is."""
     return Free(name, step, low, high)
+
+
+def rate_limits() -> Free:
+    """Of the nozzle's rate [rad/s]."""
+    return Free("rate", 0.01, 1e-3, 50.0, logarithmic=True)
 
 
 _FREQUENCY = Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True)
@@ -128,35 +136,35 @@ _GUST = Free("duration", 0.02, 0.2, 20.0, logarithmic=True)     # s: longer, the
 _DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
-    Hypothesis("control_effectiveness", (_size("scale", 0.01, 0.05, 5.0),), 1.0, _alone, _always),
-    Hypothesis("control_loss", (_size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0, _alone, _always),
-    Hypothesis("aero_instability", (_size("scale", 0.01, -5.0, 10.0),), 1.0, _alone, _always),
-    Hypothesis("aero_damping", (_size("coefficient", 0.01),), 0.0, _alone, _always),
-    Hypothesis("aero_cubic", (_size("coefficient", 0.5),), 0.0, _alone, _always),
-    Hypothesis("friction", (_size("coefficient", 1e-3, 0.0),), 0.0, _alone, _always),
-    Hypothesis("thrust_misalignment", (_size("angle", 1e-4),), 0.0, _alone, _always),
-    Hypothesis("slosh", (_size("coupling", 0.005, -0.8, 5.0), _SLOSH, _DAMPING), 0.0, _slosh, _always),
-    Hypothesis("bending", (_size("gain", 1e-4), _FREQUENCY, _DAMPING), 0.0, _bending, _always),
-    Hypothesis("gust", (_size("angle", 1e-3), Free("time", 0.05), _GUST), 0.0,
-               _alone, _always),
-    Hypothesis("steady_wind", (_size("angle", 1e-3),), 0.0, _alone, _always),
-    Hypothesis("actuator_delay", (_size("delay", 1e-3, 0.0, 1.0),), 0.0, _alone, _command),
-    Hypothesis("actuator_bandwidth", (_size("scale", 0.02, 0.02, 5.0),), 1.0, _alone, _command),
-    Hypothesis("actuator_gain", (_size("scale", 0.005, -3.0, 5.0),), 1.0, _alone, _command),
-    Hypothesis("actuator_rate_limit", (Free("rate", 0.01, 1e-3, 50.0, True),), math.inf, _alone, _command, _rates),
-    Hypothesis("actuator_backlash", (_size("half_width", 5e-5, 0.0, 0.2),), 0.0, _alone, _command, _plays,
+    Hypothesis("control_effectiveness", (size("scale", 0.01, 0.05, 5.0),), 1.0, only_start, _always),
+    Hypothesis("control_loss", (size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0, only_start, _always),
+    Hypothesis("aero_instability", (size("scale", 0.01, -5.0, 10.0),), 1.0, only_start, _always),
+    Hypothesis("aero_damping", (size("coefficient", 0.01),), 0.0, only_start, _always),
+    Hypothesis("aero_cubic", (size("coefficient", 0.5),), 0.0, only_start, _always),
+    Hypothesis("friction", (size("coefficient", 1e-3, 0.0),), 0.0, only_start, _always),
+    Hypothesis("thrust_misalignment", (size("angle", 1e-4),), 0.0, only_start, _always),
+    Hypothesis("slosh", (size("coupling", 0.005, -0.8, 5.0), _SLOSH, _DAMPING), 0.0, _slosh, _always),
+    Hypothesis("bending", (size("gain", 1e-4), _FREQUENCY, _DAMPING), 0.0, _bending, _always),
+    Hypothesis("gust", (size("angle", 1e-3), Free("time", 0.05), _GUST), 0.0,
+               only_start, _always),
+    Hypothesis("steady_wind", (size("angle", 1e-3),), 0.0, only_start, _always),
+    Hypothesis("actuator_delay", (size("delay", 1e-3, 0.0, 1.0),), 0.0, only_start, command_is_known),
+    Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 5.0),), 1.0, only_start, command_is_known),
+    Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0, only_start, command_is_known),
+    Hypothesis("actuator_rate_limit", (rate_limits(),), math.inf, only_start, command_is_known, rates),
+    Hypothesis("actuator_backlash", (size("half_width", 5e-5, 0.0, 0.2),), 0.0, only_start, command_is_known, _plays,
                dithered=0.1),
-    Hypothesis("actuator_bias", (_size("angle", 1e-4),), 0.0, _alone, _command),
-    Hypothesis("attitude_bias", (_size("angle", 1e-3),), 0.0, _alone, _always),
-    Hypothesis("attitude_delay", (_size("delay", 2e-3, 0.0, 1.0),), 0.0, _alone, _always),
-    Hypothesis("gyro_bias", (_size("rate", 1e-4),), 0.0, _alone, _gyro),
-    Hypothesis("gyro_scale", (_size("scale", 0.005, -3.0, 5.0),), 1.0, _alone, _gyro),
-    Hypothesis("gyro_delay", (_size("delay", 2e-3, 0.0, 1.0),), 0.0, _alone, _gyro),
-    Hypothesis("nozzle_sensor_bias", (_size("angle", 1e-4),), 0.0, _alone, _nozzle),
+    Hypothesis("actuator_bias", (size("angle", 1e-4),), 0.0, only_start, command_is_known),
+    Hypothesis("attitude_bias", (size("angle", 1e-3),), 0.0, only_start, _always),
+    Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, only_start, _always),
+    Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0, only_start, _gyro),
+    Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, only_start, _gyro),
+    Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, only_start, _gyro),
+    Hypothesis("nozzle_sensor_bias", (size("angle", 1e-4),), 0.0, only_start, _nozzle),
 )
 # its start, like those of `control_loss` and `gust`, is found by a search of its own (`scan`)
-PERIODIC = Hypothesis("periodic_disturbance", (_size("amplitude", 1e-4), _LINE, Free("phase", 0.02)), 0.0,
-                      _alone, _always)
+PERIODIC = Hypothesis("periodic_disturbance", (size("amplitude", 1e-4), _LINE, Free("phase", 0.02)), 0.0,
+                      only_start, _always)
 
 
 def pinned(hypothesis: Hypothesis, values: Values) -> tuple[Hypothesis, Values]:
@@ -169,4 +177,4 @@ def pinned(hypothesis: Hypothesis, values: Values) -> tuple[Hypothesis, Values]:
 
 def missing_term(term: str) -> Hypothesis:
     """A library term with a free coefficient."""
-    return Hypothesis("missing_term", (_size("coefficient", 1e-3),), 0.0, _alone, _always, fixed=(("term", term),))
+    return Hypothesis("missing_term", (size("coefficient", 1e-3),), 0.0, only_start, _always, fixed=(("term", term),))

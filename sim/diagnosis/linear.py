@@ -94,7 +94,7 @@ def state_matrix(moments, servo, slots, a6, k1, frequency, damping, a, c):
             where[count] = slots[e]
             count += 1
     fx, at = linear[:count], where[:count]
-    w = actuator.servo(servo, frequency)[0]
+    w = actuator.servo(servo, frequency, damping)[0]
     x, dx = np.zeros(m), np.zeros(m)
     c[:, :] = 0.0
     for j in range(m):

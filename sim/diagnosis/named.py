@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effects import CATALOGUE
-from .controller_check import ControllerCheck
+from .controller_kind import ControllerCheck
+from .forms import TOLD_APART
 from .goodness import CONSTANCY_LIMIT, Constancy, Leftover, constancy
 from .selection import Model, Ranked, Selection, penalty, profile
 
-SET = 4.0              # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 SIGNIFICANT = 3.0      # standard deviations of an onset
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
@@ -82,7 +82,7 @@ def _named(selection: Selection, k: int) -> Named:
     if "time" in names:
         values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
     return Named(cause.hypothesis.cause, values,
-                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in names},
+                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
                  _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k),
                  cause.is_at_an_end)
 
@@ -114,11 +114,11 @@ def _gradual(selection: Selection, group: list[int]) -> Named:
 
 
 def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
-    """Causes within SET of the best in the same place of the model."""
+    """Causes within TOLD_APART of the best in the same place of the model."""
     if not ranking:
         return ()
     best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - SET]
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART]
     return tuple(dict.fromkeys(each for each in near if each != name))
 
 

@@ -18,7 +18,9 @@ from ..vehicle.kernels import inner, kernel
 from ..vehicle.step import (
     BETA,
     BETA_DOT,
+    DAMPING,
     DELAY,
+    FREQUENCY,
     LOG_EVERY,
     PERIOD,
     STEP,
@@ -92,7 +94,8 @@ def advance_row(v, held, first, last, begin):
         tick = (i - begin) // tick_steps
         age = ((i - begin) - tick * tick_steps) * c[STEP]
         u = delayed_command(v.commands, tick, age, c[STEP], c[PERIOD], delay) + held[0]
-        runge_kutta_4(v, i, actuator.command(v.actuator, u), v.acceleration[tick] + held[1])
+        u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], c[STEP], u)
+        runge_kutta_4(v, i, u, v.acceleration[tick] + held[1])
 
 
 @kernel

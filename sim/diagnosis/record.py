@@ -223,43 +223,6 @@ def _phase(command: np.ndarray, held: int) -> int:
 # ---- the controller
 
 
-def filled(r: Record, attitude: np.ndarray, kp_scale: float = 1.0, kd_scale: float = 1.0) -> Record:
-    """Commands between the rows of a log slower than the controller.
-
-    The derivative's state follows from the command logged at either end of a gap, so the errors between must carry the
-    one to the other: with one tick between rows that fixes its error exactly, with more it corrects the predicted
-    ones by the least change.
-
-    attitude  (ticks,) [rad] predicted;  kp_scale, kd_scale  of the gains, as `controller_check` found them
-    """
-    m, commands = r.every // r.tick, r.commands.copy()
-    kp, kd, tau, period, limit = controller_gains(r.nominal)
-    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp_scale * kp, kd_scale * kd)
-    if kd == 0.0:
-        return r
-    known = np.isfinite(r.reference)
-    reference = np.interp(np.arange(r.rows * m) / m, np.arange(r.rows)[known], r.reference[known])
-    test = excitation(r.nominal, r.first_step // r.tick + len(commands), period)[r.first_step // r.tick:]
-    error = attitude - reference
-    error[::m] = np.where(np.isfinite(r.z[:, THETA]), r.z[:, THETA], attitude[::m]) - reference[::m]
-    row = (commands[::m] - test[::m] - kp * error[::m]) / kd
-    fair = (np.abs(commands[::m]) < limit) & np.isfinite(r.z[:, THETA])
-    alpha = tau / (tau + period)
-    weights = -alpha**np.arange(m - 2, -1, -1.0) * (1.0 - alpha) / (tau + period)
-    arrived = row[:-1].copy()
-    for j in range(1, m + 1):
-        arrived = pseudo_derivative(tau, period, error[j:(r.rows - 1) * m + j:m][:r.rows - 1],
-                                    error[j - 1:(r.rows - 1) * m + j - 1:m][:r.rows - 1], arrived)
-    missing = np.where(fair[:-1] & fair[1:], row[1:] - arrived, 0.0)
-    for j in range(1, m):
-        error[j:(r.rows - 1) * m:m] += weights[j - 1] / float(weights @ weights) * missing
-    derivative = row
-    for j in range(1, m):
-        derivative = pseudo_derivative(tau, period, error[j::m], error[j - 1::m][:len(error[j::m])], derivative)
-        commands[j::m] = np.clip(kp * error[j::m] + kd * derivative + test[j::m], -limit, limit)
-    return replace(r, commands=commands, fill_gain=float(abs(kp + kd / (tau + period))) if m > 2 else 0.0)
-
-
 @kernel
 def run_controller(gains, fx, error, excitation, commands, derivative):
     """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0.
@@ -286,6 +249,14 @@ def controller_gains(nominal: Nominal) -> np.ndarray:
     return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
 
 
+def later(x: np.ndarray, lag: float) -> np.ndarray:
+    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
+    (`sim.effects.controller`); before the first the command was 0."""
+    whole, part = int(lag), lag - int(lag)
+    shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
+    return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
+
+
 def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
     """The nominal controller's command [rad] of every tick of `commands` from the measured attitude and the reference.
 
@@ -306,6 +277,7 @@ def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
     gains = controller_gains(r.nominal)
     first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
     test = excitation(r.nominal, first + len(issued), gains[3])[first:]
-    run_controller(gains, packed(r.nominal).controller, issued, test, commands, derivative)
-    commands = np.repeat(commands, r.held)
+    fx = packed(r.nominal).controller
+    run_controller(gains, fx, issued, test, commands, derivative)
+    commands = np.repeat(later(commands, controller_effects.latency(fx) / gains[3]), r.held)
     return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(error)]

@@ -272,7 +272,7 @@ def _exchanged(columns: Columns, period: float, nominal: Nominal, rate: Fit, noz
 
 def _reference_is_attitude(columns: Columns, period: float, rate: Fit, nozzle: Fit, control: Fit) -> bool:
     """theta_ref is the slope's integral or as rough as a measurement, and the controller sees both reversed."""
-    if "theta_ref" not in columns:
+    if "theta_ref" not in columns or "theta" not in columns:
         return False
     reversed_ = control.explained > VERY_CLEAR and all(_near(gain, -1.0, GAIN_SLACK) for gain in control.gain[:2])
     roughness = [float(np.mean(np.abs(np.diff(columns[name], 2)))) for name in ("theta_ref", "theta")]

@@ -5,6 +5,7 @@ everything already in the model projected out (score test; Rao 1948).  Others ar
 (`periodic_disturbance`) come from a periodogram weighted by the model's own response to an acceleration.
 """
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -94,8 +95,9 @@ def with_effect(base: Fit, cause: Cause) -> Point:
 def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis, shape: Values) -> np.ndarray:
     """Change of the residual (3n + 4,) per unit of the size, at its neutral value."""
     size = hypothesis.free[0]
-    cause = Cause(hypothesis, (hypothesis.neutral + size.step, *shape))
-    return (problem.residual(with_effect(base, cause)) - project.residual) / size.step
+    step = size.step if hypothesis.neutral + size.step <= size.high else -size.step
+    cause = Cause(hypothesis, (hypothesis.neutral + step, *shape))
+    return (problem.residual(with_effect(base, cause)) - project.residual) / step
 
 
 def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
@@ -120,9 +122,10 @@ def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: H
 def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
     assert hypothesis.sizes is not None
     cost, tries = float(project.rest @ project.rest), []
-    for size in hypothesis.sizes(problem.record):
-        rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, (size,)))))
-        tries.append(Candidate(hypothesis, (size,), 0.5 * (cost - float(rest @ rest))))
+    for size, shape in itertools.product(hypothesis.sizes(problem.record), hypothesis.shapes(problem.record)):
+        values = (size, *shape)
+        rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, values))))
+        tries.append(Candidate(hypothesis, values, 0.5 * (cost - float(rest @ rest))))
     return tries
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .fit import Cause, Fit, Problem, fit
+from .forms import TOLD_APART, other_form
 from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis, missing_term
 from .model import DEVIATIONS, Point, innovations
 from .noise import Dynamics, Filter, declared, dynamics, fit_levels, run_filter
@@ -181,7 +182,12 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
             break
         if not found.model.causes:
             most += len(better.causes) - 1  # a block counts as one cause
-        found.model = better
+        reformed = _reformed(record, found.model, known)
+        if reformed is None:
+            found.model = better
+            continue
+        found.model = reformed
+        found.rankings.pop()
     for swap in range(SWAPS, -1, -1):
         found.model = _dropped(record, found.model, max(FURTHER, threshold))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
@@ -292,6 +298,25 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
     return model
 
 
+def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
+    """The model with one of its causes in another form, where that explains clearly more; else None."""
+    for k in range(len(model.causes)):
+        other = _in_other_form(record, model, k, known)
+        if other is not None and other[1] > TOLD_APART:
+            return other[0]
+    return None
+
+
+def _in_other_form(record: Record, model: Model, k: int, known: tuple[Hypothesis, ...]) -> tuple[Model, float] | None:
+    """The model with cause k in its other form, if it has one, and what that brings in evidence [nats]."""
+    form = other_form(record, model.causes[k], known)
+    if form is None:
+        return None
+    made = profile(record, (*model.causes[:k], form, *model.causes[k + 1:]), model.fit.delta, model.fit.filter)
+    more = penalty(record, form.hypothesis) - penalty(record, model.causes[k].hypothesis)
+    return made, made.log_likelihood - model.log_likelihood - more
+
+
 def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], least: float) -> bool:
     """Evidence of each cause, and the ranking of all that could stand in its place now that the others are in; True
     if one that does better by `least` nats took it, so that all must be looked at again."""
@@ -310,6 +335,12 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         if others and models and models[0][1] > own + least:
             found.model = models[0][0]
             return True
+        other = _in_other_form(record, model, k, known)
+        if other is not None and other[1] > TOLD_APART:
+            found.model = other[0]
+            return True
+        if other is not None and not other[0].causes[k].is_at_an_end:
+            ranked = [*ranked, Ranked(other[0].causes[k], own + other[1])]
         found.evidence.append(own)
         found.rivals.append([Ranked(cause, own), *(each for each in ranked
                                                    if each.cause.hypothesis.label != cause.hypothesis.label)])

@@ -10,18 +10,22 @@ import numpy as np
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from .controller_check import ControllerCheck, check_controller
+from .controller_check import check_controller
+from .controller_gaps import Seen
+from .controller_kind import NONE, UNKNOWN, ControllerCheck
+from .controller_refined import refined
 from .data_check import DataCheck, check
-from .extend import extended, of_controller
+from .extend import extended
+from .fill import Controller, as_believed, filled
 from .gain import Gain, held_out, on_another
 from .goodness import Leftover, leftovers
 from .hypotheses import Hypothesis
 from .limits import Isolability, Limit, limits, unseen
-from .model import predicted_attitude
+from .model import Point, innovations, predicted_attitude
 from .named import Named, doubts_about, mismatch, named_causes
 from .noise import LEVELS, Refilter, declared
 from .proposal import Proposal, propose
-from .record import CHANNELS, Record, filled, record
+from .record import CHANNELS, Record, record
 from .selection import THRESHOLD, Model, Selection, first_filter, select
 from .threshold import threshold as measured_threshold
 from .user_gain import UserGain, user_gain
@@ -41,6 +45,7 @@ DECIDES = {
     frozenset({"actuator_bias", "thrust_misalignment"}): "the nozzle sensor",
     frozenset({"actuator_bias", "steady_wind"}): "the nozzle sensor",
     frozenset({"actuator_bias", "attitude_bias"}): "the nozzle sensor",
+    frozenset({"actuator_delay", "actuator_bandwidth"}): "the nozzle sensor several times as often as commands come",
 }
 
 Say = Callable[[str], None]
@@ -145,12 +150,18 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
         return r, check_controller(r)
     checked = None
     for _ in range(FILLINGS):
-        attitude = predicted_attitude(r, first_filter(r, declared(r) * ALERT))
-        checked = check_controller(r, attitude)
-        if checked is not None and checked.kind == "unknown":
+        gains = first_filter(r, declared(r) * ALERT)
+        seen = Seen(predicted_attitude(r, gains), innovations(r, gains, Point())[0])
+        checked = check_controller(r, seen)
+        if checked is not None and checked.kind == UNKNOWN:
             return r, checked
-        scales = (1.0, 1.0) if checked is None else (checked.kp_scale, checked.kd_scale)
-        r = filled(r, attitude, *scales)
+        believed = as_believed(r)
+        r = filled(r, seen.attitude, believed if checked is None or checked.kind == NONE else Controller(
+            checked.kp_scale, checked.kd_scale, checked.time_constant or believed.time_constant,
+            checked.late(r.tick * r.step)))
+    if checked is not None and checked.kind != NONE:
+        checked, likeliest = refined(r, seen, checked, first_filter(r, declared(r)))
+        r = filled(r, seen.attitude, likeliest)
     return r, checked
 
 
@@ -159,7 +170,7 @@ def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
     controller = made.controller
     assert made.selection is not None
     doubts = _tested(made, made.selection, holdout, say)
-    foreign = controller is not None and controller.kind in ("unknown", "filter")
+    foreign = controller is not None and controller.is_foreign
     if doubts or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
@@ -230,11 +241,10 @@ def _unexplained(made: Diagnosis, doubts: list[str], holdout: Log | None) -> Non
 def _gain_of(made: Diagnosis, selection: Selection, holdout: Log | None) -> Gain:
     assert made.record is not None
     model, nominal = selection.model, selection.nominal
-    further = of_controller(made.controller)
     if holdout is not None:
         data = check(holdout, made.nominal)
-        return on_another(with_commands(record(holdout, made.nominal, data))[0], model, nominal, further)
-    return held_out(made.record, model, nominal, further)
+        return on_another(with_commands(record(holdout, made.nominal, data))[0], model, nominal, made.controller)
+    return held_out(made.record, model, nominal, made.controller)
 
 
 def _controller_words(controller: ControllerCheck) -> str:
@@ -247,7 +257,7 @@ def _place(made: Diagnosis) -> str:
     """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
     place of the nearest cause where that explains more."""
     assert made.selection is not None
-    foreign = made.controller if made.controller is not None and made.controller.kind in ("unknown", "filter") else None
+    foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
     best = max((each for each in made.left_nominal if not each.is_line), key=lambda leftover: leftover.gain)
     if foreign is not None and foreign.evidence > best.gain:
         return "controller"

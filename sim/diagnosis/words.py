@@ -2,7 +2,7 @@
 
 import math
 
-from .named import Named
+from .named import CONTROLLER, Named
 from .verdict import DECIDES, Diagnosis
 
 MEANING = {
@@ -34,6 +34,10 @@ MEANING = {
                            "computing time {delay}",
     "missing_term": "the angular acceleration lacks {coefficient} times {term}",
 }
+FORMS = {  # a parameter that is none of the contract's: what the cause means with it
+    "lag": "a first-order lag makes the servo as slow as {scale} of its natural frequency would",
+    "wind_up": "the nozzle cannot move faster than {rate}, and what is asked of it runs ahead by {wind_up} of that",
+}
 DEGREES = ("rad", "rad/s", "rad/s^2")
 
 
@@ -54,7 +58,8 @@ def sentence(cause: Named) -> str:
     values = {name: amount(value, cause.std.get(name), units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
     steps = ", ".join(f"{fraction:.3g} at {time:.2f} s" for time, fraction in cause.steps)
-    return MEANING[cause.cause].format(**values) + (f", gradually: {steps}" if steps else "")
+    meaning = next((FORMS[name] for name in FORMS if cause.values.get(name)), MEANING[cause.cause])
+    return meaning.format(**values) + (f", gradually: {steps}" if steps else "")
 
 
 def would_decide(cause: Named) -> list[str]:
@@ -84,6 +89,8 @@ def lines(made: Diagnosis) -> list[str]:
                     + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
     for cause in made.causes:
         said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
+        if cause.cause == CONTROLLER and made.controller is not None and made.controller.time_constant is not None:
+            said.append(f"    and the time constant of its derivative is {made.controller.time_constant:.4g} s")
         if cause.rivals:
             decides = would_decide(cause)
             said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"

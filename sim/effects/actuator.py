@@ -5,8 +5,12 @@ order, into the second-order servo, whose natural frequency and rate have effect
 of their own.  Of several of one kind delays, biases and plays add, gains and
 bandwidths multiply, the lowest rate limits.
 
-Assumptions: the nozzle and the play rest at 0 before t = 0; the servo's rate
-saturates and its integrator does not wind up.
+Two have a second form, in a parameter beside the contract's: a slow servo may be
+so by a first-order lag before it (`lag`), and the rate that a saturated servo asks
+for may run ahead of its limit (`wind_up`).
+
+Assumptions: nozzle, play and lag rest at 0 before t = 0; a lag's output over a
+step of integration acts by its mean.
 
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
@@ -14,7 +18,7 @@ To add an effect: its kernel, its branch below, its row in EFFECTS.
 import math
 
 from ..vehicle.kernels import inner, kernel
-from .table import CODE, MEMORY, P0, Cause, Parameter
+from .table import CODE, MEMORY, P0, P1, Cause, Parameter
 
 ACTUATOR_DELAY, ACTUATOR_GAIN, ACTUATOR_BIAS, ACTUATOR_BACKLASH, ACTUATOR_BANDWIDTH, ACTUATOR_RATE_LIMIT = range(6)
 
@@ -27,8 +31,11 @@ EFFECTS = (
     Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0),)),
     Cause("actuator_backlash", "actuator", (Parameter("half_width", "rad", neutral=0.0, low=0.0),)),
     Cause("actuator_bandwidth", "actuator", (
-        Parameter("scale", "", neutral=1.0, low=0.0, high=WIDEST_BANDWIDTH, above=True),)),
-    Cause("actuator_rate_limit", "actuator", (Parameter("rate", "rad/s", neutral=math.inf, low=0.0, above=True),)),
+        Parameter("scale", "", neutral=1.0, low=0.0, high=WIDEST_BANDWIDTH, above=True),
+        Parameter("lag", "", neutral=0.0, low=0.0, high=1.0))),
+    Cause("actuator_rate_limit", "actuator", (
+        Parameter("rate", "rad/s", neutral=math.inf, low=0.0, above=True),
+        Parameter("wind_up", "", neutral=0.0, low=0.0))),
 )
 
 
@@ -55,15 +62,35 @@ def play(half_width, u, w):
 
 
 @kernel
+def slowed(scale, lag, frequency, damping):
+    """(natural frequency w [rad/s], time constant [s] of a lag before the servo) of a servo slower by `scale`.
+
+    lag  share of the slowing that the lag makes; slow commands, 2 zeta/w late, are as late with any.  Faster by a lag
+         no servo can be: then it is the frequency alone.
+    """
+    if lag == 0.0 or scale >= 1.0:
+        return scale * frequency, 0.0
+    slowing = 1.0 / scale - 1.0
+    return frequency / (1.0 + (1.0 - lag) * slowing), lag * slowing * 2.0 * damping / frequency
+
+
+@kernel
+def lagged(tau, step, u, w):
+    """(mean [rad] over the step of the output of tau w' = u - w with u held, w at its end)."""
+    left = math.exp(-step / tau)
+    return u + (w - u) * (1.0 - left) * tau / step, u + (w - u) * left
+
+
+@kernel
 def limited_rate(rate, beta_dot):
     """beta' = beta_dot within +-rate [rad/s]: the servo valve is full open."""
     return min(max(beta_dot, -rate), rate)
 
 
 @kernel
-def limited_acceleration(rate, beta_dot, beta_ddot):
-    """beta_dot' [rad/s^2]: none that drives the rate further beyond its limit (no wind-up)."""
-    return 0.0 if abs(beta_dot) >= rate and beta_dot * beta_ddot > 0.0 else beta_ddot
+def limited_acceleration(reach, beta_dot, beta_ddot):
+    """beta_dot' [rad/s^2]: none that drives the rate further beyond its reach [rad/s] (no wind-up beyond it)."""
+    return 0.0 if abs(beta_dot) >= reach and beta_dot * beta_ddot > 0.0 else beta_ddot
 
 
 # ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
@@ -80,8 +107,11 @@ def latency(fx):
 
 
 @inner
-def command(fx, u):
-    """The servo's input [rad] of the delayed command u; the play of row e is kept in its row."""
+def command(fx, frequency, damping, step, u):
+    """The servo's input [rad] over a step [s] of the delayed command u; play and lag of row e are kept in its row.
+
+    frequency [rad/s], damping   of the nominal's servo
+    """
     for e in range(fx.shape[0]):
         code, value = fx[e, CODE], fx[e, P0]
         if code == ACTUATOR_GAIN:
@@ -91,16 +121,20 @@ def command(fx, u):
         elif code == ACTUATOR_BACKLASH:
             u = play(value, u, fx[e, MEMORY])
             fx[e, MEMORY] = u
+        elif code == ACTUATOR_BANDWIDTH:
+            frequency, tau = slowed(value, fx[e, P1], frequency, damping)
+            if tau > 0.0:
+                u, fx[e, MEMORY] = lagged(tau, step, u, fx[e, MEMORY])
     return u
 
 
 @inner
-def servo(fx, frequency):
-    """(natural frequency [rad/s], rate limit [rad/s]) of the servo whose nominal frequency is given."""
-    rate = math.inf
+def servo(fx, frequency, damping):
+    """(natural frequency, rate limit, what the demanded rate may reach) of the nominal's servo, all [rad/s]."""
+    rate = reach = math.inf
     for e in range(fx.shape[0]):
         if fx[e, CODE] == ACTUATOR_BANDWIDTH:
-            frequency = fx[e, P0] * frequency
-        elif fx[e, CODE] == ACTUATOR_RATE_LIMIT:
-            rate = min(rate, fx[e, P0])
-    return frequency, rate
+            frequency = slowed(fx[e, P0], fx[e, P1], frequency, damping)[0]
+        elif fx[e, CODE] == ACTUATOR_RATE_LIMIT and fx[e, P0] < rate:
+            rate, reach = fx[e, P0], (1.0 + fx[e, P1]) * fx[e, P0]
+    return frequency, rate, reach

@@ -13,10 +13,11 @@ def nozzle_acceleration(frequency, damping, command, beta, beta_dot):
 
 
 @kernel
-def servo_slopes(frequency, damping, rate, command, beta, beta_dot):
-    """(beta' [rad/s], beta_dot' [rad/s^2]) of the servo behind its rate limit [rad/s], inf: none."""
+def servo_slopes(frequency, damping, rate, reach, command, beta, beta_dot):
+    """(beta' [rad/s], beta_dot' [rad/s^2]) of the servo behind its rate limit; reach: of the demanded rate
+    (both [rad/s], inf: none)."""
     beta_ddot = nozzle_acceleration(frequency, damping, command, beta, beta_dot)
-    return limited_rate(rate, beta_dot), limited_acceleration(rate, beta_dot, beta_ddot)
+    return limited_rate(rate, beta_dot), limited_acceleration(reach, beta_dot, beta_ddot)
 
 
 @kernel

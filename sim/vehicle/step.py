@@ -132,33 +132,33 @@ def runge_kutta_4(v, i, u, disturbance):
     """
     c, x, modes, winds = v.constant, v.state, v.plant, v.environment
     h, t, zeta = c[STEP], i * c[STEP], c[DAMPING]
-    w, rate = actuator.servo(v.actuator, c[FREQUENCY])
+    w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], zeta)
     th, q, b, r = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT]
     a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + 1], v.a6[2 * i + 2]
     k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + 1], v.k1[2 * i + 2]
     plant.begin_modes(modes)
 
     q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, th, q, b)
-    s1, r1 = servo_slopes(w, zeta, rate, u, b, r)
+    s1, r1 = servo_slopes(w, zeta, rate, reach, u, b, r)
     plant.advance_modes(modes, 1.0, 0.5 * h, q1, b)
     th2, qq2, b2, rr2 = th + 0.5 * h * q, q + 0.5 * h * q1, b + 0.5 * h * s1, r + 0.5 * h * r1
     q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, th2, qq2, b2)
-    s2, r2 = servo_slopes(w, zeta, rate, u, b2, rr2)
+    s2, r2 = servo_slopes(w, zeta, rate, reach, u, b2, rr2)
     plant.advance_modes(modes, 2.0, 0.5 * h, q2, b2)
     th3, qq3, b3, rr3 = th + 0.5 * h * qq2, q + 0.5 * h * q2, b + 0.5 * h * s2, r + 0.5 * h * r2
     q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, th3, qq3, b3)
-    s3, r3 = servo_slopes(w, zeta, rate, u, b3, rr3)
+    s3, r3 = servo_slopes(w, zeta, rate, reach, u, b3, rr3)
     plant.advance_modes(modes, 2.0, h, q3, b3)
     th4, qq4, b4, rr4 = th + h * qq3, q + h * q3, b + h * s3, r + h * r3
     q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, th4, qq4, b4)
-    s4, r4 = servo_slopes(w, zeta, rate, u, b4, rr4)
+    s4, r4 = servo_slopes(w, zeta, rate, reach, u, b4, rr4)
     plant.advance_modes(modes, 1.0, h, q4, b4)
 
     plant.end_modes(modes, h)
     x[THETA] = th + h / 6.0 * (q + 2.0 * qq2 + 2.0 * qq3 + qq4)
     x[THETA_DOT] = q + h / 6.0 * (q1 + 2.0 * q2 + 2.0 * q3 + q4)
     x[BETA] = b + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4)
-    x[BETA_DOT] = actuator.limited_rate(rate, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4))
+    x[BETA_DOT] = actuator.limited_rate(reach, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4))
 
 
 @kernel
@@ -188,5 +188,6 @@ def advance(v, steps, rows):
             write_row(v, i, tick, rows[n[ROWS]])
             n[ROWS] += 1
         u = delayed_command(v.commands, tick, phase * c[STEP], c[STEP], c[PERIOD], delay)
-        runge_kutta_4(v, i, actuator.command(servo_input, u), v.acceleration[tick])
+        u = actuator.command(servo_input, c[FREQUENCY], c[DAMPING], c[STEP], u)
+        runge_kutta_4(v, i, u, v.acceleration[tick])
         n[AT] = i + 1
