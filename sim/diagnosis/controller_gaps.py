@@ -5,8 +5,8 @@ With alpha = tau/(tau + T) and m ticks a row the commands of two rows obey
     c(k+1) - alpha^m c(k) = kp (e(k+1) - alpha^m e(k)) + kd sum alpha^(m-j) (e(j) - e(j-1))/(tau + T),
 
 which is linear in the gains (`Gaps`).  What a predicted error is wrong by shows in part at the next row, so that row's
-innovations stand beside the gains (without them these come out 2 % off).  What is left is the noise of the attitudes
-that the log does not have: white, and no larger than the sensor's makes it.
+innovations and their means stand beside the gains (without them these come out 2 % off, more with a wrong sensor).
+What is left is the noise of the attitudes that the log does not have: white, and no larger than the sensor's makes it.
 
 Where computing takes an odd number of periods and the log has every other tick, the errors that the logged commands
 answer are the ones between its rows.  Then the controller is run backwards (`Backwards`): the errors that it must have
@@ -24,12 +24,13 @@ from .controller_numbers import NEUTRAL, TOLD_APART, newton, simplest
 from .fill import errors_seen, on_board, run_backwards, shifted
 from .record import THETA, Record
 
-SIGNIFICANT = 30.0     # nats that a mismatch must gain
+SIGNIFICANT = 30.0     # nats that a mismatch must gain to be looked at further
 SAME = 0.02            # relative, of a gain and of a time constant: closer is the same
 NOISE = 4.0            # times what the attitude's noise between rows makes: more is no difference of gains
 CLEARLY = 30.0         # nats that gains and filter together must bring over either
 GAINS = ((0,), (1,), (0, 1))    # which may be free
-COLOURED = 6.0         # standard deviations of the correlation from gap to gap: further off it is no noise
+MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
+COLOURED = 0.3         # correlation from gap to gap: more is no noise, nor a sensor's fault (0.13)
 FEWEST = 20            # gaps without which nothing is said
 LATEST = 3             # periods of computing time tried
 ITERATIONS = 6
@@ -85,8 +86,7 @@ class Gaps:
         largest = np.maximum(np.abs(self.command[1:]), np.abs(self.command[:-1]))
         self.fair = measured[1:] & measured[:-1] & (largest < NEAR_LIMIT * limit)
         self.fair[:late // m + 1] = False
-        surprise = shifted(np.nan_to_num(seen.innovations[:, :2]), late // m)
-        self.surprise = surprise[1:][self.fair]
+        self.surprise = shifted(_surprises(seen), late // m)[1:][self.fair]
         self.known = np.linalg.qr(self.surprise)[0]
 
     @property
@@ -158,7 +158,7 @@ class Backwards:
         self.measured = shifted(measured, late)
         self.fair = np.abs(record.commands[::2]) < NEAR_LIMIT * self.limit
         self.fair[:late + SETTLING] = False
-        self.known = np.linalg.qr(shifted(np.nan_to_num(seen.innovations[:, :2]), late // 2)[self.fair])[0]
+        self.known = np.linalg.qr(shifted(_surprises(seen), late // 2)[self.fair])[0]
 
     def rest(self, x: np.ndarray) -> np.ndarray:
         """(rows,) [rad] of the errors that a controller of these numbers must have seen less the predicted ones, times
@@ -173,6 +173,16 @@ class Backwards:
     def noise_of(self, attitude: float) -> float:
         """What the noise of an attitude [rad] that the log does not have makes of a command [rad]."""
         return attitude * (self.kp + self.kd / (self.tau + self.period))
+
+
+def _surprises(seen: Seen) -> np.ndarray:
+    """(rows, columns) what tells how wrong the errors predicted for the ticks before a row are: its innovations, and
+    their means over some time, which a sensor that is wrong leaves."""
+    e = np.nan_to_num(seen.innovations[:, :2])
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(e, axis=0)])
+    rows = np.arange(1, len(e) + 1)
+    means = [(total[rows] - total[np.maximum(rows - w, 0)]) / np.minimum(rows, w)[:, None] for w in MEANS]
+    return np.hstack([e, *means, np.ones((len(e), 1))])
 
 
 def gaps_of(record: Record, seen: Seen, late: int) -> "Gaps | Backwards":
@@ -198,10 +208,11 @@ def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
     tau = best.tau if best.tau != gaps.tau and abs(best.tau / gaps.tau - 1.0) > SAME else None
     found = ControllerCheck("", believed.rms, best.rms, float(best.gains[0]), float(best.gains[1]), 0.0,
                             (float(best.std[0]), float(best.std[1]), 0.0), tau, best.over(believed))
-    if not _is_noise(record, gaps, best.rest):
+    if found.evidence < SIGNIFICANT and is_noise(record, gaps, believed.rest):
+        return ControllerCheck(NONE, believed.rms, believed.rms)
+    if not is_noise(record, gaps, best.rest):
         return _late(record, seen, replace(found, kind=UNKNOWN))
-    found = found.of_kind(SAME, gaps.period)
-    return found if found.evidence > SIGNIFICANT else ControllerCheck(NONE, believed.rms, believed.rms)
+    return found.of_kind(SAME, gaps.period)
 
 
 def _late(record: Record, seen: Seen, found: ControllerCheck, first: int = 1) -> ControllerCheck:
@@ -217,7 +228,7 @@ def _late(record: Record, seen: Seen, found: ControllerCheck, first: int = 1) ->
         after = float(np.sqrt(np.mean(rest**2)))
         information = information / after**2
         evidence = record.rows * math.log(found.before / after) - simplest(x, information, CLEARLY, late=True).cost
-        if evidence > least and _is_noise(record, gaps, rest):
+        if evidence > least and is_noise(record, gaps, rest):
             least = evidence
             found = with_numbers(replace(found, after=after, delay=late * gaps.period, evidence=evidence), gaps, x,
                                  information)
@@ -234,11 +245,15 @@ def with_numbers(found: ControllerCheck, gaps: "Gaps | Backwards", x: np.ndarray
                    time_constant=gaps.tau * math.exp(float(named[2])) if other else None).of_kind(SAME, gaps.period)
 
 
-def _is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
+def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
+    """Whether what is left is no larger than noise."""
+    return float(np.sqrt(np.mean(rest**2))) <= NOISE * gaps.noise_of(max(record.nominal.sensors.theta_std, LEAST_NOISE))
+
+
+def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
     """Whether what is left is no larger than noise, and white."""
-    most = NOISE * gaps.noise_of(max(record.nominal.sensors.theta_std, LEAST_NOISE))
-    colour = float(rest[1:] @ rest[:-1]) / float(rest @ rest) * math.sqrt(len(rest))
-    return float(np.sqrt(np.mean(rest**2))) <= most and abs(colour) <= COLOURED
+    colour = float(rest[1:] @ rest[:-1]) / float(rest @ rest)
+    return _is_small(record, gaps, rest) and abs(colour) <= COLOURED
 
 
 def _explained(gaps: Gaps) -> Left:

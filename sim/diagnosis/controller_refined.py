@@ -12,21 +12,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from .controller_gaps import LATEST, Backwards, Gaps, Seen, gaps_of, with_numbers
-from .controller_kind import ControllerCheck
-from .controller_numbers import newton, simplest
-from .fill import Controller, filled, on_board
+from .controller_gaps import LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, with_numbers
+from .controller_kind import NONE, UNKNOWN, ControllerCheck
+from .controller_numbers import NEUTRAL, newton, simplest
+from .fill import Controller, as_believed, filled, on_board
 from .fit import Problem
 from .model import DEVIATIONS, Point
 from .noise import Filter
-from .record import Record
+from .record import BETA, Record
 
 ITERATIONS = 3
+CONFIRMED = 30.0       # nats that the nozzle must have for another controller: it has thousands, or is against it
+UNCONFIRMED = 150.0    # nats of the gaps that do without a nozzle sensor
 CLEARLY = 8.0          # nats that gains and filter together must bring: here they are told apart (by 90 and more)
 
 
 def refined(record: Record, seen: Seen, found: ControllerCheck, of: Filter) -> tuple[ControllerCheck, Controller]:
-    """(What was found, with all the log's word; the controller whose commands are the likeliest between the rows).
+    """(What was found, with all the log's word; the controller whose commands are the likeliest between the rows).  A
+    mismatch that the nozzle does not confirm is none: the errors were predicted by a sensor that is wrong.
 
     record  with commands filled as found;  of  the nominal's filter at the declared noise
     """
@@ -35,22 +38,34 @@ def refined(record: Record, seen: Seen, found: ControllerCheck, of: Filter) -> t
     others = (late - 2, late + 2) if (late + own.late) % 2 and record.every == 2 * record.tick else ()
     tries = [_fitted(record, seen, replace(found, delay=each * period), of)
              for each in (late, *others) if 0 <= each <= LATEST]
-    return min(tries, key=lambda tried: tried[0])[1:]
+    _, confirmed, check, likeliest = min(tries, key=lambda tried: tried[0])
+    if confirmed > CONFIRMED or check.kind == UNKNOWN:
+        return check, likeliest
+    gaps = gaps_of(record, seen, 0)
+    kind = NONE if is_noise(record, gaps, gaps.rest(NEUTRAL)) else UNKNOWN
+    return ControllerCheck(kind, check.before, check.before, evidence=check.evidence), as_believed(record)
 
 
 def _fitted(record: Record, seen: Seen, found: ControllerCheck,
-            of: Filter) -> tuple[float, ControllerCheck, Controller]:
-    """(cost [nats], what was found, the likeliest controller) for one computing time."""
+            of: Filter) -> tuple[float, float, ControllerCheck, Controller]:
+    """For one computing time: cost, what the nozzle has for it over the nominal's controller (both [nats]), what was
+    found, and the likeliest controller."""
     gaps = gaps_of(record, seen, found.late(on_board(record).period))
     if gaps.tau == 0.0:
-        return 0.0, found, Controller(found.kp_scale, found.kd_scale, 0.0, gaps.late)
+        return 0.0, math.inf, found, Controller(found.kp_scale, found.kd_scale, 0.0, gaps.late)
     tau = gaps.tau if found.time_constant is None else found.time_constant
     x = np.array([found.kp_scale, found.kd_scale, math.log(tau / gaps.tau)])
     evidence = _Evidence(record, seen, gaps, of, x)
     x, information = newton(evidence.residual, x, ITERATIONS)
     r = evidence.residual(x)
     cost = 0.5 * float(r @ r) + record.rows * math.log(evidence.noise)
-    return cost, with_numbers(found, gaps, x, information, CLEARLY), _controller(simplest(x, information, 0.0).x, gaps)
+    confirmed = evidence.of_nozzle(as_believed(record)) - evidence.of_nozzle(_controller(x, gaps))
+    if not np.isfinite(record.z[:, BETA]).any():
+        confirmed = math.inf if found.evidence > UNCONFIRMED else -math.inf
+    if not is_noise(record, gaps, gaps.rest(x)):
+        found = replace(found, kind=UNKNOWN)
+    named = found if found.kind == UNKNOWN else with_numbers(found, gaps, x, information, CLEARLY)
+    return cost, confirmed, named, _controller(simplest(x, information, 0.0).x, gaps)
 
 
 def _controller(x: np.ndarray, gaps: Gaps | Backwards) -> Controller:
@@ -63,15 +78,23 @@ class _Evidence:
     def __init__(self, record: Record, seen: Seen, gaps: Gaps | Backwards, of: Filter, x: np.ndarray) -> None:
         self.record, self.seen, self.gaps, self.filter = record, seen, gaps, of
         self.noise = float(np.sqrt(np.mean(gaps.rest(x)**2)))
-        problem = self._problem(x)
+        problem = self._problem(_controller(x, gaps))
         slopes = problem.slopes((), np.zeros(DEVIATIONS), problem.residual(Point()))
         self.basis = np.linalg.qr(slopes)[0]
 
-    def _problem(self, x: np.ndarray) -> Problem:
-        return Problem(filled(self.record, self.seen.attitude, _controller(x, self.gaps)), self.filter)
+    def _problem(self, of: Controller) -> Problem:
+        return Problem(filled(self.record, self.seen.attitude, of), self.filter)
+
+    def innovations(self, of: Controller) -> np.ndarray:
+        """(3 rows + 4,) whitened, a6 and k1 free within their tolerance, on the commands of this controller."""
+        white = self._problem(of).residual(Point())
+        return white - self.basis @ (self.basis.T @ white)
+
+    def of_nozzle(self, of: Controller) -> float:
+        """[nats] against these commands by the nozzle alone: a fault of another sensor does not move it."""
+        rows = self.innovations(of)[:-DEVIATIONS].reshape(-1, 3)
+        return 0.5 * float(rows[:, BETA] @ rows[:, BETA])
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """(gaps + 3 rows + 4,) at kp and kd over the nominal's and the logarithm of tau over the nominal's."""
-        white = self._problem(x).residual(Point())
-        white -= self.basis @ (self.basis.T @ white)
-        return np.concatenate([self.gaps.rest(x) / self.noise, white])
+        return np.concatenate([self.gaps.rest(x) / self.noise, self.innovations(_controller(x, self.gaps))])

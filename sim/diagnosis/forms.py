@@ -3,7 +3,8 @@
 A form is a cause of the catalogue under another law.  It is not sought beside the catalogue's hypotheses: it is
 fitted in the place of a found cause that it resembles, and takes that place only where it explains more by
 `TOLD_APART`.  Nearer than that it is one of the causes that the log cannot tell apart: a servo that is slow by a
-first-order lag and one that is late are alike in a log no faster than the lag.
+first-order lag and one that is late are alike in a log no faster than the lag.  So it is offered only where all causes
+that it resembles are: it would stand for the one that is missing.
 """
 
 import math
@@ -47,6 +48,7 @@ def other_form(record: Record, cause: Cause, known: Iterable[Hypothesis]) -> Cau
     if cause.hypothesis.label not in FORMS or cause.hypothesis == FORMS[cause.hypothesis.label][0]:
         return None
     form, start = FORMS[cause.hypothesis.label]
-    if form.cause not in {hypothesis.cause for hypothesis in known}:
+    resembled = {form.cause, *(label for label, (other, _) in FORMS.items() if other == form)}
+    if not resembled <= {hypothesis.cause for hypothesis in known}:
         return None
     return Cause(form, start(record, cause.values))

@@ -23,8 +23,10 @@ from .shapes import shape_gains
 SEGMENTS = 8
 CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
-SHAPE_LIMIT = 15.0         # nats of one of forty shapes: noise reaches it once in 1e6 logs
-LINE_LIMIT = 17.0          # nats of one of some thousand lines: noise reaches it once in 1e4 logs
+SHAPE_LIMIT = 11.0         # nats of one of forty shapes, or of a line at a mode: noise reaches it once in 1e4 logs
+LINE_LIMIT = 17.0          # nats of one of some thousand lines: as often
+OWN_BINS = 3.0             # of the log's resolution, within which a line is at a mode: no mode is driven by itself
+MODES = ("slosh", "bending")
 BINS = 1.0                 # of the log's resolution, within which a line is a harmonic
 LINE = "sin"               # what the shape of a line begins with
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
@@ -83,12 +85,14 @@ def constancy(model: Model, index: int) -> Constancy:
 class Leftover:
     """What a generic disturbance at one place gains [nats] beside the model.
 
-    shape  "" for a stochastic one, else the signal it is proportional to (then `std` is its RMS)
+    shape    "" for a stochastic one, else the signal it is proportional to (then `std` is its RMS)
+    at_mode  a line at the frequency of a named mode
     """
 
     disturbance: Disturbance
     gain: float
     shape: str = ""
+    at_mode: bool = False
 
     @property
     def where(self) -> str:
@@ -101,7 +105,9 @@ class Leftover:
     @property
     def limit(self) -> float:
         """[nats] that may be left."""
-        return LINE_LIMIT if self.is_line else SHAPE_LIMIT if self.shape else LEFTOVER_LIMIT
+        if self.is_line and not self.at_mode:
+            return LINE_LIMIT
+        return SHAPE_LIMIT if self.shape else LEFTOVER_LIMIT
 
     @property
     def words(self) -> str:
@@ -132,11 +138,14 @@ def _shaped(model: Model) -> list[Leftover]:
     resolution = BINS * 2.0 * math.pi / (model.fit.record.rows * model.fit.record.period)
     foreign = [line for line in lines(problem, model.fit)
                if not any(_is_harmonic(line.values[1], base, resolution) for base in known)]
-    for line in foreign[:1]:
+    modes = [cause.values[1] for cause in model.causes if cause.hypothesis.cause in MODES]
+    left = []
+    for line in foreign:
         amplitude, frequency, _ = line.values
         of = Disturbance("plant", amplitude / math.sqrt(2.0), math.inf)
-        found.append(Leftover(of, line.gain, f"{LINE}({frequency:.4g} t)"))
-    return found
+        at_mode = any(abs(frequency - mode) < OWN_BINS / BINS * resolution for mode in modes)
+        left.append(Leftover(of, line.gain, f"{LINE}({frequency:.4g} t)", at_mode))
+    return [*found, *sorted(left, key=lambda line: line.limit - line.gain)[:1]]
 
 
 def _is_harmonic(frequency: float, base: float, resolution: float) -> bool:

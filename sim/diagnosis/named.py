@@ -15,6 +15,7 @@ from .selection import Model, Ranked, Selection, penalty, profile
 SIGNIFICANT = 3.0      # standard deviations of an onset
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
+FORM = 0.01            # of the evidence of the causes of a place that may be left there: no form is known to a tenth
 GRADUAL = 3.0          # s: steps of a loss that are so near belong to one that comes gradually
 CONTROLLER = "controller_mismatch"
 LOSS = "control_loss"
@@ -138,10 +139,12 @@ def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: fl
             doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
                           f"{each.constancy.chi_squared:.0f} over 8 segments, limit {CONSTANCY_LIMIT:.0f})")
         doubts += _undetermined(each, began, ended)
-    beyond = [each for each in left if each.gain > each.limit]
-    if beyond:
-        doubts.append(f"a disturbance {beyond[0].words} at the {beyond[0].disturbance.place} explains "
-                      f"{beyond[0].gain:.0f} nats more (limit {beyond[0].limit:.0f})")
+    for each in left:
+        limit = max(each.limit, FORM * sum(cause.evidence for cause in named if cause.where == each.where))
+        if each.gain > limit:
+            doubts.append(f"a disturbance {each.words} at the {each.disturbance.place} explains "
+                          f"{each.gain:.0f} nats more (limit {limit:.0f})")
+            break
     return doubts
 
 

@@ -145,8 +145,7 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
 
 def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
-    slow = r.every > r.tick and r.input == "beta_cmd" and r.nominal.controller is not None
-    if not slow or not np.isfinite(r.reference).any():
+    if not _is_slow(r) or not np.isfinite(r.reference).any():
         return r, check_controller(r)
     checked = None
     for _ in range(FILLINGS):
@@ -163,6 +162,11 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
         checked, likeliest = refined(r, seen, checked, first_filter(r, declared(r)))
         r = filled(r, seen.attitude, likeliest)
     return r, checked
+
+
+def _is_slow(r: Record | None) -> bool:
+    """The log has not every command that its controller issued."""
+    return r is not None and r.every > r.tick and r.input == "beta_cmd" and r.nominal.controller is not None
 
 
 def _judge(made: Diagnosis, holdout: Log | None, say: Say) -> None:
@@ -255,17 +259,16 @@ def _controller_words(controller: ControllerCheck) -> str:
 
 def _place(made: Diagnosis) -> str:
     """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
-    place of the nearest cause where that explains more."""
+    place of the nearest cause where that explains more.  Of a controller that is not known a slow log does not have the
+    commands between its rows, which then seems the actuator's fault."""
     assert made.selection is not None
     foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
     best = max((each for each in made.left_nominal if not each.is_line), key=lambda leftover: leftover.gain)
     if foreign is not None and foreign.evidence > best.gain:
         return "controller"
-    if made.nearest:
-        strongest = max(made.nearest, key=lambda cause: cause.evidence)
-        if strongest.evidence > best.gain:
-            return strongest.where
-    return best.where
+    strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
+    where = strongest.where if strongest is not None and strongest.evidence > best.gain else best.where
+    return "controller" if foreign is not None and where == "actuator" and _is_slow(made.record) else where
 
 
 def noise_of(model: Model) -> dict[str, dict[str, Any]]:
