@@ -10,14 +10,13 @@ import pytest
 
 from sim.cli import main
 from sim.diagnosis.answer import report
-from sim.diagnosis.controller_check import check_controller
 from sim.diagnosis.data_check import check
-from sim.diagnosis.fill import Controller, filled
+from sim.diagnosis.goodness import Leftover
 from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
 from sim.diagnosis.limits import Isolability
 from sim.diagnosis.model import Point, innovations
 from sim.diagnosis.named import Named, doubts_about
-from sim.diagnosis.noise import declared, exponential
+from sim.diagnosis.noise import Disturbance, declared, exponential
 from sim.diagnosis.record import record
 from sim.diagnosis.selection import first_filter
 from sim.diagnosis.verdict import diagnose
@@ -224,77 +223,21 @@ def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
     assert not any("clean flight" in text for text in said)
 
 
-# ---- the controller
+# ---- what is left
 
 
-@pytest.mark.parametrize(("effect", "expected"), [
-    ("controller_mismatch:kp_scale=1.1", (1.1, 1.0, 0.0)),
-    ("controller_mismatch:kd_scale=0.8", (1.0, 0.8, 0.0)),
-    ("controller_mismatch:delay=0.013", (1.0, 1.0, 0.013)),
-    ("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", (0.9, 1.2, 0.01))])
-def test_the_controllers_mismatch_is_named_exactly(effect, expected):
-    result = found(effect)
-    assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
-    values = [result["causes"][0]["parameters"][name]["value"] for name in ("kp_scale", "kd_scale", "delay")]
-    assert values == pytest.approx(expected, abs=1e-6)
-
-
-SLOW = 0.02  # s: a log of every other command
-
-
-@pytest.mark.parametrize("effect", [
-    "kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
-    "kp_scale=1.1,delay=0.01"])
-@pytest.mark.parametrize("tau", [0.05, 0.045])
-def test_the_mismatch_is_named_from_every_other_command(effect, tau):
-    """Between the rows the log has neither command nor attitude; with another derivative filter or without."""
-    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=tau)
-    made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW,
-                          nominal=dataclasses.replace(NOMINAL, controller=controller)), NOMINAL)
-    result = report(made)
-    assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
-    true = {"kp_scale": 1.0, "kd_scale": 1.0, "delay": 0.0} | {
-        key: float(value) for key, value in (part.split("=") for part in effect.split(","))}
-    for name, value in true.items():
-        near = 0.02 if name == "kd_scale" else 0.005
-        assert result["causes"][0]["parameters"][name]["value"] == pytest.approx(value, abs=near)
-    if "kd" not in effect or "kp" not in effect:
-        log = made.log
-        assert diagnose(log, made.extension).verdict == "consistent"
-
-
-@pytest.mark.parametrize("period", [0.005, 0.01])
-def test_gains_and_computing_time_are_named_beside_another_filter(period):
-    """Exactly, and the extension has both: a second run on it says consistent."""
-    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.045)
-    log = flown("controller_mismatch:kp_scale=0.9,kd_scale=1.1,delay=0.02", period=period,
-                nominal=dataclasses.replace(NOMINAL, controller=controller))
-    made = diagnose(log, NOMINAL)
-    assert [cause.cause for cause in made.causes] == ["controller_mismatch"]
-    assert list(made.causes[0].values.values()) == pytest.approx([0.9, 1.1, 0.02], abs=1e-6)
-    assert made.extension.controller.derivative_time_constant == pytest.approx(0.045, abs=1e-8)
-    assert diagnose(log, made.extension).verdict == "consistent"
-
-
-def test_another_filter_is_no_gain_in_every_other_command_either():
-    """A derivative that is a fifth quicker answers much like a fifth more gain."""
-    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.04)
-    made = diagnose(flown(period=SLOW, nominal=dataclasses.replace(NOMINAL, controller=controller)), NOMINAL)
-    assert (made.verdict, made.where, made.controller.kind) == ("unexplained", "controller", "filter")
-    assert made.controller.time_constant == pytest.approx(0.04, rel=0.02)
-
-
-def test_controller_run_backwards_finds_the_errors_between_its_rows():
-    """Of a noiseless log that answers an odd number of periods late: the commands between are the flown ones."""
-    nominal = dataclasses.replace(NOMINAL, actuator=dataclasses.replace(NOMINAL.actuator, command_noise_std=0.0))
-    late = flown("controller_mismatch:delay=0.01", nominal=nominal)
-    every_other = flown("controller_mismatch:delay=0.01", nominal=nominal, period=SLOW)
-    r = record(every_other, nominal, check(every_other, nominal))
-    guess = np.repeat(r.z[:, 0], 2)  # as good as any: what stands between the rows is found
-    made = filled(r, guess, Controller(1.0, 1.0, nominal.controller.derivative_time_constant, late=1))
-    missing = made.commands[1::2][60:-1] - late.beta_cmd[1::2][60:len(made.commands) // 2 - 1]
-    assert np.max(np.abs(missing)) < 1e-8
-    assert np.max(np.abs(r.commands - made.commands)) > 1e-3
+def test_what_may_be_left_is_as_rare_of_every_kind_and_a_hundredth_of_what_is_explained():
+    stochastic, shape, line, at_mode = (
+        Leftover(Disturbance("plant", 1.0, 1.0), 10.5, *kind) for kind in ((), ("theta^2",), ("sin(3 t)",),
+                                                                           ("sin(3 t)", True)))
+    assert (stochastic.limit, shape.limit, line.limit, at_mode.limit) == (10.0, 11.0, 17.0, 11.0)
+    slosh = Named("slosh", {}, {}, {}, (), 100.0, None)
+    assert doubts_about((slosh,), (stochastic,), 0.0, 45.0) == [
+        "a disturbance of unknown shape at the plant explains 10 nats more (limit 10)"]
+    large = dataclasses.replace(slosh, evidence=2000.0)
+    assert doubts_about((large,), (stochastic,), 0.0, 45.0) == []
+    assert doubts_about((dataclasses.replace(large, cause="gyro_bias"),), (stochastic,), 0.0, 45.0)  # another place
+    assert doubts_about((large,), (dataclasses.replace(stochastic, gain=20.5),), 0.0, 45.0)
 
 
 # ---- forms
@@ -323,16 +266,6 @@ def test_a_rate_limit_that_winds_up_is_one_cause():
     assert cause.values["rate"] == pytest.approx(0.1, rel=0.05)
     assert cause.values["wind_up"] == pytest.approx(0.6, abs=0.2)
     assert diagnose(flown("actuator_rate_limit:rate=0.1"), NOMINAL).causes[0].values.keys() == {"rate"}
-
-
-def test_another_derivative_filter_is_no_gain():
-    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.08)
-    log = flown(nominal=dataclasses.replace(NOMINAL, controller=controller))
-    checked = check_controller(record(log, NOMINAL, check(log, NOMINAL)))
-    assert checked.kind == "filter"
-    assert checked.time_constant == pytest.approx(0.08, rel=1e-4)
-    result = report(diagnose(log, NOMINAL))
-    assert (result["verdict"], result["where"], result["causes"]) == ("unexplained", "controller", [])
 
 
 # ---- files

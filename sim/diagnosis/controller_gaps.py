@@ -48,6 +48,11 @@ class Seen(NamedTuple):
     innovations: np.ndarray
 
 
+def rms(x: np.ndarray) -> float:
+    """Root mean square, above 0 so that it has a logarithm."""
+    return max(float(np.sqrt(np.mean(x**2))), 1e-12)
+
+
 @dataclass(frozen=True, eq=False)
 class Left:
     """What an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (2,), filter tau [s],
@@ -61,7 +66,7 @@ class Left:
 
     @property
     def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.rest**2)))
+        return rms(self.rest)
 
     def over(self, other: "Left") -> float:
         """Evidence [nats] over another explanation, less what a free number must bring."""
@@ -88,10 +93,6 @@ class Gaps:
         self.fair[:late // m + 1] = False
         self.surprise = shifted(_surprises(seen), late // m)[1:][self.fair]
         self.known = np.linalg.qr(self.surprise)[0]
-
-    @property
-    def count(self) -> int:
-        return int(self.fair.sum())
 
     def relation(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
         """(left-hand side (gaps,) [rad], right-hand side (gaps, 2) at the nominal's gains) with this filter [s]."""
@@ -130,7 +131,6 @@ class Gaps:
             low, high = (low, right) if after(float(left)) < after(float(right)) else (left, high)
         best = self.left(float(0.5 * (low + high)), free)
         return replace(best, numbers=best.numbers + 1)
-
 
     def rest(self, x: np.ndarray) -> np.ndarray:
         """(gaps,) [rad] that a controller's numbers x (3,) leave."""
@@ -202,7 +202,7 @@ def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
     if gaps.fair.sum() < FEWEST:
         return None
     if isinstance(gaps, Backwards):
-        before = float(np.sqrt(np.mean(gaps.rest(NEUTRAL)**2)))
+        before = rms(gaps.rest(NEUTRAL))
         return _late(record, seen, ControllerCheck(UNKNOWN, before, before, evidence=-math.inf), first=0)
     believed, best = gaps.left(gaps.tau, ()), _explained(gaps)
     tau = best.tau if best.tau != gaps.tau and abs(best.tau / gaps.tau - 1.0) > SAME else None
@@ -225,7 +225,7 @@ def _late(record: Record, seen: Seen, found: ControllerCheck, first: int = 1) ->
             continue
         x, information = newton(gaps.rest, NEUTRAL, ITERATIONS)
         rest = gaps.rest(x)
-        after = float(np.sqrt(np.mean(rest**2)))
+        after = rms(rest)
         information = information / after**2
         evidence = record.rows * math.log(found.before / after) - simplest(x, information, CLEARLY, late=True).cost
         if evidence > least and is_noise(record, gaps, rest):
@@ -247,12 +247,12 @@ def with_numbers(found: ControllerCheck, gaps: "Gaps | Backwards", x: np.ndarray
 
 def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
     """Whether what is left is no larger than noise."""
-    return float(np.sqrt(np.mean(rest**2))) <= NOISE * gaps.noise_of(max(record.nominal.sensors.theta_std, LEAST_NOISE))
+    return rms(rest) <= NOISE * gaps.noise_of(max(record.nominal.sensors.theta_std, LEAST_NOISE))
 
 
 def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
     """Whether what is left is no larger than noise, and white."""
-    colour = float(rest[1:] @ rest[:-1]) / float(rest @ rest)
+    colour = float(np.mean(rest[1:] * rest[:-1])) / rms(rest)**2
     return _is_small(record, gaps, rest) and abs(colour) <= COLOURED
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .controller_gaps import LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, with_numbers
+from .controller_gaps import LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, rms, with_numbers
 from .controller_kind import NONE, UNKNOWN, ControllerCheck
 from .controller_numbers import NEUTRAL, newton, simplest
 from .fill import Controller, as_believed, filled, on_board
@@ -22,7 +22,7 @@ from .noise import Filter
 from .record import BETA, Record
 
 ITERATIONS = 3
-CONFIRMED = 30.0       # nats that the nozzle must have for another controller: it has thousands, or is against it
+CONFIRMED = 300.0      # nats that the nozzle must have for another controller: 5 % makes 3,000, a slow servo 93
 UNCONFIRMED = 150.0    # nats of the gaps that do without a nozzle sensor
 CLEARLY = 8.0          # nats that gains and filter together must bring: here they are told apart (by 90 and more)
 
@@ -77,7 +77,7 @@ class _Evidence:
 
     def __init__(self, record: Record, seen: Seen, gaps: Gaps | Backwards, of: Filter, x: np.ndarray) -> None:
         self.record, self.seen, self.gaps, self.filter = record, seen, gaps, of
-        self.noise = float(np.sqrt(np.mean(gaps.rest(x)**2)))
+        self.noise = rms(gaps.rest(x))
         problem = self._problem(_controller(x, gaps))
         slopes = problem.slopes((), np.zeros(DEVIATIONS), problem.residual(Point()))
         self.basis = np.linalg.qr(slopes)[0]
