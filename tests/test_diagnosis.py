@@ -227,10 +227,10 @@ def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
 
 
 def test_what_may_be_left_is_as_rare_of_every_kind_and_a_hundredth_of_what_is_explained():
-    stochastic, shape, line, at_mode = (
-        Leftover(Disturbance("plant", 1.0, 1.0), 10.5, *kind) for kind in ((), ("theta^2",), ("sin(3 t)",),
-                                                                           ("sin(3 t)", True)))
-    assert (stochastic.limit, shape.limit, line.limit, at_mode.limit) == (10.0, 11.0, 17.0, 11.0)
+    stochastic, shape, creep, line, at_mode = (
+        Leftover(Disturbance("plant", 1.0, 1.0), 10.5, *kind)
+        for kind in ((), ("theta^2",), ("theta*time",), ("sin(3 t)",), ("sin(3 t)", True)))
+    assert [each.limit for each in (stochastic, shape, creep, line, at_mode)] == [10.0, 11.0, 15.0, 17.0, 11.0]
     slosh = Named("slosh", {}, {}, {}, (), 100.0, None)
     assert doubts_about((slosh,), (stochastic,), 0.0, 45.0) == [
         "a disturbance of unknown shape at the plant explains 10 nats more (limit 10)"]

@@ -24,11 +24,13 @@ SEGMENTS = 8
 CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
 SHAPE_LIMIT = 11.0         # nats of one of forty shapes, or of a line at a mode: noise reaches it once in 1e4 logs
+CREEP_LIMIT = 15.0         # nats of a shape that grows with time: a size that creeps by some per cent is that cause's
 LINE_LIMIT = 17.0          # nats of one of some thousand lines: as often
 OWN_BINS = 3.0             # of the log's resolution, within which a line is at a mode: no mode is driven by itself
 MODES = ("slosh", "bending")
 BINS = 1.0                 # of the log's resolution, within which a line is a harmonic
 LINE = "sin"               # what the shape of a line begins with
+TIME = "time"              # what stands in the shape of a drift
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
          "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
@@ -107,6 +109,8 @@ class Leftover:
         """[nats] that may be left."""
         if self.is_line and not self.at_mode:
             return LINE_LIMIT
+        if TIME in self.shape:
+            return CREEP_LIMIT
         return SHAPE_LIMIT if self.shape else LEFTOVER_LIMIT
 
     @property
