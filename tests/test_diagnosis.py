@@ -20,7 +20,7 @@ from sim.diagnosis.noise import Disturbance, declared, exponential
 from sim.diagnosis.record import record
 from sim.diagnosis.selection import first_filter
 from sim.diagnosis.verdict import diagnose
-from sim.diagnosis.words import sentence
+from sim.diagnosis.words import look_alikes, sentence
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
@@ -257,6 +257,8 @@ def test_a_large_lag_is_told_from_a_delay():
     assert (cause.cause, cause.rivals, cause.values["lag"]) == ("actuator_bandwidth", (), 1.0)
     assert cause.values["scale"] == pytest.approx(0.5, rel=0.03)
     assert "first-order lag" in sentence(cause)
+    assert look_alikes(dataclasses.replace(cause, rivals=("actuator_delay", "gyro_delay"))) \
+        == "actuator_delay (a first-order lag of the servo is like a delay), gyro_delay"
 
 
 def test_a_rate_limit_that_winds_up_is_one_cause():

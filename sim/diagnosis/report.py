@@ -23,7 +23,7 @@ from .noise import LEVELS, declared
 from .record import CHANNELS
 from .selection import FURTHER
 from .verdict import Diagnosis
-from .words import DEGREES, amount, headline, sentence, would_decide
+from .words import DEGREES, amount, headline, look_alikes, sentence, would_decide
 
 ALIKE = 0.9            # |cosine| from which a pair is listed
 CLOSE = 0.5            # of a limit: a test passed so narrowly is worth a word
@@ -192,7 +192,7 @@ def _alike_lines(made: Diagnosis) -> list[str]:
     for each in made.causes:
         if each.rivals:
             decides = would_decide(each)
-            lines.append(f"<b>{text(each.cause)}</b> from {text(', '.join(each.rivals))} in this log; "
+            lines.append(f"<b>{text(each.cause)}</b> from {text(look_alikes(each))} in this log; "
                          + text(f"what would decide: {' or '.join(decides)}." if decides else
                                 "a log with other manoeuvres might decide."))
     return lines or (["Nothing: every other cause explains the log clearly worse."] if made.causes else [])

@@ -38,6 +38,7 @@ FORMS = {  # a parameter that is none of the contract's: what the cause means wi
     "lag": "a first-order lag makes the servo as slow as {scale} of its natural frequency would",
     "wind_up": "the nozzle cannot move faster than {rate}, and what is asked of it runs ahead by {wind_up} of that",
 }
+LIKE_A_DELAY = "a first-order lag of the servo is like a delay"
 DEGREES = ("rad", "rad/s", "rad/s^2")
 
 
@@ -45,7 +46,7 @@ def amount(value: float | str, std: float | None, unit: str, hertz: bool = False
     """A value with its 95 % half-width; angles in degrees too, a frequency in Hz."""
     if isinstance(value, str):
         return value
-    spread = "" if std is None or not math.isfinite(std) else f" +- {1.96 * std:.2g}"
+    spread = "" if not std or not math.isfinite(std) else f" +- {1.96 * std:.2g}"
     if unit == "rad/s" and hertz:
         return f"{value:.4g}{spread} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
     degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in DEGREES and value else ""
@@ -60,6 +61,12 @@ def sentence(cause: Named) -> str:
     steps = ", ".join(f"{fraction:.3g} at {time:.2f} s" for time, fraction in cause.steps)
     meaning = next((FORMS[name] for name in FORMS if cause.values.get(name)), MEANING[cause.cause])
     return meaning.format(**values) + (f", gradually: {steps}" if steps else "")
+
+
+def look_alikes(cause: Named) -> str:
+    """What the log cannot tell a cause from; in which form, where the catalogue's own is not like it."""
+    return ", ".join(f"{rival} ({LIKE_A_DELAY})" if {cause.cause, rival} == {"actuator_delay", "actuator_bandwidth"}
+                     else rival for rival in cause.rivals)
 
 
 def would_decide(cause: Named) -> list[str]:
@@ -93,7 +100,7 @@ def lines(made: Diagnosis) -> list[str]:
             said.append(f"    and the time constant of its derivative is {made.controller.time_constant:.4g} s")
         if cause.rivals:
             decides = would_decide(cause)
-            said.append(f"    this log cannot tell it from {', '.join(cause.rivals)}"
+            said.append(f"    this log cannot tell it from {look_alikes(cause)}"
                         + (f"; what would: {' or '.join(decides)}" if decides else ""))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     for cause in made.nearest:
