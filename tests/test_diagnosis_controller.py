@@ -2,17 +2,20 @@
 command exactly and from every other one by what nozzle and vehicle answered."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from test_diagnosis import NOMINAL, flown, found, named
 
+from sim.diagnosis import selection
 from sim.diagnosis.answer import report
 from sim.diagnosis.controller_check import check_controller
 from sim.diagnosis.data_check import check
 from sim.diagnosis.fill import Controller, filled
 from sim.diagnosis.record import record
 from sim.diagnosis.verdict import diagnose
+from sim.effects import from_text
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -101,3 +104,58 @@ def test_another_derivative_filter_is_no_gain():
     assert checked.time_constant == pytest.approx(0.08, rel=1e-4)
     result = report(diagnose(log, NOMINAL))
     assert (result["verdict"], result["where"], result["causes"]) == ("unexplained", "controller", [])
+
+
+# ---- degenerate logs
+
+
+def without(log, name, rows):
+    """The log with a column not measured in some rows."""
+    values = getattr(log, name).copy()
+    values[rows] = math.nan
+    return dataclasses.replace(log, **{name: values})
+
+
+def test_a_long_gap_in_a_slow_log_is_no_crash_and_nothing_is_claimed_of_the_controller():
+    log = flown(period=SLOW)
+    for name in ("theta", "theta_dot", "beta"):
+        log = without(log, name, slice(300, 1500))
+    made = diagnose(log, NOMINAL)
+    assert made.controller is None or made.controller.kind == "none"
+
+
+@pytest.mark.parametrize("period", [0.01, SLOW])
+def test_commands_that_were_not_logged_are_not_compared(period):
+    made = diagnose(without(flown(period=period), "beta_cmd", [500, 501, 900]), NOMINAL)
+    assert (made.verdict, made.controller.kind) == ("consistent", "none")
+
+
+def test_without_an_attitude_nothing_is_said_of_the_controller():
+    log = without(flown(), "theta", slice(None))
+    assert check_controller(record(log, NOMINAL, check(log, NOMINAL))) is None
+
+
+def test_a_log_that_drifts_through_the_controllers_periods_says_nothing_of_it():
+    log = flown(period=0.015)
+    assert check_controller(record(log, NOMINAL, check(log, NOMINAL))) is None
+
+
+def test_a_computing_time_longer_than_the_log():
+    nominal = dataclasses.replace(NOMINAL, effects=(from_text("controller_mismatch:delay=6"),))
+    log = flown(period=SLOW)
+    short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in
+                                        ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot")})
+    assert diagnose(short, nominal).verdict in ("consistent", "unexplained", "explained")
+
+
+def test_coarse_attitude_of_a_slow_log_is_no_other_controller():
+    coarse = dataclasses.replace(NOMINAL, sensors=dataclasses.replace(NOMINAL.sensors, theta_std=1e-5, theta_step=5e-4))
+    made = diagnose(flown(period=SLOW, nominal=coarse), coarse)
+    assert made.controller.kind == "none"
+
+
+def test_the_last_look_at_a_form_leaves_every_cause_its_evidence(monkeypatch):
+    """No swap is allowed any more, so a form that explains more is not taken either."""
+    monkeypatch.setattr(selection, "SWAPS", 0)
+    made = diagnose(flown("actuator_bandwidth:scale=0.3,lag=1"), NOMINAL)
+    assert made.selection.evidence and len(made.selection.evidence) == len(made.selection.model.causes)

@@ -23,6 +23,7 @@ LAG_STEP = 0.05         # periods
 FILTERS = np.geomspace(0.05, 20.0, 60)    # of the derivative's time constant
 FILTER_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
 GOLDEN = 40              # steps between two of them, to a hundred-millionth of their distance
+COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 FEWEST = 20             # commands, without which nothing is said
 NEAR_LIMIT = 0.999      # of the deflection limit: beyond it a command says nothing about gains
 
@@ -32,10 +33,13 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
 
     seen  of a log slower than the controller: what a model saw between its rows
     """
-    if record.nominal.controller is None or record.input != "beta_cmd" or not np.isfinite(record.reference).any():
+    if record.nominal.controller is None or record.input != "beta_cmd" or not np.isfinite(record.reference).any() \
+            or not np.isfinite(record.z[:, THETA]).any():
         return None
     if record.every != record.tick:
         return check_gaps(record, seen)
+    if abs(_period(record) / record.nominal.controller.period - 1.0) > COMMENSURATE:
+        return None  # rows and periods drift apart, so no row holds the error that a command answers
     stride = slice(record.held_phase, None, record.held)
     logged = record.commands[stride]
     limit = controller_gains(record.nominal)[4]
@@ -43,6 +47,8 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     fair = (np.abs(logged) < NEAR_LIMIT * limit) & (np.abs(expected) < NEAR_LIMIT * limit)
     fair[:2] = False  # a log that begins in flight lacks the error before its first
     fair &= _measured(record)[stride]
+    if record.logged is not None:
+        fair &= record.logged[stride]
     if fair.sum() < FEWEST:
         return None
     before = _rms(logged - expected, fair)

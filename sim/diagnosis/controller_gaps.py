@@ -91,6 +91,8 @@ class Gaps:
         largest = np.maximum(np.abs(self.command[1:]), np.abs(self.command[:-1]))
         self.fair = measured[1:] & measured[:-1] & (largest < NEAR_LIMIT * limit)
         self.fair[:late // m + 1] = False
+        if record.logged is not None:
+            self.fair &= record.logged[1:] & record.logged[:-1]
         self.surprise = shifted(_surprises(seen), late // m)[1:][self.fair]
         self.known = np.linalg.qr(self.surprise)[0]
 
@@ -158,6 +160,8 @@ class Backwards:
         self.measured = shifted(measured, late)
         self.fair = np.abs(record.commands[::2]) < NEAR_LIMIT * self.limit
         self.fair[:late + SETTLING] = False
+        if record.logged is not None:
+            self.fair &= record.logged
         self.known = np.linalg.qr(shifted(_surprises(seen), late // 2)[self.fair])[0]
 
     def rest(self, x: np.ndarray) -> np.ndarray:
@@ -196,7 +200,7 @@ def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
     if seen is None or "theta_dot" not in record.channels or record.nominal.test_input is not None:
         return None
     own, ticks = on_board(record), record.every // record.tick
-    if own.kd == 0.0 or own.kp == 0.0 or (own.late % ticks and ticks > 2):
+    if own.kd == 0.0 or own.kp == 0.0 or own.tau == 0.0 or (own.late % ticks and ticks > 2):
         return None
     gaps = gaps_of(record, seen, 0)
     if gaps.fair.sum() < FEWEST:
@@ -247,7 +251,9 @@ def with_numbers(found: ControllerCheck, gaps: "Gaps | Backwards", x: np.ndarray
 
 def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
     """Whether what is left is no larger than noise."""
-    return rms(rest) <= NOISE * gaps.noise_of(max(record.nominal.sensors.theta_std, LEAST_NOISE))
+    sensors = record.nominal.sensors
+    attitude = max(math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5), LEAST_NOISE)
+    return rms(rest) <= NOISE * gaps.noise_of(attitude)
 
 
 def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:

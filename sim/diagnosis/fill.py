@@ -62,6 +62,7 @@ def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
 
 def shifted(x: np.ndarray, by: int) -> np.ndarray:
     """The array later by whole places, its first value before."""
+    by = min(by, len(x))
     return x if by == 0 else np.concatenate([np.repeat(x[:1], by, axis=0), x[:-by]])
 
 
@@ -97,7 +98,7 @@ def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray
     begin = record.first_step // record.tick
     test = excitation(record.nominal, begin + len(commands), period)[begin:]
     row = (commands[::m] - test[::m] - kp * error[::m]) / kd
-    fair = (np.abs(commands[::m]) < limit) & measured
+    fair = (np.abs(commands[::m]) < limit) & measured & (record.logged if record.logged is not None else True)
     alpha = tau / (tau + period)
     weights = -alpha**np.arange(m - 2, -1, -1.0) * (1.0 - alpha) / (tau + period)
     arrived, gaps = row[:-1].copy(), record.rows - 1

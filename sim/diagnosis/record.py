@@ -2,7 +2,7 @@
 
 Rows are the log's, put at the nearest multiple of the period; missing rows are rows without measurement.  Time is
 cut three ways: integration steps, controller ticks (each holds one command) and rows.  A log slower than the
-controller lacks commands between its rows; they are recomputed (`fill_commands`) or, without a reference, linear.
+controller lacks commands between its rows; they are recomputed (`fill`) or, without a reference, linear.
 
 Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
 """
@@ -48,6 +48,7 @@ class Record:
     step [s], every (steps a row), tick (steps a command of `commands`)
     held        rows that share one command and its noise, 1 unless the log is faster than the controller;
                 held_phase: rows from the first to the first at which a command is issued
+    logged      (n,) bool, rows that hold their command; None: the command is none of the log's
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
     """
@@ -68,6 +69,7 @@ class Record:
     held: int = 1
     held_phase: int = 0
     fill_gain: float = 0.0
+    logged: np.ndarray | None = None
 
     @property
     def rows(self) -> int:
@@ -184,7 +186,8 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     """The command of every tick."""
     nominal = draft.nominal
     known = np.isfinite(command)
-    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any()
+    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+        and np.isfinite(draft.z[:, THETA]).any()
     if draft.tick > draft.every:
         held = draft.tick // draft.every
         draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
@@ -211,7 +214,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         held = held + early * np.diff(held, append=held[-1])
     m = draft.every // draft.tick
     ticks = held if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, held)
-    return replace(draft, commands=ticks, input=source)
+    return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
 
 
 def _phase(command: np.ndarray, held: int) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .fit import Cause, Fit, Problem, fit
-from .forms import TOLD_APART, other_form
+from .forms import FORMS, TOLD_APART, other_form
 from .hypotheses import HYPOTHESES, PERIODIC, Hypothesis, missing_term
 from .model import DEVIATIONS, Point, innovations
 from .noise import Dynamics, Filter, declared, dynamics, fit_levels, run_filter
@@ -215,7 +215,8 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
 def _allowed(known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
     """Hypotheses that may join these causes."""
     present = {cause.hypothesis.label for cause in causes}
-    return [h for h in known if h.cause in REPEATABLE or h.label not in present]
+    forms = {cause.hypothesis.cause for cause in causes if cause.hypothesis.cause in FORMS}
+    return [h for h in known if h.cause in REPEATABLE or not (h.label in present or h.cause in forms)]
 
 
 def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list[Ranked]:
@@ -302,7 +303,7 @@ def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Mo
     """The model with one of its causes in another form, where that explains clearly more; else None."""
     for k in range(len(model.causes)):
         other = _in_other_form(record, model, k, known)
-        if other is not None and other[1] > TOLD_APART:
+        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end:
             return other[0]
     return None
 
@@ -336,10 +337,12 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             found.model = models[0][0]
             return True
         other = _in_other_form(record, model, k, known)
-        if other is not None and other[1] > TOLD_APART:
+        if other is not None and other[0].causes[k].is_at_an_end:
+            other = None
+        if other is not None and other[1] > max(TOLD_APART, least):
             found.model = other[0]
             return True
-        if other is not None and not other[0].causes[k].is_at_an_end:
+        if other is not None:
             ranked = [*ranked, Ranked(other[0].causes[k], own + other[1])]
         found.evidence.append(own)
         found.rivals.append([Ranked(cause, own), *(each for each in ranked

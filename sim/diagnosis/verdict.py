@@ -12,7 +12,7 @@ from ..log import Log
 from ..nominal import Nominal
 from .controller_check import check_controller
 from .controller_gaps import Seen
-from .controller_kind import NONE, UNKNOWN, ControllerCheck
+from .controller_kind import FILTER, NONE, UNKNOWN, ControllerCheck
 from .controller_refined import refined
 from .data_check import DataCheck, check
 from .extend import extended
@@ -24,6 +24,7 @@ from .limits import Isolability, Limit, limits, unseen
 from .model import Point, innovations, predicted_attitude
 from .named import Named, doubts_about, mismatch, named_causes
 from .noise import LEVELS, Refilter, declared
+from .predictor import ESCAPED
 from .proposal import Proposal, propose
 from .record import CHANNELS, Record, record
 from .selection import THRESHOLD, Model, Selection, first_filter, select
@@ -147,13 +148,15 @@ def with_commands(r: Record) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
     if not _is_slow(r) or not np.isfinite(r.reference).any():
         return r, check_controller(r)
-    checked = None
+    checked, unfilled = None, r
     for _ in range(FILLINGS):
         gains = first_filter(r, declared(r) * ALERT)
         seen = Seen(predicted_attitude(r, gains), innovations(r, gains, Point())[0])
+        if not np.all(np.abs(seen.attitude) < ESCAPED):
+            return unfilled, None  # the nominal does not stay with the log
         checked = check_controller(r, seen)
         if checked is not None and checked.kind == UNKNOWN:
-            return r, checked
+            return unfilled, checked
         believed = as_believed(r)
         r = filled(r, seen.attitude, believed if checked is None or checked.kind == NONE else Controller(
             checked.kp_scale, checked.kd_scale, checked.time_constant or believed.time_constant,
@@ -252,7 +255,7 @@ def _gain_of(made: Diagnosis, selection: Selection, holdout: Log | None) -> Gain
 
 
 def _controller_words(controller: ControllerCheck) -> str:
-    if controller.time_constant is not None:
+    if controller.kind == FILTER and controller.time_constant is not None:
         return f"a derivative time constant of {controller.time_constant:.4g} s would explain it"
     return f"{controller.before:.2g} rad rms apart, {controller.after:.2g} after the best gains and delay"
 
@@ -264,7 +267,7 @@ def _place(made: Diagnosis) -> str:
     assert made.selection is not None
     foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
     best = max((each for each in made.left_nominal if not each.is_line), key=lambda leftover: leftover.gain)
-    if foreign is not None and foreign.evidence > best.gain:
+    if foreign is not None and (foreign.evidence > best.gain or not _is_slow(made.record)):
         return "controller"
     strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
     where = strongest.where if strongest is not None and strongest.evidence > best.gain else best.where
@@ -287,6 +290,8 @@ def noise_of(model: Model) -> dict[str, dict[str, Any]]:
         curvature = (2.0 * values[0.0] - values[-1.0] - values[1.0]) / LEVEL_STEP**2
         std = 1.0 / math.sqrt(curvature) if curvature > 0.0 else math.inf
         factor = float(fitted.filter.levels[k] / base[k])
+        if not (math.isfinite(factor) and factor > 0.0):
+            continue  # the model does not stay with the log, so its noise is unknown
         found[name] = {"factor": factor, "std": std * factor if math.isfinite(std) else None,
                        "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std)}
     return found
