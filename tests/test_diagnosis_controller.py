@@ -145,7 +145,7 @@ def test_a_computing_time_longer_than_the_log():
     log = flown(period=SLOW)
     short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in
                                         ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot")})
-    assert diagnose(short, nominal).verdict in ("consistent", "unexplained", "explained")
+    assert diagnose(short, nominal).controller is None  # no command of the log answers an error of the log
 
 
 def test_coarse_attitude_of_a_slow_log_is_no_other_controller():

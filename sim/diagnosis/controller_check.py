@@ -13,6 +13,7 @@ import numpy as np
 
 from .controller_gaps import Seen, check_gaps
 from .controller_kind import FILTER, NONE, UNKNOWN, ControllerCheck
+from .controller_numbers import lowest
 from .record import THETA, Record, controller_gains, later, recomputed
 
 EXACT = 2.0e-5          # rad rms: what rounding in a log's digits may make of an exact command
@@ -142,8 +143,6 @@ def _filter(record: Record, logged: np.ndarray, fair: np.ndarray) -> ControllerC
     tries = [best_with(float(tau), FILTER_LAGS) for tau in taus]
     k = int(np.argmin([check.after for check in tries]))
     lag = (tries[k].delay / _period(record),)
-    low, high = taus[max(k - 1, 0)], taus[min(k + 1, len(taus) - 1)]
-    for _ in range(GOLDEN):
-        left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        low, high = (low, right) if best_with(left, lag).after < best_with(right, lag).after else (left, high)
-    return best_with(float(0.5 * (low + high)), lag)
+    tau = lowest(lambda tau: best_with(tau, lag).after, float(taus[max(k - 1, 0)]),
+                 float(taus[min(k + 1, len(taus) - 1)]), GOLDEN)
+    return best_with(tau, lag)

@@ -5,7 +5,7 @@ With alpha = tau/(tau + T) and m ticks a row the commands of two rows obey
     c(k+1) - alpha^m c(k) = kp (e(k+1) - alpha^m e(k)) + kd sum alpha^(m-j) (e(j) - e(j-1))/(tau + T),
 
 which is linear in the gains (`Gaps`).  What a predicted error is wrong by shows in part at the next row, so that row's
-innovations and their means stand beside the gains (without them these come out 2 % off, more with a wrong sensor).
+innovations and their means stand beside the gains (without them these are biased, most with a wrong sensor).
 What is left is the noise of the attitudes that the log does not have: white, and no larger than the sensor's makes it.
 
 Where computing takes an odd number of periods and the log has every other tick, the errors that the logged commands
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .controller_kind import NONE, UNKNOWN, ControllerCheck
-from .controller_numbers import NEUTRAL, TOLD_APART, newton, simplest
+from .controller_numbers import NEUTRAL, TOLD_APART, lowest, newton, simplest
 from .fill import errors_seen, on_board, run_backwards, shifted
 from .record import THETA, Record
 
@@ -30,7 +30,7 @@ NOISE = 4.0            # times what the attitude's noise between rows makes: mor
 CLEARLY = 30.0         # nats that gains and filter together must bring over either
 GAINS = ((0,), (1,), (0, 1))    # which may be free
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
-COLOURED = 0.3         # correlation from gap to gap: more is no noise, nor a sensor's fault (0.13)
+COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault
 FEWEST = 20            # gaps without which nothing is said
 LATEST = 3             # periods of computing time tried
 ITERATIONS = 6
@@ -127,11 +127,8 @@ class Gaps:
 
         taus = self.tau * FILTERS
         k = int(np.argmin([after(float(tau)) for tau in taus]))
-        low, high = taus[max(k - 1, 0)], taus[min(k + 1, len(taus) - 1)]
-        for _ in range(GOLDEN):
-            left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
-            low, high = (low, right) if after(float(left)) < after(float(right)) else (left, high)
-        best = self.left(float(0.5 * (low + high)), free)
+        tau = lowest(after, float(taus[max(k - 1, 0)]), float(taus[min(k + 1, len(taus) - 1)]), GOLDEN)
+        best = self.left(tau, free)
         return replace(best, numbers=best.numbers + 1)
 
     def rest(self, x: np.ndarray) -> np.ndarray:

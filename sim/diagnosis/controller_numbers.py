@@ -19,6 +19,14 @@ FILTER = 2             # which of the numbers is the filter's
 Residual = Callable[[np.ndarray], np.ndarray]
 
 
+def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
+    """Where a cost with one minimum between low and high is least, by golden section."""
+    for _ in range(steps):
+        left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        low, high = (low, right) if cost(left) < cost(right) else (left, high)
+    return 0.5 * (low + high)
+
+
 def newton(residual: Residual, x: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """(x (3,) where 1/2 |residual|^2 is least, its information (3, 3))."""
     information = np.zeros((3, 3))

@@ -22,9 +22,9 @@ from .noise import Filter
 from .record import BETA, Record
 
 ITERATIONS = 3
-CONFIRMED = 300.0      # nats that the nozzle must have for another controller: 5 % makes 3,000, a slow servo 93
+CONFIRMED = 300.0      # nats that the nozzle must have for another controller: it sees every command's answer
 UNCONFIRMED = 150.0    # nats of the gaps that do without a nozzle sensor
-CLEARLY = 8.0          # nats that gains and filter together must bring: here they are told apart (by 90 and more)
+CLEARLY = 8.0          # nats that gains and filter together must bring: here they are told apart
 
 
 def refined(record: Record, seen: Seen, found: ControllerCheck, of: Filter) -> tuple[ControllerCheck, Controller]:

@@ -263,7 +263,7 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     def value(x: np.ndarray) -> float:
         return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / PRIOR)**2))
 
-    x = np.clip(np.log(start / reference), np.log(SMALLEST), np.log(LARGEST))
+    x = np.log(np.clip(start / reference, SMALLEST, LARGEST))
     best, curvature = value(x), np.zeros(5)
     for iteration in range(ITERATIONS):
         step, promised, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
