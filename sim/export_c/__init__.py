@@ -1,0 +1,1 @@
+"""The estimator in C, for a flight computer."""

@@ -1,0 +1,218 @@
+"""Expressions of a kernel in C: the same operations in the same order, so the same bits.
+
+Nothing is contracted or reordered (compile with -ffp-contract=off); `min` and `max` keep Python's answer to a NaN,
+`%` and `//` its sign.
+"""
+
+import ast
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .inference import TESTS, Inference, indices, of_module
+from .kinds import DIMENSIONS, FLOAT, Array, Several, Untranslatable, literal
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
+SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
+COMPARISONS = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+CONSTANTS = {"inf": "INFINITY", "nan": "NAN"}
+FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "erfc", "floor", "copysign")
+TAKEN = {"double", "int", "auto", "register", "long", "short", "signed", "default", "case", "y0", "y1", "yn", "j0",
+         "j1", "jn", "gamma", "index", "time", "static", "const"}   # names that C has given away
+Code = tuple[str, int]
+
+
+def word(name: str) -> str:
+    """A Python name in C."""
+    return f"{name}_" if name in TAKEN else name
+
+
+class Expressions:
+    """Of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
+
+    def __init__(self, unit: "Unit", kinds: Inference, module: str, arrays: Sequence[str]) -> None:
+        self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
+
+    def __call__(self, node: ast.expr, tightness: int = 0) -> str:
+        """C of an expression, in brackets if it binds less tightly."""
+        writer: Callable[[Any], Code] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if writer is None:
+            raise Untranslatable(f"no C for {ast.unparse(node)}")
+        code, binds = writer(node)
+        return f"({code})" if binds < tightness else code
+
+    def list(self, nodes: Sequence[ast.expr]) -> str:
+        """Separated by commas."""
+        return ", ".join(self(node) for node in nodes)
+
+    def _constant(self, node: ast.Constant) -> Code:
+        return literal(node.value), ATOM
+
+    def _name(self, node: ast.Name) -> Code:
+        if node.id in self.kinds.names:
+            return word(node.id), ATOM
+        return self.unit.constant(self.module, node.id, self.kinds.globals[node.id]), ATOM
+
+    def _attribute(self, node: ast.Attribute) -> Code:
+        if of_module(node):
+            return CONSTANTS[node.attr], ATOM
+        return f"{self(node.value, ATOM)}.{node.attr}", ATOM
+
+    def _tuple(self, node: ast.Tuple) -> Code:
+        return f"({self.unit.c(self.kinds.of(node))}){{{self.list(node.elts)}}}", ATOM
+
+    def _binop(self, node: ast.BinOp) -> Code:
+        left, right = self.kinds.of(node.left), self.kinds.of(node.right)
+        if isinstance(node.op, (ast.Mod, ast.FloorDiv)):
+            if FLOAT in (left, right):
+                raise Untranslatable(f"{ast.unparse(node)}: expected integers")
+            name = "modulo" if isinstance(node.op, ast.Mod) else "quotient"
+            return f"{name}({self.list([node.left, node.right])})", ATOM
+        symbol, tightness = SYMBOLS[type(node.op)]
+        a, b = self(node.left, tightness), self(node.right, tightness + 1)
+        if isinstance(node.op, ast.Div):
+            a = a if left == FLOAT else f"(double){self(node.left, UNARY)}"
+            b = b if right == FLOAT else f"(double){self(node.right, UNARY)}"
+        return f"{a} {symbol} {b}", tightness
+
+    def _unaryop(self, node: ast.UnaryOp) -> Code:
+        return ("!" if isinstance(node.op, ast.Not) else "-") + self(node.operand, UNARY + 1), UNARY
+
+    def _compare(self, node: ast.Compare) -> Code:
+        if isinstance(node.ops[0], ast.In):
+            among = node.comparators[0]
+            assert isinstance(among, ast.Tuple)
+            left = self(node.left, EQUALITY + 1)
+            return " || ".join(f"{left} == {self(each, EQUALITY + 1)}" for each in among.elts), OR
+        parts, left_node = [], node.left
+        for op, right_node in zip(node.ops, node.comparators, strict=True):
+            symbol = COMPARISONS[type(op)]
+            tightness = (EQUALITY if symbol in ("==", "!=") else ORDER) + 1
+            parts.append(f"{self(left_node, tightness)} {symbol} {self(right_node, tightness)}")
+            left_node = right_node
+        return " && ".join(parts), EQUALITY if len(parts) == 1 else AND
+
+    def _boolop(self, node: ast.BoolOp) -> Code:
+        symbol, tightness = ("&&", AND) if isinstance(node.op, ast.And) else ("||", OR)
+        return f" {symbol} ".join(self(each, tightness + 1) for each in node.values), tightness
+
+    def _ifexp(self, node: ast.IfExp) -> Code:
+        return f"{self(node.test, OR)} ? {self(node.body, OR)} : {self(node.orelse, OR)}", CHOICE
+
+    # ---- arrays
+
+    def _subscript(self, node: ast.Subscript) -> Code:
+        kind, at = self.kinds.of(node.value), indices(node)
+        if isinstance(kind, Several):
+            return self._of_several(node.value, at[0]), ATOM
+        assert isinstance(kind, Array)
+        base = self(node.value, ATOM)
+        if any(isinstance(each, ast.Slice) for each in at):
+            return self.piece(node), ATOM
+        if len(at) == kind.dimensions:
+            return f"{base}.p[{self.offset(node)}]", ATOM
+        rest = Array(kind.element, kind.dimensions - len(at))
+        extents = DIMENSIONS[len(at):kind.dimensions]
+        inner = " * ".join(f"{base}.{d}" for d in extents)
+        shape = ", ".join(f"{base}.{d}" for d in extents)
+        return f"({rest.c}){{{base}.p + {self._bracketed(self.offset(node))} * {inner}, {shape}}}", ATOM
+
+    def _of_several(self, value: ast.expr, at: ast.expr) -> str:
+        if isinstance(value, ast.Attribute) and value.attr == "shape":
+            assert isinstance(at, ast.Constant)
+            return f"{self(value.value, ATOM)}.{DIMENSIONS[at.value]}"
+        if isinstance(value, ast.Name) and value.id in self.arrays:
+            return f"{word(value.id)}[{self(at)}]"
+        if isinstance(value, ast.Name) and value.id not in self.kinds.names:
+            return f"{self(value)}.p[{self(at)}]"
+        assert isinstance(at, ast.Constant)
+        return f"{self(value, ATOM)}.v{at.value}"
+
+    @staticmethod
+    def _bracketed(code: str) -> str:
+        return code if code.replace("_", "").isalnum() else f"({code})"
+
+    def offset(self, node: ast.Subscript) -> str:
+        """Of an element, or of a row or layer in rows or layers, from the array's begin."""
+        base, code = self(node.value, ATOM), ""
+        for dimension, each in enumerate(indices(node)):
+            one = self._place(each, base, dimension)
+            code = f"{self._bracketed(code)} * {base}.{DIMENSIONS[dimension]} + {one}" if code else one
+        return code
+
+    def _place(self, at: ast.expr, base: str, dimension: int) -> str:
+        """An index; one that is written negative counts from the end."""
+        if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub) and isinstance(at.operand, ast.Constant):
+            return f"{base}.{DIMENSIONS[dimension]} - {at.operand.value}"
+        return self(at, SUM)
+
+    def piece(self, node: ast.Subscript) -> str:
+        """A part of a vector."""
+        kind = self.kinds.of(node)
+        assert isinstance(kind, Array)
+        begin, length = self._ends(node)
+        return f"({kind.c}){{{begin}, {length}}}"
+
+    def _ends(self, node: ast.Subscript) -> tuple[str, str]:
+        """Where a part of a vector begins, and how long it is."""
+        at, base = indices(node), self(node.value, ATOM)
+        if len(at) != 1 or not isinstance(at[0], ast.Slice) or at[0].step is not None:
+            raise Untranslatable(f"{ast.unparse(node)}: expected a part of a vector")
+        low, high = at[0].lower, at[0].upper
+        end = f"{base}.n" if high is None else self(high, SUM)
+        if low is None:
+            return f"{base}.p", end
+        if isinstance(high, ast.BinOp) and isinstance(high.op, ast.Add) and ast.dump(high.left) == ast.dump(low):
+            return f"{base}.p + {self(low, SUM)}", self(high.right)
+        return f"{base}.p + {self(low, SUM)}", f"{end} - {self(low, PRODUCT)}"
+
+    # ---- calls
+
+    def _call(self, node: ast.Call) -> Code:
+        name = ast.unparse(node.func)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            return self._reshaped(node, node.func.value), ATOM
+        if name in TESTS:
+            return f"{name.removeprefix('np.')}({self.list(node.args)})", ATOM
+        if isinstance(node.func, ast.Attribute) and of_module(node.func):
+            if node.func.attr not in FUNCTIONS:
+                raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
+            return f"{node.func.attr}({self.list(node.args)})", ATOM
+        if name in ("int", "float"):
+            return self._cast(node, "int64_t" if name == "int" else "double")
+        if name == "len":
+            return self._length(node.args[0]), ATOM
+        if name in ("abs", "min", "max"):
+            return self._extreme(name, node), ATOM
+        called, kinds = self.kinds.globals[name], [self.kinds.of(each) for each in node.args]
+        if isinstance(called, type):
+            return f"({self.unit.c(self.kinds.of(node))}){{{self.list(node.args)}}}", ATOM
+        return f"{self.unit.kernel(called, kinds).name}({self.list(node.args)})", ATOM
+
+    def _cast(self, node: ast.Call, c: str) -> Code:
+        argument = node.args[0]
+        if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
+            return literal(float(argument.value)), ATOM
+        return f"({c}){self(argument, UNARY)}", UNARY
+
+    def _length(self, node: ast.expr) -> str:
+        if isinstance(node, ast.Name) and node.id not in self.kinds.names:
+            return literal(len(self.kinds.globals[node.id]))
+        return f"{self(node, ATOM)}.n"
+
+    def _extreme(self, name: str, node: ast.Call) -> str:
+        of = "double" if self.kinds.of(node) == FLOAT else "integer"
+        if name == "abs":
+            return f"{'fabs' if of == 'double' else 'llabs'}({self(node.args[0])})"
+        code = self(node.args[0])
+        for each in node.args[1:]:
+            code = f"{name}_{of}({code}, {self(each)})"
+        return code
+
+    def _reshaped(self, node: ast.Call, inner: ast.expr) -> str:
+        kind, shape = self.kinds.of(node), node.args[0]
+        assert isinstance(kind, Array) and isinstance(shape, ast.Tuple)
+        begin = self._ends(inner)[0] if isinstance(inner, ast.Subscript) else f"{self(inner, ATOM)}.p"
+        return f"({kind.c}){{{begin}, {self.list(shape.elts)}}}"

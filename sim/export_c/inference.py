@@ -1,0 +1,181 @@
+"""Kinds of a kernel's names and expressions, from those of its arguments: what numba infers, where it matters."""
+
+import ast
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .kinds import FLOAT, INTEGER, NOTHING, TRUTH, Array, Kind, Several, Struct, Untranslatable, join, kind_of
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
+TESTS = ("np.isfinite", "np.isnan", "np.isinf")
+MODULES = ("np", "math")
+
+
+def of_module(node: ast.expr) -> bool:
+    """Whether an expression is an attribute of numpy or math."""
+    return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in MODULES
+
+
+def indices(node: ast.Subscript) -> list[ast.expr]:
+    """What stands between the brackets."""
+    return list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
+
+
+class Inference:
+    """Kinds in one kernel for one choice of its arguments."""
+
+    def __init__(self, unit: "Unit", tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind]) -> None:
+        self.unit, self.globals = unit, around
+        names = [argument.arg for argument in tree.args.args]
+        self.names: dict[str, Kind] = dict(zip(names, kinds, strict=True))
+        self.result: Kind | None = None
+        for _ in range(PASSES):
+            before = dict(self.names), self.result
+            for statement in tree.body:
+                self._read(statement)
+            if before == (self.names, self.result):
+                break
+        else:
+            raise Untranslatable(f"{tree.name}: the kinds of its variables do not settle")
+        self.result = self.result or NOTHING
+
+    # ---- statements
+
+    def _read(self, node: ast.stmt) -> None:
+        if isinstance(node, ast.Assign):
+            kind = self.of(node.value)
+            for target in node.targets:
+                self._bind(target, kind)
+        elif isinstance(node, ast.AugAssign):
+            kind = self.of(ast.BinOp(node.target, node.op, node.value))
+            if isinstance(node.target, ast.Name):
+                self._bind(node.target, kind)
+        elif isinstance(node, ast.Return):
+            kind = NOTHING if node.value is None else self.of(node.value)
+            self.result = join(self.result, kind)
+        elif isinstance(node, ast.Expr):
+            if not isinstance(node.value, ast.Constant):
+                self.of(node.value)
+        elif isinstance(node, (ast.For, ast.If)):
+            self._read_block(node)
+        elif not isinstance(node, (ast.Break, ast.Continue, ast.Pass)):
+            raise Untranslatable(f"line {node.lineno}: no C for {type(node).__name__}")
+
+    def _read_block(self, node: ast.For | ast.If) -> None:
+        if isinstance(node, ast.If):
+            self.of(node.test)
+        else:
+            if not (isinstance(node.iter, ast.Call) and ast.unparse(node.iter.func) == "range") or node.orelse:
+                raise Untranslatable(f"line {node.lineno}: a loop over {ast.unparse(node.iter)}: expected range(...)")
+            for argument in node.iter.args:
+                self.of(argument)
+            self._bind(node.target, INTEGER)
+        for statement in (*node.body, *node.orelse):
+            self._read(statement)
+
+    def _bind(self, target: ast.expr, kind: Kind) -> None:
+        if isinstance(target, ast.Name):
+            joined = join(self.names.get(target.id), kind)
+            assert joined is not None
+            self.names[target.id] = joined
+        elif isinstance(target, ast.Tuple):
+            if not isinstance(kind, Several):
+                raise Untranslatable(f"line {target.lineno}: {ast.unparse(target)} from one value")
+            for each, part in zip(target.elts, kind.kinds, strict=True):
+                self._bind(each, part)
+
+    # ---- expressions
+
+    def of(self, node: ast.expr) -> Kind:
+        """The kind of an expression."""
+        reader: Callable[[Any], Kind] | None = getattr(self, f"_of_{type(node).__name__.lower()}", None)
+        if reader is None:
+            raise Untranslatable(f"no C for {ast.unparse(node)}")
+        return reader(node)
+
+    def _of_constant(self, node: ast.Constant) -> Kind:
+        return kind_of(node.value)
+
+    def _of_name(self, node: ast.Name) -> Kind:
+        return self.names[node.id] if node.id in self.names else kind_of(self.globals[node.id])
+
+    def _of_attribute(self, node: ast.Attribute) -> Kind:
+        if of_module(node):
+            return FLOAT
+        kind = self.of(node.value)
+        if isinstance(kind, Array) and node.attr == "shape":
+            return Several((INTEGER,) * kind.dimensions)
+        if not isinstance(kind, Struct):
+            raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} has no fields")
+        return kind.field(node.attr)
+
+    def _of_tuple(self, node: ast.Tuple) -> Kind:
+        return Several(tuple(self.of(each) for each in node.elts))
+
+    def _of_binop(self, node: ast.BinOp) -> Kind:
+        both = join(self.of(node.left), self.of(node.right))
+        if isinstance(node.op, ast.Div):
+            return FLOAT
+        assert both is not None
+        return INTEGER if both == TRUTH else both
+
+    def _of_unaryop(self, node: ast.UnaryOp) -> Kind:
+        kind = self.of(node.operand)
+        return TRUTH if isinstance(node.op, ast.Not) else INTEGER if kind == TRUTH else kind
+
+    def _of_compare(self, node: ast.Compare) -> Kind:
+        for each in (node.left, *node.comparators):
+            self.of(each)
+        return TRUTH
+
+    def _of_boolop(self, node: ast.BoolOp) -> Kind:
+        if any(self.of(each) not in (TRUTH, INTEGER) for each in node.values):
+            raise Untranslatable(f"{ast.unparse(node)}: expected truth values or counts")
+        return TRUTH
+
+    def _of_ifexp(self, node: ast.IfExp) -> Kind:
+        self.of(node.test)
+        kind = join(self.of(node.body), self.of(node.orelse))
+        assert kind is not None
+        return kind
+
+    def _of_subscript(self, node: ast.Subscript) -> Kind:
+        kind, at = self.of(node.value), indices(node)
+        if isinstance(kind, Several):
+            return kind.kinds[at[0].value] if isinstance(at[0], ast.Constant) else kind.kinds[0]
+        if not isinstance(kind, Array):
+            raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} is no array")
+        for each in at:
+            if not isinstance(each, ast.Slice):
+                self.of(each)
+        kept = kind.dimensions - sum(not isinstance(each, ast.Slice) for each in at)
+        return Array(kind.element, kept) if kept else kind.element
+
+    def _of_call(self, node: ast.Call) -> Kind:
+        name = ast.unparse(node.func)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            kind, shape = self.of(node.func.value), node.args[0]
+            assert isinstance(kind, Array) and isinstance(shape, ast.Tuple)
+            return Array(kind.element, len(shape.elts))
+        if name in TESTS:
+            return TRUTH
+        if of_module(node.func) or name == "float":
+            return FLOAT
+        if name in ("int", "len"):
+            return INTEGER
+        kinds = tuple(self.of(argument) for argument in node.args)
+        if name in ("min", "max", "abs"):
+            joined: Kind | None = None
+            for kind in kinds:
+                joined = join(joined, kind)
+            assert joined is not None
+            return joined
+        called = self.globals[name]
+        if isinstance(called, type):
+            return Struct(called, kinds)
+        result = self.unit.kernel(called, kinds).kinds.result
+        assert result is not None
+        return result

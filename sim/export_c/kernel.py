@@ -1,0 +1,230 @@
+"""One kernel in C: a static function of the same name, its docstring above it."""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .expressions import ATOM, SYMBOLS, UNARY, Expressions, word
+from .inference import Inference, indices
+from .kinds import DIMENSIONS, FLOAT, Array, Kind, Scalar, Several, Untranslatable
+from .scopes import first_assignments
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+INDENT = "    "
+UNUSED = "_"
+
+
+def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
+    """Names that these statements store or load."""
+    return {each.id for node in nodes for each in ast.walk(node)
+            if isinstance(each, ast.Name) and isinstance(each.ctx, context)}
+
+
+class Kernel:
+    """A kernel for one choice of its arguments' kinds."""
+
+    def __init__(self, unit: "Unit", function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
+        self.unit, self.name, self.module = unit, name, function.__module__
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        self.tree, self.around, self.arguments = tree, function.__globals__, arguments
+        self.lines: list[str] = []
+        self.temporaries = 0
+
+    def translate(self) -> None:
+        """Fill the function's lines; kernels that it calls are translated before."""
+        try:
+            self.kinds = Inference(self.unit, self.tree, self.around, self.arguments)
+            self.local_arrays = self._local_arrays()
+            self.first = first_assignments(self.tree)
+            self.c = Expressions(self.unit, self.kinds, self.module, self.local_arrays)
+            self._block(self.tree.body, 1)
+        except Untranslatable as error:
+            text = str(error)
+            raise Untranslatable(text if text.startswith("kernel ") else
+                                 f"kernel {self.module}.{self.tree.name}: {text}") from None
+
+    def source(self) -> str:
+        """The whole function."""
+        about = ast.get_docstring(self.tree)
+        comment = f"/* {about} */\n".replace("\n", "\n   ").rstrip(" ") if about else ""
+        names = [argument.arg for argument in self.tree.args.args]
+        arguments = ", ".join(f"{self.unit.c(kind)} {word(name)}"
+                              for name, kind in zip(names, self.arguments, strict=True)) or "void"
+        result = self.kinds.result
+        assert result is not None
+        used = _names(self.tree.body, ast.Load) | _names(self.tree.body, ast.Store)
+        unused = [f"{INDENT}(void){word(name)};" for name in names if name not in used]
+        body = "\n".join([*self._declarations(names), *unused, *self.lines])
+        return f"{comment}static {self.unit.c(result)} {self.name}({arguments})\n{{\n{body}\n}}\n"
+
+    # ---- variables
+
+    def _local_arrays(self) -> tuple[str, ...]:
+        """Local tuples that are indexed by a variable."""
+        return tuple({node.value.id for node in ast.walk(self.tree) if isinstance(node, ast.Subscript)
+                      and isinstance(node.value, ast.Name) and not isinstance(node.slice, ast.Constant)
+                      and isinstance(self.kinds.names.get(node.value.id), Several)})
+
+    def _counters(self) -> set[str]:
+        """Loop variables that nothing else stores."""
+        loops = [node.target for node in ast.walk(self.tree) if isinstance(node, ast.For)]
+        others = {node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name)
+                  and isinstance(node.ctx, ast.Store) and not any(node is loop for loop in loops)}
+        return {loop.id for loop in loops if isinstance(loop, ast.Name)} - others
+
+    def _declarations(self, arguments: list[str]) -> list[str]:
+        """Of local variables that no assignment can declare, one line a type."""
+        declared = set().union(*self.first.values()) if self.first else set()
+        left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, UNUSED}
+        by_type: dict[str, list[str]] = {}
+        for name, kind in self.kinds.names.items():
+            if name not in left_out:
+                zero = "0" if kind == FLOAT or isinstance(kind, Scalar) else "{0}"
+                by_type.setdefault(self.unit.c(kind), []).append(f"{word(name)} = {zero}")
+        return [f"{INDENT}{c} {', '.join(names)};" for c, names in by_type.items()]
+
+    def _target(self, target: ast.expr, of: ast.Assign) -> str:
+        """The left side of an assignment, which declares a variable where it can."""
+        if isinstance(target, ast.Name) and target.id in self.first.get(id(of), ()):
+            return f"{self.unit.c(self.kinds.names[target.id])} {word(target.id)}"
+        return self.c(target)
+
+    def _temporary(self, name: str) -> str:
+        self.temporaries += 1
+        return f"{name}{self.temporaries}"
+
+    # ---- statements
+
+    def _line(self, depth: int, text: str) -> None:
+        self.lines.append(INDENT * depth + text)
+
+    def _block(self, body: list[ast.stmt], depth: int) -> None:
+        for node in body:
+            writer: Callable[[Any, int], None] = getattr(self, f"_{type(node).__name__.lower()}")
+            writer(node, depth)
+
+    def _pass(self, node: ast.Pass, depth: int) -> None:
+        self._line(depth, ";")
+
+    def _break(self, node: ast.Break, depth: int) -> None:
+        self._line(depth, "break;")
+
+    def _continue(self, node: ast.Continue, depth: int) -> None:
+        self._line(depth, "continue;")
+
+    def _expr(self, node: ast.Expr, depth: int) -> None:
+        if not isinstance(node.value, ast.Constant):
+            self._line(depth, f"{self.c(node.value)};")
+
+    def _return(self, node: ast.Return, depth: int) -> None:
+        self._line(depth, "return;" if node.value is None else f"return {self.c(node.value)};")
+
+    def _if(self, node: ast.If, depth: int) -> None:
+        self._line(depth, f"if ({self.c(node.test)}) {{")
+        self._block(node.body, depth + 1)
+        rest = node.orelse
+        while len(rest) == 1 and isinstance(rest[0], ast.If):
+            self._line(depth, f"}} else if ({self.c(rest[0].test)}) {{")
+            self._block(rest[0].body, depth + 1)
+            rest = rest[0].orelse
+        if rest:
+            self._line(depth, "} else {")
+            self._block(rest, depth + 1)
+        self._line(depth, "}")
+
+    def _for(self, node: ast.For, depth: int) -> None:
+        """A range, whose ends are read once."""
+        assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
+        arguments = node.iter.args
+        low = "0" if len(arguments) == 1 else self.c(arguments[0])
+        high = arguments[0] if len(arguments) == 1 else arguments[1]
+        step = ast.literal_eval(arguments[2]) if len(arguments) == 3 else 1
+        stored = _names(node.body, ast.Store)
+        if node.target.id in stored or abs(step) != 1:
+            raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
+        end = self.c(high, ATOM if step < 0 else 0)
+        if stored & _names([high], ast.Load) or any(isinstance(each, ast.Subscript) for each in ast.walk(high)):
+            end = self._temporary("end")
+            self._line(depth, f"const int64_t {end} = {self.c(high)};")
+        i = self._temporary("pass") if node.target.id == UNUSED else word(node.target.id)
+        self._line(depth, f"for (int64_t {i} = {low}; {i} {'<' if step > 0 else '>'} {end}; "
+                          f"{i}{'++' if step > 0 else '--'}) {{")
+        self._block(node.body, depth + 1)
+        self._line(depth, "}")
+
+    def _augassign(self, node: ast.AugAssign, depth: int) -> None:
+        if type(node.op) not in SYMBOLS:
+            raise Untranslatable(f"{ast.unparse(node)}: expected +=, -=, *= or /=")
+        whole = isinstance(node.op, ast.Div) and self.kinds.of(node.value) != FLOAT
+        value = f"(double){self.c(node.value, UNARY)}" if whole else self.c(node.value)
+        self._line(depth, f"{self.c(node.target)} {SYMBOLS[type(node.op)][0]}= {value};")
+
+    def _assign(self, node: ast.Assign, depth: int) -> None:
+        for target in node.targets:
+            if isinstance(target, ast.Tuple):
+                self._unpack(target, node, depth)
+            elif isinstance(target, ast.Subscript) and any(isinstance(at, ast.Slice) for at in indices(target)):
+                self._fill(target, node.value, depth)
+            elif isinstance(target, ast.Name) and target.id in self.local_arrays:
+                self._list(target, node.value, depth)
+            else:
+                self._line(depth, f"{self._target(target, node)} = {self.c(node.value)};")
+
+    def _list(self, target: ast.Name, value: ast.expr, depth: int) -> None:
+        """A local tuple as an array."""
+        kind = self.kinds.names[target.id]
+        if not isinstance(value, ast.Tuple) or not isinstance(kind, Several) or len(set(kind.kinds)) != 1:
+            raise Untranslatable(f"{target.id}: expected a tuple of one kind where a variable indexes it")
+        self._line(depth, f"const {self.unit.c(kind.kinds[0])} {word(target.id)}[] = {{{self.c.list(value.elts)}}};")
+
+    def _unpack(self, target: ast.Tuple, node: ast.Assign, depth: int) -> None:
+        """a, b = c, d: all of the right side before any of the left."""
+        value = node.value
+        if isinstance(value, ast.Attribute) and value.attr == "shape":
+            base = self.c(value.value, ATOM)
+            parts = [f"{base}.{d}" for d in DIMENSIONS[:len(target.elts)]]
+        elif isinstance(value, ast.Tuple):
+            parts = self._at_once(target, value, depth)
+        else:
+            name = self._temporary("result")
+            self._line(depth, f"const {self.unit.c(self.kinds.of(value))} {name} = {self.c(value)};")
+            parts = [f"{name}.v{k}" for k in range(len(target.elts))]
+        for each, part in zip(target.elts, parts, strict=True):
+            if not (isinstance(each, ast.Name) and each.id == UNUSED):
+                self._line(depth, f"{self._target(each, node)} = {part};")
+
+    def _at_once(self, target: ast.Tuple, value: ast.Tuple, depth: int) -> list[str]:
+        """The values of a tuple, in temporaries unless storing cannot change them."""
+        plain = all(isinstance(each, ast.Name) for each in target.elts)
+        if plain and not _names(target.elts, ast.Store) & _names(value.elts, ast.Load):
+            return [self.c(each) for each in value.elts]
+        names = []
+        for each in value.elts:
+            names.append(self._temporary("value"))
+            self._line(depth, f"const {self.unit.c(self.kinds.of(each))} {names[-1]} = {self.c(each)};")
+        return names
+
+    def _fill(self, target: ast.Subscript, value: ast.expr, depth: int) -> None:
+        """a[i, :] = x: all numbers of an array, or of its row or layer."""
+        lead = [at for at in indices(target) if not isinstance(at, ast.Slice)]
+        if any(isinstance(at, ast.Slice) and (at.lower or at.upper or at.step) for at in indices(target)):
+            raise Untranslatable(f"{ast.unparse(target)} = ...: expected [:]")
+        whole = ast.Subscript(target.value, ast.Tuple(lead, ast.Load()), ast.Load()) if lead else target.value
+        kind, of = self.kinds.of(whole), self.kinds.of(value)
+        assert isinstance(kind, Array)
+        to, at = self._temporary("to"), self._temporary("at")
+        self._line(depth, f"const {kind.c} {to} = {self.c(whole)};")
+        source = self.c(value)
+        if isinstance(of, Array):
+            source = self._temporary("from")
+            self._line(depth, f"const {of.c} {source} = {self.c(value)};")
+            source = f"{source}.p[{at}]"
+        count = " * ".join(f"{to}.{d}" for d in DIMENSIONS[:kind.dimensions])
+        self._line(depth, f"for (int64_t {at} = 0; {at} < {count}; {at}++) {{")
+        self._line(depth + 1, f"{to}.p[{at}] = {source};")
+        self._line(depth, "}")

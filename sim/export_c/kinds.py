@@ -1,0 +1,114 @@
+"""What a value of a kernel may be, and its C type.
+
+A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
+struct) and, as results, plain tuples.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number or a truth value, by its C type."""
+
+    c: str
+
+
+FLOAT, INTEGER, TRUTH, NOTHING = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
+DIMENSIONS = "nmk"     # how the C structs call the extents of an array
+ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
+NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
+         TRUTH: ("Truths", "TruthMatrix", "TruthCube")}
+
+
+@dataclass(frozen=True)
+class Array:
+    """A contiguous array."""
+
+    element: Scalar
+    dimensions: int
+
+    @property
+    def c(self) -> str:
+        return NAMES[self.element][self.dimensions - 1]
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A named tuple."""
+
+    of: type
+    kinds: "tuple[Kind, ...]"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        return self.of._fields  # type: ignore[attr-defined, no-any-return]
+
+    def field(self, name: str) -> "Kind":
+        return self.kinds[self.fields.index(name)]
+
+
+@dataclass(frozen=True)
+class Several:
+    """A plain tuple."""
+
+    kinds: "tuple[Kind, ...]"
+
+
+Kind = Scalar | Array | Struct | Several
+
+
+class Untranslatable(UsageError):
+    """A construct of a kernel that C has no word for here."""
+
+
+def kind_of(value: Any) -> Kind:
+    """Of a Python value."""
+    if isinstance(value, (bool, np.bool_)):
+        return TRUTH
+    if isinstance(value, (int, np.integer)):
+        return INTEGER
+    if isinstance(value, (float, np.floating)):
+        return FLOAT
+    if isinstance(value, np.ndarray) and value.dtype.kind in ELEMENTS and value.ndim <= len(DIMENSIONS):
+        return Array(ELEMENTS[value.dtype.kind], value.ndim)
+    if isinstance(value, tuple):
+        kinds = tuple(kind_of(each) for each in value)
+        return Struct(type(value), kinds) if hasattr(value, "_fields") else Several(kinds)
+    raise Untranslatable(f"a {type(value).__name__} in a kernel: expected a number, an array or a tuple of these")
+
+
+def join(a: Kind | None, b: Kind | None) -> Kind | None:
+    """What holds both, as numba unifies them."""
+    if a is None or b is None or a == b:
+        return b if a is None else a
+    if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):
+        return FLOAT if FLOAT in (a, b) else INTEGER
+    if isinstance(a, Several) and isinstance(b, Several) and len(a.kinds) == len(b.kinds):
+        return Several(tuple(_must(join(x, y)) for x, y in zip(a.kinds, b.kinds, strict=True)))
+    raise Untranslatable(f"a variable that is {a} here and {b} there")
+
+
+def _must(kind: Kind | None) -> Kind:
+    assert kind is not None
+    return kind
+
+
+def literal(value: Any) -> str:
+    """A number as C writes it: the same bits."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value)) if abs(int(value)) < 2**31 else f"INT64_C({int(value)})"
+    number = float(value)
+    if math.isnan(number):
+        return "NAN"
+    if math.isinf(number):
+        return "INFINITY" if number > 0 else "-INFINITY"
+    return repr(number)

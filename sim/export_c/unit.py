@@ -1,0 +1,95 @@
+"""A C file being made: its structs, constants and functions, each after what it needs."""
+
+import ast
+import inspect
+import sys
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from .kernel import Kernel
+from .kinds import Array, Kind, Scalar, Struct, kind_of, literal
+
+PACKAGE = "launchid_core"
+
+
+class Unit:
+    """Kernels are translated when they are asked for, once for each kinds of arguments."""
+
+    def __init__(self) -> None:
+        self.kernels: dict[tuple[Callable[..., Any], tuple[Kind, ...]], Kernel] = {}
+        self.order: list[Kernel] = []
+        self.structs: dict[Kind, str] = {}
+        self.declarations: list[str] = []
+        self.constants: dict[str, str] = {}
+        self.named: dict[str, int] = {}
+
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Kernel:
+        """The translation of a kernel for arguments of these kinds."""
+        function = getattr(dispatcher, "py_func", dispatcher)
+        key = function, tuple(kinds)
+        if key not in self.kernels:
+            count = self.named.get(function.__name__, 0) + 1
+            self.named[function.__name__] = count
+            name = function.__name__ if count == 1 else f"{function.__name__}_{count}"
+            self.kernels[key] = made = Kernel(self, function, key[1], name)
+            made.translate()
+            self.order.append(made)
+        return self.kernels[key]
+
+    def c(self, kind: Kind) -> str:
+        """The C type of a kind; a struct is declared when first met."""
+        if isinstance(kind, (Scalar, Array)):
+            return kind.c
+        if kind not in self.structs:
+            fields = kind.fields if isinstance(kind, Struct) else [f"v{k}" for k in range(len(kind.kinds))]
+            body = "".join(f"    {self.c(each)} {name};\n" for name, each in zip(fields, kind.kinds, strict=True))
+            name = kind.of.__name__ if isinstance(kind, Struct) else f"Results{len(self.structs)}"
+            self.structs[kind] = name
+            about = (inspect.getdoc(kind.of) or "").split("\n")[0] if isinstance(kind, Struct) else ""
+            self.declarations.append(("/* " + about + " */\n" if about else "")
+                                     + f"typedef struct {{\n{body}}} {name};\n")
+        return self.structs[kind]
+
+    def constant(self, module: str, name: str, value: Any) -> str:
+        """The C name of a module's constant, MODULE_NAME."""
+        home = defined_in(module, name)
+        label = f"{home.rsplit('.', 1)[-1]}_{name}".upper()
+        if label not in self.constants:
+            self.constants[label] = _definition(label, value)
+        return label
+
+    def source(self) -> str:
+        """Constants, structs and functions."""
+        return "\n".join([*self.constants.values(), "", *self.declarations, *(made.source() for made in self.order)])
+
+
+def _definition(label: str, value: Any) -> str:
+    """Of a constant: a macro, or an array."""
+    if not isinstance(value, (np.ndarray, tuple)):
+        number = literal(value)
+        return f"#define {label} {f'({number})' if number.startswith('-') else number}"
+    array = np.array(value)
+    kind = kind_of(array)
+    assert isinstance(kind, Array)
+    numbers = ", ".join(literal(each) for each in array.ravel())
+    return (f"static {kind.element.c} {label}_numbers[] = {{{numbers}}};\n"
+            f"static const {kind.c} {label} = {{{label}_numbers, {', '.join(map(str, array.shape))}}};")
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(inspect.getsource(sys.modules[module]))
+
+
+@cache
+def defined_in(module: str, name: str) -> str:
+    """The module that assigns a name which this one uses, through its imports."""
+    for node in _tree(module).body:
+        if isinstance(node, ast.ImportFrom) and node.level == 1:
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    return defined_in(f"{PACKAGE}.{node.module}", alias.name)
+    return module
