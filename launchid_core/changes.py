@@ -168,7 +168,7 @@ def follow_onsets(state, pair, transition, dt, still):
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
-    reference = state.start[state.counts[NEXT] - 1]
+    reference = state.start[(state.counts[NEXT] - 1) % ONSETS]
     for back in range(state.counts[KEPT]):
         slot = (state.counts[NEXT] - 1 - back) % ONSETS
         w = math.exp(state.factor[slot, kind] - best)

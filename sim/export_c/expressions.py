@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .inference import TESTS, Inference, indices, of_module
-from .kinds import DIMENSIONS, FLOAT, Array, Several, Untranslatable, literal
+from .kinds import DIMENSIONS, FLOAT, Array, Kind, Several, Untranslatable, join, literal
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -43,6 +43,13 @@ class Expressions:
         code, binds = writer(node)
         return f"({code})" if binds < tightness else code
 
+    def turned(self, node: ast.expr, kind: Kind | None, tightness: int = 0) -> str:
+        """C of an expression that becomes a double where this kind is one."""
+        if kind == FLOAT and self.kinds.of(node) != FLOAT:
+            code = f"(double){self(node, UNARY)}"
+            return f"({code})" if tightness > UNARY else code
+        return self(node, tightness)
+
     def list(self, nodes: Sequence[ast.expr]) -> str:
         """Separated by commas."""
         return ", ".join(self(node) for node in nodes)
@@ -64,18 +71,17 @@ class Expressions:
         return f"({self.unit.c(self.kinds.of(node))}){{{self.list(node.elts)}}}", ATOM
 
     def _binop(self, node: ast.BinOp) -> Code:
-        left, right = self.kinds.of(node.left), self.kinds.of(node.right)
         if isinstance(node.op, (ast.Mod, ast.FloorDiv)):
-            if FLOAT in (left, right):
+            if self.kinds.of(node) == FLOAT:
                 raise Untranslatable(f"{ast.unparse(node)}: expected integers")
             name = "modulo" if isinstance(node.op, ast.Mod) else "quotient"
             return f"{name}({self.list([node.left, node.right])})", ATOM
+        if type(node.op) not in SYMBOLS:
+            raise Untranslatable(f"{ast.unparse(node)}: expected one of + - * / // %")
         symbol, tightness = SYMBOLS[type(node.op)]
-        a, b = self(node.left, tightness), self(node.right, tightness + 1)
-        if isinstance(node.op, ast.Div):
-            a = a if left == FLOAT else f"(double){self(node.left, UNARY)}"
-            b = b if right == FLOAT else f"(double){self(node.right, UNARY)}"
-        return f"{a} {symbol} {b}", tightness
+        kind = self.kinds.of(node)
+        left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, tightness + 1)
+        return f"{left} {symbol} {right}", tightness
 
     def _unaryop(self, node: ast.UnaryOp) -> Code:
         return ("!" if isinstance(node.op, ast.Not) else "-") + self(node.operand, UNARY + 1), UNARY
@@ -90,7 +96,9 @@ class Expressions:
         for op, right_node in zip(node.ops, node.comparators, strict=True):
             symbol = COMPARISONS[type(op)]
             tightness = (EQUALITY if symbol in ("==", "!=") else ORDER) + 1
-            parts.append(f"{self(left_node, tightness)} {symbol} {self(right_node, tightness)}")
+            kind = join(self.kinds.of(left_node), self.kinds.of(right_node))
+            left, right = (self.turned(each, kind, tightness) for each in (left_node, right_node))
+            parts.append(f"{left} {symbol} {right}")
             left_node = right_node
         return " && ".join(parts), EQUALITY if len(parts) == 1 else AND
 
@@ -99,7 +107,9 @@ class Expressions:
         return f" {symbol} ".join(self(each, tightness + 1) for each in node.values), tightness
 
     def _ifexp(self, node: ast.IfExp) -> Code:
-        return f"{self(node.test, OR)} ? {self(node.body, OR)} : {self(node.orelse, OR)}", CHOICE
+        kind = self.kinds.of(node)
+        this, that = (self.turned(each, kind, OR) for each in (node.body, node.orelse))
+        return f"{self(node.test, OR)} ? {this} : {that}", CHOICE
 
     # ---- arrays
 
@@ -203,12 +213,13 @@ class Expressions:
         return f"{self(node, ATOM)}.n"
 
     def _extreme(self, name: str, node: ast.Call) -> str:
-        of = "double" if self.kinds.of(node) == FLOAT else "integer"
+        kind = self.kinds.of(node)
+        of = "double" if kind == FLOAT else "integer"
         if name == "abs":
             return f"{'fabs' if of == 'double' else 'llabs'}({self(node.args[0])})"
-        code = self(node.args[0])
+        code = self.turned(node.args[0], kind)
         for each in node.args[1:]:
-            code = f"{name}_{of}({code}, {self(each)})"
+            code = f"{name}_{of}({code}, {self.turned(each, kind)})"
         return code
 
     def _reshaped(self, node: ast.Call, inner: ast.expr) -> str:

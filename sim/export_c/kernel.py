@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .expressions import ATOM, SYMBOLS, UNARY, Expressions, word
+from .expressions import ATOM, ORDER, SYMBOLS, Expressions, word
 from .inference import Inference, indices
 from .kinds import DIMENSIONS, FLOAT, Array, Kind, Scalar, Several, Untranslatable
 from .scopes import first_assignments
@@ -122,7 +122,14 @@ class Kernel:
             self._line(depth, f"{self.c(node.value)};")
 
     def _return(self, node: ast.Return, depth: int) -> None:
-        self._line(depth, "return;" if node.value is None else f"return {self.c(node.value)};")
+        self._line(depth, "return;" if node.value is None else f"return {self._returned(node.value)};")
+
+    def _returned(self, value: ast.expr) -> str:
+        kind = self.kinds.result
+        if isinstance(value, ast.Tuple) and isinstance(kind, Several):
+            parts = ", ".join(self.c.turned(each, of) for each, of in zip(value.elts, kind.kinds, strict=True))
+            return f"({self.unit.c(kind)}){{{parts}}}"
+        return self.c.turned(value, kind)
 
     def _if(self, node: ast.If, depth: int) -> None:
         self._line(depth, f"if ({self.c(node.test)}) {{")
@@ -147,7 +154,7 @@ class Kernel:
         stored = _names(node.body, ast.Store)
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
-        end = self.c(high, ATOM if step < 0 else 0)
+        end = self.c(high, ORDER + 1)
         if stored & _names([high], ast.Load) or any(isinstance(each, ast.Subscript) for each in ast.walk(high)):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
@@ -160,8 +167,7 @@ class Kernel:
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         if type(node.op) not in SYMBOLS:
             raise Untranslatable(f"{ast.unparse(node)}: expected +=, -=, *= or /=")
-        whole = isinstance(node.op, ast.Div) and self.kinds.of(node.value) != FLOAT
-        value = f"(double){self.c(node.value, UNARY)}" if whole else self.c(node.value)
+        value = self.c.turned(node.value, self.kinds.of(node.target))
         self._line(depth, f"{self.c(node.target)} {SYMBOLS[type(node.op)][0]}= {value};")
 
     def _assign(self, node: ast.Assign, depth: int) -> None:
@@ -173,7 +179,8 @@ class Kernel:
             elif isinstance(target, ast.Name) and target.id in self.local_arrays:
                 self._list(target, node.value, depth)
             else:
-                self._line(depth, f"{self._target(target, node)} = {self.c(node.value)};")
+                value = self.c.turned(node.value, self.kinds.of(target))
+                self._line(depth, f"{self._target(target, node)} = {value};")
 
     def _list(self, target: ast.Name, value: ast.expr, depth: int) -> None:
         """A local tuple as an array."""
@@ -202,11 +209,12 @@ class Kernel:
         """The values of a tuple, in temporaries unless storing cannot change them."""
         plain = all(isinstance(each, ast.Name) for each in target.elts)
         if plain and not _names(target.elts, ast.Store) & _names(value.elts, ast.Load):
-            return [self.c(each) for each in value.elts]
+            return [self.c.turned(each, self.kinds.of(to)) for to, each in zip(target.elts, value.elts, strict=True)]
         names = []
-        for each in value.elts:
+        for to, each in zip(target.elts, value.elts, strict=True):
+            kind = self.kinds.of(to)
             names.append(self._temporary("value"))
-            self._line(depth, f"const {self.unit.c(self.kinds.of(each))} {names[-1]} = {self.c(each)};")
+            self._line(depth, f"const {self.unit.c(kind)} {names[-1]} = {self.c.turned(each, kind)};")
         return names
 
     def _fill(self, target: ast.Subscript, value: ast.expr, depth: int) -> None:
@@ -219,7 +227,7 @@ class Kernel:
         assert isinstance(kind, Array)
         to, at = self._temporary("to"), self._temporary("at")
         self._line(depth, f"const {kind.c} {to} = {self.c(whole)};")
-        source = self.c(value)
+        source = self.c.turned(value, kind.element)
         if isinstance(of, Array):
             source = self._temporary("from")
             self._line(depth, f"const {of.c} {source} = {self.c(value)};")

@@ -75,8 +75,9 @@ def _definition(label: str, value: Any) -> str:
     kind = kind_of(array)
     assert isinstance(kind, Array)
     numbers = ", ".join(literal(each) for each in array.ravel())
-    return (f"static {kind.element.c} {label}_numbers[] = {{{numbers}}};\n"
-            f"static const {kind.c} {label} = {{{label}_numbers, {', '.join(map(str, array.shape))}}};")
+    return (f"static const {kind.element.c} {label}_numbers[] = {{{numbers}}};\n"
+            f"static const {kind.c} {label} = {{({kind.element.c} *){label}_numbers, "
+            f"{', '.join(map(str, array.shape))}}};")
 
 
 @cache

@@ -1,0 +1,288 @@
+"""The C port: the same bits as the Python estimator, whatever it is fed and however it is compiled."""
+
+import math
+import re
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
+from sim.effects import from_text
+from sim.export_c.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
+from sim.export_c.program import c_files
+from sim.export_c.unit import Unit
+from sim.flight import fly
+from sim.identify import onboard_model
+from sim.nominal import load_nominal
+from sim.uncertainty.level import ranged_model
+
+CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler here")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wno-float-conversion",
+          "-Werror", "-ffp-contract=off")
+NAN = math.nan
+
+
+def built(folder: Path, config: Config, *flags: str) -> Path:
+    """The replay program of a configuration."""
+    for name, text in c_files(config).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    program = folder / "replay"
+    subprocess.run([str(CC), *STRICT, *(flags or ("-O2",)), "replay.c", "launchid.c", "-lm", "-o", str(program)],
+                   cwd=folder, check=True)
+    return program
+
+
+def replayed(program: Path, samples: list[Sample]) -> list[str]:
+    """What the port answers."""
+    text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
+    done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout.splitlines()
+
+
+def bits(x: float) -> str:
+    """Of a double; all NaN are one."""
+    return "nan" if math.isnan(x) else struct.pack(">d", x).hex()
+
+
+def read(line: str) -> list[str]:
+    """A line of the port's: hexadecimal floats as bits, whole numbers and words as they are."""
+    return [bits(float.fromhex(word)) if re.match(r"-?(0x|nan|inf)", word) else word for word in line.split()]
+
+
+def window_words(e: Estimate) -> list[str]:
+    numbers = (e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot, e.k1_dot, e.a6_bound,
+               e.k1_bound, e.condition)
+    words = ["window", str(int(e.status)), str(e.rows), str(e.gaps), *map(bits, numbers)]
+    for value, active in zip(e.xi.ravel().tolist(), e.support.ravel().tolist(), strict=True):
+        words += [bits(value), str(int(active))]
+    tracked = e.tracked or (False, *(NAN,) * 5)
+    return [*words, str(int(tracked[0])), *(bits(x) for x in tracked[1:])]
+
+
+def level_words(e: Estimate) -> list[list[str]]:
+    if e.uncertainty is None or not e.uncertainty.valid:
+        return []
+    return [["level", name, str(BANDS.index(level.band) if level.band in BANDS else -1), str(int(level.in_range)),
+             *map(bits, (level.delta, level.delta_std, *level.probability, level.out_since))]
+            for name, level in (("a6", e.uncertainty.a6), ("k1", e.uncertainty.k1))]
+
+
+def change_words(c: Change) -> list[str]:
+    return ["change", c.parameter[0], *map(bits, (c.t, c.t_std, c.before, c.after, c.size, c.size_std, c.alarm)),
+            str(int(c.final))]
+
+
+def expected(config: Config, samples: list[Sample]) -> list[list[str]]:
+    """What the estimator answers, in the port's words."""
+    estimator, said = Estimator(config), []
+    for sample in samples:
+        status = estimator.update(sample)
+        said.append([str(int(status))])
+        if status == Status.WINDOW_COMPLETE:
+            estimate = estimator.estimate()
+            said += [window_words(estimate), *level_words(estimate)]
+    return said + [change_words(change) for change in estimator.changes()]
+
+
+def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[list[str]]:
+    """Line by line; returns them."""
+    wanted, got = expected(config, samples), [read(line) for line in replayed(program, samples)]
+    for number, (ours, theirs) in enumerate(zip(wanted, got, strict=True)):
+        assert ours == theirs, f"line {number}"
+    return wanted
+
+
+def filtered(name: str = "constant", ranged: bool = False, **choices) -> Config:
+    nominal = load_nominal(name)
+    model = ranged_model(nominal) if ranged else onboard_model(nominal)
+    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": "filtered", "model": model} | choices)
+
+
+def regression(formulation: str, **choices) -> Config:
+    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
+                  | choices)
+
+
+CONFIGS = {
+    "filtered": filtered(window=5.0),
+    "filtered-vega": filtered("vega_like"),
+    "filtered-range": filtered(ranged=True),
+    "filtered-vega-range": filtered("vega_like", True, window=5.0),
+    "filtered-terms": filtered(library="quadratic", window=5.0),
+    "filtered-declared": filtered(noise="declared"),
+    "measured-stls": regression("measured", compression=3),
+    "difference-sr3": regression("difference", solver="sr3", compression=2),
+    "integral-ssr": regression("integral", solver="ssr", seed=7),
+    "integral-lasso": regression("integral", solver="lasso", compression=2),
+    "lpv": regression("integral", library="lpv", window=0.3),
+}
+
+
+def flight(name: str = "constant", suite: str = "flight") -> list[Sample]:
+    """A flight that loses control efficiency on the way."""
+    return list(fly(load_nominal(name), seed=3, suite=suite, effects=[from_text("control_loss:fraction=0.4,time=20")]))
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_flight_gives_the_same_bits(name, tmp_path):
+    config = CONFIGS[name]
+    samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight")
+    said = assert_same(built(tmp_path, config), config, samples)
+    assert sum(line[0] == "window" and line[1] == "0" for line in said) >= 3  # or there was nothing to compare
+    assert any(line[0] == "level" for line in said) == ("range" in name)
+    assert any(line[0] == "change" for line in said) == name.startswith("filtered")
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", [("-O0",), ("-O3", "-march=native"), ("-Os",)], ids="".join)
+def test_every_optimisation_gives_the_same_bits(flags, tmp_path):
+    config = CONFIGS["filtered-range"]
+    assert_same(built(tmp_path, config, *flags), config, flight()[:3000])
+
+
+def hostile(seed: int, length: int = 600) -> list[Sample]:
+    """Samples with gaps, clocks set back, stamps repeated, infinities, missing and absurd values."""
+    rng = np.random.default_rng(seed)
+    t, samples = 0.0, []
+    for _ in range(length):
+        t += float(rng.choice([0.01, 0.01, 0.01, 0.01, 0.01, 0.0, 0.5, -0.01, -3.0, 1e-9], p=[.19] * 5 + [.01] * 5))
+        values = 0.05 * rng.standard_normal(5)
+        for k in range(5):
+            if rng.random() < 0.02:
+                values[k] = rng.choice([NAN, math.inf, -math.inf, 1e300, 0.0, -0.0, 1e-310])
+        samples.append(Sample(NAN if rng.random() < 0.005 else t, *values.tolist()))
+    return samples
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["filtered-range", "filtered-terms", "measured-stls", "integral-lasso"])
+def test_hostile_samples_give_the_same_bits_and_no_undefined_behaviour(name, tmp_path):
+    config = CONFIGS[name]
+    program = built(tmp_path, config, "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover")
+
+    @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @given(st.integers(0, 2**32))
+    def same(seed):
+        assert_same(program, config, hostile(seed))
+
+    same()
+
+
+@needs_compiler
+def test_the_port_needs_nothing_but_mathematics(tmp_path):
+    """No allocation, no file, no print: what the object asks of other libraries."""
+    for name in ("filtered-range", "integral-lasso"):
+        built(tmp_path, CONFIGS[name])
+        subprocess.run([str(CC), *STRICT, "-O2", "-fno-stack-protector", "-c", "launchid.c", "-o", "launchid.o"],
+                       cwd=tmp_path, check=True)
+        listed = subprocess.run(["nm", "-u", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
+        wanted = {line.split()[-1].lstrip("_") for line in listed.stdout.splitlines()}
+        assert wanted <= {"memset", "memcpy", "memmove", "sqrt", "exp", "log", "sin", "cos", "erfc", "floor", "llabs",
+                          "GLOBAL_OFFSET_TABLE_"}
+
+
+@needs_compiler
+def test_two_estimators_do_not_share_memory(tmp_path):
+    """All that persists is in the struct: a data segment that can be written holds nothing."""
+    built(tmp_path, CONFIGS["filtered-range"])
+    subprocess.run([str(CC), *STRICT, "-O2", "-fno-pic", "-fno-pie", "-c", "launchid.c", "-o", "launchid.o"],
+                   cwd=tmp_path, check=True)
+    listed = subprocess.run(["nm", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    writable = [line for line in listed.stdout.splitlines() if line.split()[-2] in "bBdDC"]
+    assert writable == []
+
+
+def test_the_same_configuration_gives_the_same_files():
+    config = CONFIGS["filtered-range"]
+    assert c_files(config) == c_files(config)
+
+
+def test_no_function_calls_itself_and_every_loop_has_a_bound():
+    source = c_files(CONFIGS["filtered-terms"])["launchid.c"]
+    assert "while" not in re.sub(r"/\*.*?\*/", "", source, flags=re.S)
+    assert "goto" not in source and "malloc" not in source
+
+
+# ---- the translation
+
+
+@pytest.mark.parametrize(("a", "b", "both"), [(INTEGER, FLOAT, FLOAT), (TRUTH, INTEGER, INTEGER), (None, TRUTH, TRUTH),
+                                              (Array(FLOAT, 2), Array(FLOAT, 2), Array(FLOAT, 2))])
+def test_two_kinds_join_as_numba_unifies_them(a, b, both):
+    assert join(a, b) == join(b, a) == both
+
+
+def test_a_variable_that_is_a_number_here_and_an_array_there_is_refused():
+    with pytest.raises(Untranslatable, match="here and"):
+        join(FLOAT, Array(FLOAT, 1))
+
+
+@pytest.mark.parametrize("x", [0.1, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, 1e22])
+def test_a_literal_keeps_its_bits(x):
+    assert bits(float(literal(x))) == bits(x)
+
+
+@pytest.mark.parametrize(("value", "text"), [(True, "true"), (2**31, "INT64_C(2147483648)"), (-5, "-5"),
+                                             (math.inf, "INFINITY"), (-math.inf, "-INFINITY"), (NAN, "NAN")])
+def test_literals_by_name(value, text):
+    assert literal(value) == text
+
+
+def _while_loop(x):
+    while x > 0.0:
+        x -= 1.0
+    return x
+
+
+def _power(x):
+    return x**2
+
+
+def _two_kinds(x):
+    y = 1.0
+    if x[0] > 0.0:
+        y = x
+    return y
+
+
+def _list_loop(x):
+    for value in (1.0, 2.0):
+        x[0] = value
+
+
+@pytest.mark.parametrize(("function", "kind", "said"), [
+    (_while_loop, FLOAT, "While"), (_power, FLOAT, "Pow|x \\*\\* 2"), (_two_kinds, Array(FLOAT, 1), "here and"),
+    (_list_loop, Array(FLOAT, 1), "range")])
+def test_what_has_no_c_is_refused_by_name(function, kind, said):
+    with pytest.raises(Untranslatable, match=f"{function.__name__}.*({said})"):
+        Unit().kernel(function, [kind])
+
+
+def _indices(x, n):
+    total = 0.0
+    for i in range(n - 1, -1, -1):
+        total += x[i] / n
+    return total, -7 // 2, n % 3
+
+
+def test_c_of_a_small_kernel():
+    made = Unit().kernel(_indices, [Array(FLOAT, 1), INTEGER])
+    assert made.source() == """\
+static Results0 _indices(Vector x, int64_t n)
+{
+    double total = 0.0;
+    for (int64_t i = n - 1; i > -1; i--) {
+        total += x.p[i] / (double)n;
+    }
+    return (Results0){total, quotient(-7, 2), modulo(n, 3)};
+}
+"""
