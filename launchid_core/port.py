@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import onboard as ob
-from . import regression as rg
 from . import ring as rb
 from . import uncertainty as un
 from .estimator import Estimator
@@ -60,8 +59,7 @@ def port_of(estimator: Estimator) -> Port:
         constants |= _named("plan", e._plan)
         state["random"] = e._random
         scratch |= _named("work", e._work)
-        close = getattr(e._close, "py_func", e._close).__name__
-        calls.append(Call(getattr(rg, close), (e._plan, e._work, e._outcome, e._ring, e._count, e._random, number)))
+        calls.append(Call(e._close, (e._plan, e._work, e._outcome, e._ring, e._count, e._random, number)))
         return Port(constants, state, scratch, tuple(calls))
     memory, period = e._memory, e.config.sample_period
     state |= {"floats": memory.floats, "integers": memory.integers}

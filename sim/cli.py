@@ -17,7 +17,7 @@ import numpy as np
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 
 from .errors import InputError, UsageError
-from .files import write_text
+from .files import make_folder, write_text
 from .identify import onboard_model, report, run, whole_log
 from .log import REQUIRED, Log, read_log, write_flight
 from .nominal import Nominal, load_nominal, write_nominal
@@ -64,14 +64,7 @@ def parser() -> Parser:
     sub.add_argument("log", metavar="LOG.csv")
     sub.add_argument("--nominal", metavar="NOMINAL.toml", help="what the simulation believes")
     sub.add_argument("--window", default="1", metavar="S|all")
-    sub.add_argument("--compression", type=int, default=1)
-    sub.add_argument("--library", default="rigid-body")
-    sub.add_argument("--formulation", choices=FORMULATIONS)
-    sub.add_argument("--solver", default="stls", choices=SOLVERS)
-    sub.add_argument("--threshold", type=float, metavar="X")
-    sub.add_argument("--seed", type=int, default=0)
-    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
-                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared)")
+    add_choices(sub)
     sub.add_argument("--tracked", action="store_true", help="also the tracked estimate and sudden changes (filtered)")
     sub.add_argument("--json", metavar="PATH|-")
     sub.add_argument("--plot", metavar="PATH")
@@ -92,7 +85,56 @@ def parser() -> Parser:
     sub.add_argument("--report", metavar="DIR", help="folder for report.html, verdict.json, extension.toml, figures")
     sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
+    add_export(commands)
     return top
+
+
+def add_choices(sub: argparse.ArgumentParser) -> None:
+    """The words of an estimator's choices that a log or a nominal does not make."""
+    sub.add_argument("--compression", type=int, default=1)
+    sub.add_argument("--library", default="rigid-body")
+    sub.add_argument("--formulation", choices=FORMULATIONS)
+    sub.add_argument("--solver", default="stls", choices=SOLVERS)
+    sub.add_argument("--threshold", type=float, metavar="X")
+    sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared)")
+
+
+def choices(args: argparse.Namespace) -> dict[str, Any]:
+    """Config fields of these words."""
+    return {name: getattr(args, name) for name in ("compression", "seed", "library", "solver", "threshold", "noise")}
+
+
+def add_export(commands: Any) -> None:
+    """The words of `export-c`."""
+    sub = commands.add_parser("export-c", help="the estimator in C, for a flight computer: the same bits")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
+    sub.add_argument("--out", required=True, metavar="DIR", help="folder for launchid.h, launchid.c, replay.c")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S")
+    sub.add_argument("--period", type=float, metavar="S", help="between samples; the nominal's if left out")
+    add_choices(sub)
+    sub.set_defaults(run=export_command)
+
+
+def export_command(args: argparse.Namespace) -> None:
+    """launchid export-c"""
+    from .export_c.program import c_files
+    from .uncertainty.level import ranged_model
+    nominal = load_nominal(args.nominal)
+    formulation = args.formulation or "filtered"
+    model = None
+    if formulation == "filtered":
+        model = ranged_model(nominal) if nominal.uncertainty is not None else onboard_model(nominal)
+    period = nominal.sensors.period if args.period is None else args.period
+    try:
+        config = Config(window=args.window, sample_period=period, formulation=formulation, model=model, **choices(args))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    files, folder = c_files(config), make_folder(args.out)
+    for name, text in files.items():
+        write_text(folder / name, [text])
+    say(f"{args.out}: {', '.join(files)}; cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay")
 
 
 def add_uncertainty(commands: Any) -> None:
@@ -270,9 +312,7 @@ def identify_config(args: argparse.Namespace, log: Log, nominal: Nominal | None)
         except ValueError:
             raise UsageError(f"--window {args.window!r}: expected seconds or 'all'") from None
     try:
-        return Config(**timing, compression=args.compression, seed=args.seed, library=args.library,
-                      formulation=formulation, solver=args.solver, threshold=args.threshold, model=model,
-                      noise=args.noise)
+        return Config(**timing, formulation=formulation, model=model, **choices(args))
     except ValueError as error:
         raise UsageError(str(error)) from None
 

@@ -35,6 +35,16 @@ def _umask() -> int:
     return mask
 
 
+def make_folder(path: str | Path) -> Path:
+    """The folder, made if it is not there."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made a folder ({error.strerror})") from None
+    return folder
+
+
 def write_text(path: str | Path, lines: Iterable[str]) -> None:
     """Write a text file whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:

@@ -1,10 +1,12 @@
 """The C port: the same bits as the Python estimator, whatever it is fed and however it is compiled."""
 
 import math
+import os
 import re
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
+from sim.cli import main
 from sim.effects import from_text
 from sim.export_c.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
 from sim.export_c.program import c_files
@@ -191,6 +194,18 @@ def test_the_port_needs_nothing_but_mathematics(tmp_path):
 
 
 @needs_compiler
+@pytest.mark.parametrize("name", ["filtered-range", "lpv"])
+def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
+    built(tmp_path, CONFIGS[name])
+    said = re.search(r"(\d+) bytes", (tmp_path / "launchid.h").read_text(encoding="utf-8"))
+    (tmp_path / "size.c").write_text('#include "launchid.h"\n#include <stdio.h>\n'
+                                     'int main(void) { printf("%zu", sizeof(launchid_estimator)); return 0; }\n')
+    subprocess.run([str(CC), *STRICT, "size.c", "-o", "size"], cwd=tmp_path, check=True)
+    size = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert said is not None and said[1] == size
+
+
+@needs_compiler
 def test_two_estimators_do_not_share_memory(tmp_path):
     """All that persists is in the struct: a data segment that can be written holds nothing."""
     built(tmp_path, CONFIGS["filtered-range"])
@@ -286,3 +301,85 @@ static Results0 _indices(Vector x, int64_t n)
     return (Results0){total, quotient(-7, 2), modulo(n, 3)};
 }
 """
+
+
+# ---- the command
+
+
+@needs_compiler
+def test_the_command_writes_a_port_that_compiles(tmp_path, capsys):
+    out = tmp_path / "deep" / "port"
+    assert main(["export-c", "constant", "--out", str(out), "--window", "5"]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["launchid.c", "launchid.h", "replay.c"]
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and "-ffp-contract=off" in said.err
+    subprocess.run([str(CC), *STRICT, "replay.c", "launchid.c", "-lm", "-o", "replay"], cwd=out, check=True)
+    config = filtered(ranged=True, window=5.0)  # the nominal has a range
+    assert_same(out / "replay", config, flight()[:1500])
+
+
+@pytest.mark.parametrize(("words", "status", "said"), [
+    (["export-c", "constant"], 2, "--out"),
+    (["export-c", "constant", "--out", "x", "--window", "-1"], 2, "window"),
+    (["export-c", "constant", "--out", "x", "--library", "nonsense"], 2, "nonsense"),
+    (["export-c", "nothere.toml", "--out", "x"], 3, "nothere.toml"),
+    (["export-c", "pendulum_linear", "--out", "x"], 3, "filtered|requires|section|\\[")])
+def test_wrong_words_are_one_line(words, status, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == status
+    error = capsys.readouterr().err
+    assert re.search(said, error) and error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- what C has and Python has not
+
+
+GUARDED = """
+import math, numpy as np, sys
+sys.path[:0] = [{tests!r}]
+from launchid_core import Estimator
+from test_export_c import CONFIGS, flight, hostile
+
+class Strict(np.ndarray):
+    '''An array that refuses an index from the end, which C would take as one before the begin.'''
+    def _check(self, at):
+        for each in at if isinstance(at, tuple) else (at,):
+            if not isinstance(each, slice) and each < 0:
+                raise IndexError(f"{{at}} counts from the end")
+            if isinstance(each, slice) and not 0 <= (each.start or 0) <= (each.stop or 0) <= self.size and each.stop:
+                raise IndexError(f"{{at}} is no part")
+    def __getitem__(self, at):
+        self._check(at)
+        return super().__getitem__(at)
+    def __setitem__(self, at, value):
+        self._check(at)
+        super().__setitem__(at, value)
+
+def strict(value):
+    if isinstance(value, np.ndarray):
+        return value.view(Strict)
+    return type(value)(*map(strict, value)) if hasattr(value, "_fields") else value
+
+try:
+    np.zeros(3).view(Strict)[-1]
+    sys.exit("not strict")
+except IndexError:
+    pass
+for name in ("filtered-range", "filtered-terms", "measured-stls", "difference-sr3", "integral-ssr", "integral-lasso"):
+    e = Estimator(CONFIGS[name])
+    for part in ("_limits", "_clock", "_count", "_ring", "_random", "_plan", "_outcome", "_work", "_memory", "_range"):
+        setattr(e, part, strict(getattr(e, part)))
+    many = name == "filtered-range"
+    for sample in [*flight()[1900:2250 if many else 1950], *hostile(143, 300 if many else 60)]:
+        e.update(sample)
+print("guarded")
+"""
+
+
+def test_no_kernel_counts_an_index_from_the_end():
+    """Un-jitted, on arrays that refuse it."""
+    code = GUARDED.format(tests=str(Path(__file__).parent))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
+                          env=os.environ | {"NUMBA_DISABLE_JIT": "1"})
+    assert done.stdout == "guarded\n", done.stderr

@@ -10,8 +10,7 @@ import numpy as np
 from launchid_core import polynomial
 
 from ..bound import flight_bound
-from ..errors import InputError
-from ..files import write_text
+from ..files import make_folder, write_text
 from ..identify import number
 from ..nominal import built_in, load_nominal
 from . import confidence
@@ -131,11 +130,7 @@ def xi_lines(results: list[Result]) -> list[str]:
 def reproduce(case: str, seeds: int, out: str) -> str:
     """Run one case or all, write figures, `table.md` and `results.json` into `out`; returns the text to print."""
     names = list(CASES) if case == "all" else [case] if case in CASES else []
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made a folder ({error.strerror})") from None
+    folder = make_folder(out)
     results: dict[str, list[Result]] = {name: [] for name in names}
     bar = progress_bar(jobs(names, seeds))
     for name in names[:1]:  # compiles once, here, instead of once in every worker that is about to be forked

@@ -8,7 +8,7 @@ import ast
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .inference import TESTS, Inference, indices, of_module
+from .inference import TESTS, Inference, indices, of_module, whole_number
 from .kinds import DIMENSIONS, FLOAT, Array, Kind, Several, Untranslatable, join, literal
 
 if TYPE_CHECKING:
@@ -131,14 +131,12 @@ class Expressions:
 
     def _of_several(self, value: ast.expr, at: ast.expr) -> str:
         if isinstance(value, ast.Attribute) and value.attr == "shape":
-            assert isinstance(at, ast.Constant)
-            return f"{self(value.value, ATOM)}.{DIMENSIONS[at.value]}"
+            return f"{self(value.value, ATOM)}.{DIMENSIONS[whole_number(at)]}"
         if isinstance(value, ast.Name) and value.id in self.arrays:
             return f"{word(value.id)}[{self(at)}]"
         if isinstance(value, ast.Name) and value.id not in self.kinds.names:
             return f"{self(value)}.p[{self(at)}]"
-        assert isinstance(at, ast.Constant)
-        return f"{self(value, ATOM)}.v{at.value}"
+        return f"{self(value, ATOM)}.v{whole_number(at)}"
 
     @staticmethod
     def _bracketed(code: str) -> str:
@@ -154,8 +152,8 @@ class Expressions:
 
     def _place(self, at: ast.expr, base: str, dimension: int) -> str:
         """An index; one that is written negative counts from the end."""
-        if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub) and isinstance(at.operand, ast.Constant):
-            return f"{base}.{DIMENSIONS[dimension]} - {at.operand.value}"
+        if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub):
+            return f"{base}.{DIMENSIONS[dimension]} - {whole_number(at.operand)}"
         return self(at, SUM)
 
     def piece(self, node: ast.Subscript) -> str:

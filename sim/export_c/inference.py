@@ -24,6 +24,13 @@ def indices(node: ast.Subscript) -> list[ast.expr]:
     return list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
 
 
+def whole_number(node: ast.expr) -> int:
+    """An index as it is written."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, int):
+        return node.value
+    raise Untranslatable(f"[{ast.unparse(node)}]: expected a whole number")
+
+
 class Inference:
     """Kinds in one kernel for one choice of its arguments."""
 
@@ -145,7 +152,7 @@ class Inference:
     def _of_subscript(self, node: ast.Subscript) -> Kind:
         kind, at = self.of(node.value), indices(node)
         if isinstance(kind, Several):
-            return kind.kinds[at[0].value] if isinstance(at[0], ast.Constant) else kind.kinds[0]
+            return kind.kinds[whole_number(at[0])] if isinstance(at[0], ast.Constant) else kind.kinds[0]
         if not isinstance(kind, Array):
             raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} is no array")
         for each in at:
