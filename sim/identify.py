@@ -12,6 +12,7 @@ from .flight import parameters
 from .nominal import Nominal
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
+LARGEST_STD = 1.0e6
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 
 
@@ -34,6 +35,8 @@ def onboard_model(nominal: Nominal) -> Model:
     assert actuator is not None and simulation is not None and nominal.controller is not None
 
     def std(value: float, step: float = 0.0) -> float:
+        if not value <= LARGEST_STD:
+            raise InputError(f"{nominal.path}: a noise of {value:g}: expected at most {LARGEST_STD:g}")
         return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
 
     a6, k1 = parameters(nominal, nominal.vehicle.t)

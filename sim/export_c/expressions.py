@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .inference import TESTS, Inference, indices, of_module, whole_number
-from .kinds import DIMENSIONS, FLOAT, Array, Kind, Several, Untranslatable, join, literal
+from .kinds import DIMENSIONS, FLOAT, TRUTH, Array, Kind, Several, Untranslatable, join, literal
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -27,6 +27,12 @@ Code = tuple[str, int]
 def word(name: str) -> str:
     """A Python name in C."""
     return f"{name}_" if name in TAKEN else name
+
+
+def refuse_negative(node: ast.expr | None) -> None:
+    """An index that is written negative counts from the end in Python."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        raise Untranslatable(f"{ast.unparse(node)}: expected no index from the end here")
 
 
 class Expressions:
@@ -94,6 +100,8 @@ class Expressions:
             return " || ".join(f"{left} == {self(each, EQUALITY + 1)}" for each in among.elts), OR
         parts, left_node = [], node.left
         for op, right_node in zip(node.ops, node.comparators, strict=True):
+            if type(op) not in COMPARISONS:
+                raise Untranslatable(f"{ast.unparse(node)}: expected a comparison of numbers")
             symbol = COMPARISONS[type(op)]
             tightness = (EQUALITY if symbol in ("==", "!=") else ORDER) + 1
             kind = join(self.kinds.of(left_node), self.kinds.of(right_node))
@@ -135,6 +143,7 @@ class Expressions:
         if isinstance(value, ast.Name) and value.id in self.arrays:
             return f"{word(value.id)}[{self(at)}]"
         if isinstance(value, ast.Name) and value.id not in self.kinds.names:
+            refuse_negative(at)
             return f"{self(value)}.p[{self(at)}]"
         return f"{self(value, ATOM)}.v{whole_number(at)}"
 
@@ -169,6 +178,8 @@ class Expressions:
         if len(at) != 1 or not isinstance(at[0], ast.Slice) or at[0].step is not None:
             raise Untranslatable(f"{ast.unparse(node)}: expected a part of a vector")
         low, high = at[0].lower, at[0].upper
+        for each in (low, high):
+            refuse_negative(each)
         end = f"{base}.n" if high is None else self(high, SUM)
         if low is None:
             return f"{base}.p", end
@@ -203,6 +214,8 @@ class Expressions:
         argument = node.args[0]
         if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
             return literal(float(argument.value)), ATOM
+        if self.kinds.of(argument) == TRUTH:  # C's tests promise no 1
+            return f"({c})({self(argument, EQUALITY + 1)} != 0)", UNARY
         return f"({c}){self(argument, UNARY)}", UNARY
 
     def _length(self, node: ast.expr) -> str:

@@ -139,7 +139,7 @@ class Inference:
         return TRUTH
 
     def _of_boolop(self, node: ast.BoolOp) -> Kind:
-        if any(self.of(each) not in (TRUTH, INTEGER) for each in node.values):
+        if any(self.of(each) not in (TRUTH, INTEGER) for each in node.values):  # Python's would be the last number
             raise Untranslatable(f"{ast.unparse(node)}: expected truth values or counts")
         return TRUTH
 

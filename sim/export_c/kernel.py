@@ -154,8 +154,10 @@ class Kernel:
         stored = _names(node.body, ast.Store)
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
+        self._refuse_reading_after(node, node.target.id)
         end = self.c(high, ORDER + 1)
-        if stored & _names([high], ast.Load) or any(isinstance(each, ast.Subscript) for each in ast.walk(high)):
+        moves = any(isinstance(each, (ast.Subscript, ast.Call)) for each in ast.walk(high))
+        if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
         i = self._temporary("pass") if node.target.id == UNUSED else word(node.target.id)
@@ -164,6 +166,13 @@ class Kernel:
         self._block(node.body, depth + 1)
         self._line(depth, "}")
 
+    def _refuse_reading_after(self, loop: ast.For, name: str) -> None:
+        """A loop's variable lives in the loop: Python's keeps its last value."""
+        later = [each for each in ast.walk(self.tree) if isinstance(each, ast.Name) and each.id == name
+                 and each.lineno > (loop.end_lineno or loop.lineno)]
+        if later and isinstance(min(later, key=lambda each: (each.lineno, each.col_offset)).ctx, ast.Load):
+            raise Untranslatable(f"line {loop.lineno}: {name} is read after its loop")
+
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         if type(node.op) not in SYMBOLS:
             raise Untranslatable(f"{ast.unparse(node)}: expected +=, -=, *= or /=")
@@ -171,6 +180,8 @@ class Kernel:
         self._line(depth, f"{self.c(node.target)} {SYMBOLS[type(node.op)][0]}= {value};")
 
     def _assign(self, node: ast.Assign, depth: int) -> None:
+        if len(node.targets) > 1 and not isinstance(node.value, ast.Constant):
+            raise Untranslatable(f"{ast.unparse(node)}: expected one target, or a constant")
         for target in node.targets:
             if isinstance(target, ast.Tuple):
                 self._unpack(target, node, depth)
@@ -222,6 +233,8 @@ class Kernel:
         lead = [at for at in indices(target) if not isinstance(at, ast.Slice)]
         if any(isinstance(at, ast.Slice) and (at.lower or at.upper or at.step) for at in indices(target)):
             raise Untranslatable(f"{ast.unparse(target)} = ...: expected [:]")
+        if any(isinstance(at, ast.Slice) for at in indices(target)[:len(lead)]):
+            raise Untranslatable(f"{ast.unparse(target)} = ...: expected the last extents whole")
         whole = ast.Subscript(target.value, ast.Tuple(lead, ast.Load()), ast.Load()) if lead else target.value
         kind, of = self.kinds.of(whole), self.kinds.of(value)
         assert isinstance(kind, Array)
@@ -232,6 +245,9 @@ class Kernel:
             source = self._temporary("from")
             self._line(depth, f"const {of.c} {source} = {self.c(value)};")
             source = f"{source}.p[{at}]"
+        elif not isinstance(value, (ast.Constant, ast.Name, ast.Attribute)):
+            source = self._temporary("value")
+            self._line(depth, f"const {kind.element.c} {source} = {self.c.turned(value, kind.element)};")
         count = " * ".join(f"{to}.{d}" for d in DIMENSIONS[:kind.dimensions])
         self._line(depth, f"for (int64_t {at} = 0; {at} < {count}; {at}++) {{")
         self._line(depth + 1, f"{to}.p[{at}] = {source};")

@@ -94,7 +94,7 @@ class _Program:
         """Statements that set what is not zero after a reset."""
         for name, array in self.port.state.items():
             flat = array.ravel()
-            places = np.flatnonzero((flat != 0) | np.isnan(flat) if flat.dtype.kind == "f" else flat != 0)
+            places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
             for k in places.tolist():
                 yield f"    e->{name}[{k}] = {literal(flat[k])};\n"
 

@@ -1,9 +1,14 @@
 #include "launchid.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+
+#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0)
+#error "expected plain double precision: no -ffast-math, no wider intermediate results (-mfpmath=sse on x87 machines)"
+#endif
 
 /* ---- arrays, and what C does otherwise than Python */
 

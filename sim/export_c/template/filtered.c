@@ -18,13 +18,17 @@ static void follow(launchid_estimator *e, int64_t code)
     }
 $watch}
 
-/* Between nodes linear, beyond them held: numpy's interp. */
+/* Between nodes linear, beyond them held: numpy's interp, which returns a time that is no number if there are two nodes
+   or more. */
 static double interpolated(double t, Vector nodes, Vector values)
 {
-    if (t <= nodes.p[0]) {
-        return values.p[0];
+    if (isnan(t) && nodes.n > 1) {
+        return t;
     }
     for (int64_t j = 0; j + 1 < nodes.n; j++) {
+        if (t <= nodes.p[j]) {
+            return values.p[j];
+        }
         if (t < nodes.p[j + 1]) {
             const double slope = (values.p[j + 1] - values.p[j]) / (nodes.p[j + 1] - nodes.p[j]);
             return slope * (t - nodes.p[j]) + values.p[j];
