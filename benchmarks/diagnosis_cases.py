@@ -135,8 +135,9 @@ def wanted(args: argparse.Namespace) -> list[Case]:
         def add(group: str, name: str, factors: tuple[float, ...], shift: int = 0, drops: tuple[str, ...] = ("",),
                 nominal: str = nominal, index: int = index) -> None:
             for seed in seeds_of(args, group, (index + shift) % 2):
-                factor = factors[(seed // 2 + shift + index) % len(factors)]
-                cases.append(case(group, nominal, name, factor, seed, args.rate, drops[(seed + shift) % len(drops)]))
+                turn = seed + shift // 2  # not with the seed alone: few seeds must not tie it to their rates
+                factor = factors[(seed // 2 + shift // 2 + index) % len(factors)]
+                cases.append(case(group, nominal, name, factor, seed, args.rate, drops[turn % len(drops)]))
 
         for number, name in enumerate(causes):
             add("twice", name, (1.0 if name in NO_LIMIT else TWICE,))
@@ -338,7 +339,7 @@ def diagnosed(case: Case) -> dict[str, Any]:
 
 def judged(verdict: str, said: list[tuple[str, ...]], truth: tuple[str, ...], variant: str) -> dict[str, Any]:
     """right: every true cause is named, alone or in a set of at most LARGEST_SET, and nothing else is.
-    wrong: a listed cause is named that is not true (`missing_term` is in no list).
+    wrong: a cause is named that is not true (`missing_term` is, of what is in no list).
     said: of each answer the cause and what it cannot be told from.  A cause IN_PARTS in its other form may be
     named as often as it has parts."""
     left, wrong, extra = list(truth), False, False
@@ -349,7 +350,7 @@ def judged(verdict: str, said: list[tuple[str, ...]], truth: tuple[str, ...], va
             left = [name for name in left if name != true]
             continue
         extra = True
-        wrong |= true is None and answer[0] != "missing_term"
+        wrong |= true is None and (bool(truth) or answer[0] != "missing_term")
     found = verdict == "explained" and not left and not extra
     return {"right": found, "wrong": wrong, "found": len(truth) - len(left)}
 
