@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 from sim.cli import main
 from sim.effects import from_text
+from sim.errors import InputError
 from sim.export_c.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
 from sim.export_c.program import c_files
 from sim.export_c.unit import Unit
@@ -373,6 +374,13 @@ def test_wrong_words_are_one_line(words, status, said, tmp_path, capsys, monkeyp
     error = capsys.readouterr().err
     assert re.search(said, error) and error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_noise_whose_square_overflows_is_one_line():
+    nominal = load_nominal("constant")
+    loud = dataclasses.replace(nominal, sensors=dataclasses.replace(nominal.sensors, theta_std=1e200))
+    with pytest.raises(InputError, match=r"noise of 1e\+200"):
+        onboard_model(loud)
 
 
 # ---- what Python has and C has not
