@@ -27,8 +27,13 @@ class Call(NamedTuple):
 
 
 class Port(NamedTuple):
-    """constants: arrays that no call changes; state: those that persist, as after `reset`; scratch: meaningless
-    between calls.  outcome: where a window's numbers are."""
+    """An estimator's memory, by name, and its calls.
+
+    constants  arrays that no call changes
+    state      those that persist, as after `reset`
+    scratch    meaningless between calls
+    calls      every kernel that the estimator calls, `Estimator.reset`'s left out: `state` is what they make
+    """
 
     constants: dict[str, np.ndarray]
     state: dict[str, np.ndarray]

@@ -3,9 +3,9 @@
    Made by launchid from the kernels of its Python package: the same operations in the same order, so the same bits
    (IEEE 754 double precision, the same libm; compile with -ffp-contract=off, without -ffast-math).
 
-   All that persists is in `launchid_estimator`, which the caller owns: $bytes bytes; views of it are on the stack, up to
-   16 kB.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset, memcpy and
-   memmove are called.  One estimator belongs to one thread. */
+   All that persists is in `launchid_estimator`, which the caller owns: $bytes bytes; views of it are on the stack
+   (-fstack-usage tells how many bytes).  Nothing is allocated, no call waits, every loop has a bound; of other libraries
+   only libm, memset, memcpy and memmove are called.  One estimator belongs to one thread. */
 
 #ifndef LAUNCHID_H
 #define LAUNCHID_H
