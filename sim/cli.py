@@ -17,7 +17,7 @@ import numpy as np
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
 
 from .errors import InputError, UsageError
-from .files import make_folder, write_text
+from .files import check_output, inputs_spared, make_folder, write_text
 from .identify import onboard_model, report, run, whole_log
 from .log import REQUIRED, Log, read_log, write_flight
 from .nominal import Nominal, load_nominal, write_nominal
@@ -160,6 +160,7 @@ def uncertainty_command(args: argparse.Namespace) -> None:
     from .uncertainty import level
     log = read_noting(args.log)
     nominal = load_nominal(args.nominal)
+    check_outputs(args.json, args.plot)
     try:
         estimates = level.follow(log, nominal, args.window)
     except ValueError as error:
@@ -188,6 +189,7 @@ def fit_lft_command(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = load_nominal(nominal_path)
+    check_outputs(args.out)
     flights = [greybox.deviations(read_noting(path), nominal) for path in paths]
     fit = greybox.fit(flights, args.share, args.confidence, args.profile)
     write_nominal(greybox.with_range(nominal, fit), args.out)
@@ -197,7 +199,9 @@ def fit_lft_command(args: argparse.Namespace) -> None:
 def plan_command(args: argparse.Namespace) -> None:
     """launchid plan"""
     from .plan import plan
-    result = plan(load_nominal(args.nominal), args.accuracy, args.window)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
+    result = plan(nominal, args.accuracy, args.window)
     write_nominal(result.nominal, args.out)
     multisine = result.nominal.test_input
     print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
@@ -218,6 +222,7 @@ def diagnose_command(args: argparse.Namespace) -> None:
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
+    check_outputs(args.json)
     progress = Progress()
     made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
     progress("")
@@ -251,6 +256,13 @@ class Progress:
         self.done += 1
 
 
+def check_outputs(*paths: str | None) -> None:
+    """Refuse an output that cannot be written before anything is computed; after the inputs are read."""
+    for path in paths:
+        if path and path != "-":
+            check_output(path)
+
+
 def at_least(name: str, value: int, low: int) -> None:
     """UsageError unless value >= low."""
     if value < low:
@@ -271,6 +283,7 @@ def simulate_command(args: argparse.Namespace) -> None:
     at_least("--seed", args.seed, 0)
     effects = [from_text(text) for text in args.effect]
     nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
     flight = fly_whole(nominal, args.seed, args.suite, args.period, effects=effects)
     write_flight(args.out, flight)
     say(f"{args.out}: {len(flight.t)} rows, {flight.period:g} s apart, seed {args.seed}"
@@ -359,6 +372,7 @@ def identify_command(args: argparse.Namespace) -> None:
     log = read_noting(args.log)
     nominal: Nominal | None = load_nominal(args.nominal) if args.nominal else None
     config = identify_config(args, log, nominal)
+    check_outputs(args.json, args.plot)
     estimates, estimator = run(config, log.samples())
     result = report(estimates, estimator, args.tracked)
     if args.plot:
@@ -378,7 +392,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     try:
         args = parser().parse_args(argv)
-        args.run(args)
+        with inputs_spared():
+            args.run(args)
         sys.stdout.flush()
     except UsageError as error:
         say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))

@@ -18,7 +18,7 @@ import numpy as np
 from launchid_core import Sample
 
 from .errors import InputError
-from .files import write_text
+from .files import reads, write_text
 from .flight import Flight
 
 REQUIRED = ("t", "theta", "beta")
@@ -98,6 +98,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     try:
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta")
+        reads(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
             header = next(reader, None)

@@ -18,7 +18,7 @@ import numpy as np
 
 from .effects import Effect, effect, from_table, values
 from .errors import InputError, UsageError
-from .files import write_text
+from .files import reads, write_text
 from .sections import Actuator, Controller, Diagnosis, Guidance, Multisine, Nominal, Profile, Sensors, Simulation
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Guidance", "Multisine", "Nominal", "Profile", "Sensors",
@@ -43,6 +43,7 @@ def locate(text: str) -> Path:
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
+    reads(path)
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:
@@ -263,6 +264,7 @@ def constant_profile(a6: float, k1: float) -> Profile:
 
 def read_profile(path: Path) -> Profile:
     """Read a CSV with the header t,a6,k1 and increasing times; InputError naming line and column otherwise."""
+    reads(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:  # a NUL in the path, and bytes that are not UTF-8, are ValueErrors
