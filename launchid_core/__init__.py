@@ -7,6 +7,8 @@ file, simulator or print.  numpy and numba only.
 from .config import FORMULATIONS, NOISE_LEVELS, Config
 from .estimate import Change, Estimate, Level, Tracked, Uncertainty
 from .estimator import Estimator
+from .kernel_cache import cache_folder
+from .kernels import compiled
 from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
 from .model import Model
 from .port import Call, Given, Port, port_of
@@ -17,4 +19,5 @@ from .uncertainty import BANDS, EDGES
 
 __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Call", "Change", "Config",
            "Estimate", "EstimateStatus", "Estimator", "Given", "Level", "Model", "Port", "Sample", "Status",
-           "Tracked", "Uncertainty", "function_value", "parse_term", "polynomial", "port_of", "term_name"]
+           "Tracked", "Uncertainty", "cache_folder", "compiled", "function_value", "parse_term", "polynomial",
+           "port_of", "term_name"]
