@@ -25,17 +25,18 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+import numba.core.caching
+import numba.core.config
 
-try:
-    from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
-except ImportError:  # not a public part of numba: without it, numba's own cache
-    FunctionCache = None
+from .compiling import compile_listeners
 
 try:
     import fcntl
 except ImportError:  # not a POSIX system: both compile
     fcntl = None  # type: ignore[assignment]
+
+caching: Any = numba.core.caching  # no public part of numba: `keep` does without if it is another than here
+config: Any = numba.core.config
 
 PACKAGES = ("launchid_core", "sim", "launchid")  # whose sources are followed
 SETTINGS = ("BOUNDSCHECK", "OPT", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX")
@@ -148,8 +149,11 @@ def stamp(module: str) -> str | None:
 # ---- a kernel's cache
 
 
-if FunctionCache is not None:
-    class _Locator(_CacheLocator):  # type: ignore[misc]
+KNOWN = all(hasattr(caching, name)
+            for name in ("CompileResultCacheImpl", "FunctionCache", "NullCache", "_CacheLocator"))
+
+if KNOWN:
+    class _Locator(caching._CacheLocator):  # type: ignore[misc]
         """Tells numba the folder."""
 
         def __init__(self, function: Any, path: str, folder: Path, mark: str) -> None:
@@ -181,10 +185,10 @@ if FunctionCache is not None:
                 for old in sorted(others, key=_age)[KEEP:]:
                     shutil.rmtree(old, ignore_errors=True)
 
-    class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
+    class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
         _locator_classes = (_Locator,)
 
-    class _Files(FunctionCache):  # type: ignore[misc]
+    class _Files(caching.FunctionCache):  # type: ignore[misc]
         _impl_class = _Impl
 
 
@@ -208,7 +212,7 @@ class Kept:
             try:
                 self._files = _Files(self._function)
             except (RuntimeError, OSError):  # numba's word for nowhere to keep it
-                self._files = NullCache()
+                self._files = caching.NullCache()
         return self._files
 
     @property
@@ -224,6 +228,9 @@ class Kept:
             found = self._load(sig, target_context)
             if found is not None:
                 self._release()
+        if found is None:
+            for listener in compile_listeners:
+                listener(self._function.__module__, self._function.__qualname__)
         return found
 
     def _load(self, sig: Any, target_context: Any) -> Any:
@@ -282,7 +289,7 @@ class Kept:
 
 def keep(dispatcher: Any) -> Any:
     """Give a jitted function its cache; an un-jitted one is returned as it is."""
-    if FunctionCache is not None and hasattr(dispatcher, "_cache"):
+    if KNOWN and hasattr(dispatcher, "_cache"):
         dispatcher._cache = Kept(dispatcher.py_func)
     elif hasattr(dispatcher, "enable_caching"):
         dispatcher.enable_caching()
