@@ -167,7 +167,8 @@ class Estimator:
                 self._take(code)
         finally:
             self._busy = False
-        return _STATUSES[code - rb.BUSY]
+        status: Status = _STATUSES[code - rb.BUSY]
+        return status
 
     def _take_regression(self, code: int) -> None:
         """A sample was accepted: the formulations that regress on the rows of a whole window."""

@@ -62,7 +62,7 @@ def view_sparse(f, at, i, m, q):
 
 def sparse_work(q: int) -> SparseWork:
     """Allocate the scratch for q terms."""
-    work, _, _ = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)
+    work: SparseWork = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)[0]
     return work
 
 

@@ -45,8 +45,9 @@ def onboard_model(nominal: Nominal) -> Model:
         return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
 
     a6, k1 = parameters(nominal, nominal.vehicle.t)
-    delay = sum(values(effect)["delay"] for effect in nominal.effects if effect.name == "actuator_delay")
-    bandwidth = math.prod(values(effect)["scale"] for effect in nominal.effects if effect.name == "actuator_bandwidth")
+    delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
+    bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
+                          if effect.name == "actuator_bandwidth")
     return Model(
         profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(a6), profile_k1=tuple(k1),
         natural_frequency=actuator.natural_frequency * bandwidth, damping_ratio=actuator.damping_ratio,
@@ -84,7 +85,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     if window == "all":
         t = log.t[np.isfinite(log.t)]
         t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
-        timing = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
+        timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
     else:
         try:
             timing = {"window": float(window), "sample_period": log.period}
