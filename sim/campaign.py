@@ -340,7 +340,18 @@ def _death(future: Future[Any]) -> BaseException | None:
     if error is None or isinstance(error, (BrokenExecutor, asyncio.CancelledError, ConnectionError)) \
             or type(error).__module__.startswith("distributed"):  # KilledWorker, CommClosedError
         return error
+    if _raised_in(error) == "distributed.cfexecutor":  # done, and its worker killed before the result was fetched
+        return error
     raise _cannot(error) from error
+
+
+def _raised_in(error: BaseException) -> str:
+    """The module whose line raised."""
+    trace, name = error.__traceback__, ""
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", ""))
+        trace = trace.tb_next
+    return name
 
 
 def _cannot(error: BaseException) -> UsageError:

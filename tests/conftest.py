@@ -1,4 +1,4 @@
-"""Hypothesis profiles: `dev` by default, `ci` (derandomised) where CI is set, `long` by hand.  Two processes for the whole."""
+"""Hypothesis profiles (`dev` by default, `ci`, derandomised, where CI is set, `long` by hand), and two processes."""
 
 import os
 from pathlib import Path
