@@ -1,20 +1,42 @@
 """launchid_core: on-board identification of a launcher's rotational dynamics.
 
 What flies: fixed memory, bounded time, one sample at a time.  It knows no clock,
-file, simulator or print.  numpy and numba only.
+file, simulator or print.  numpy and numba only; what needs numba is imported when
+its name is first asked for.
 """
 
-from .config import FORMULATIONS, NOISE_LEVELS, Config
-from .estimate import Change, Estimate, Level, Tracked, Uncertainty
-from .estimator import Estimator
-from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
-from .model import Model
-from .port import Call, Given, Port, port_of
+from typing import TYPE_CHECKING, Any
+
+from .choices import FORMULATIONS, NOISE_LEVELS, SOLVERS
+from .compiling import compile_listeners
 from .sample import Sample
-from .sparse import SOLVERS
 from .status import EstimateStatus, Status
-from .uncertainty import BANDS, EDGES
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .estimate import Change, Estimate, Level, Tracked, Uncertainty
+    from .estimator import Estimator
+    from .kernel_cache import cache_folder
+    from .kernels import compiled
+    from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
+    from .model import Model
+    from .port import Call, Given, Port, port_of
+    from .uncertainty import BANDS, EDGES
+
+__version__ = "0.1.0"
 
 __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Call", "Change", "Config",
            "Estimate", "EstimateStatus", "Estimator", "Given", "Level", "Model", "Port", "Sample", "Status",
-           "Tracked", "Uncertainty", "function_value", "parse_term", "polynomial", "port_of", "term_name"]
+           "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
+           "parse_term", "polynomial", "port_of", "term_name"]
+
+
+def __getattr__(name: str) -> Any:
+    """The names above that are not there yet: all of the package is imported."""
+    if name in __all__:
+        from . import config, estimate, estimator, kernel_cache, kernels, library, model, port, uncertainty
+        for module in (config, estimate, estimator, kernel_cache, kernels, library, model, port, uncertainty):
+            if hasattr(module, name):
+                globals()[name] = getattr(module, name)
+                return globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,14 +5,12 @@ import math
 import operator
 from dataclasses import dataclass
 
+from .choices import FORMULATIONS, NOISE_LEVELS, SOLVERS
 from .library import LIBRARIES, default_threshold, library_terms
 from .model import Model
 from .predictor import MAX_DELAY_SAMPLES
 from .ring import LAST_SAMPLE
-from .sparse import SOLVERS
 
-FORMULATIONS = ("measured", "difference", "integral", "filtered")
-NOISE_LEVELS = ("estimated", "declared")
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4
 T_LIMIT_MAX = 1.0e12  # s: stamps are counted in windows, in 64 bits

@@ -13,6 +13,7 @@ from . import ring as rb
 from . import uncertainty as un
 from . import window as wn
 from .belief import Belief
+from .choices import SOLVERS
 from .compress import first_state
 from .config import Config
 from .estimate import Change, Estimate, Level, Tracked, Uncertainty
@@ -20,7 +21,6 @@ from .filtered import BLOCK
 from .library import MAX_POWER, centred_variables, term_codes
 from .model import NOISES
 from .sample import NAN, Sample
-from .sparse import SOLVERS
 from .status import EstimateStatus, Status
 from .tracker import FIRST_STD
 
@@ -167,7 +167,8 @@ class Estimator:
                 self._take(code)
         finally:
             self._busy = False
-        return _STATUSES[code - rb.BUSY]
+        status: Status = _STATUSES[code - rb.BUSY]
+        return status
 
     def _take_regression(self, code: int) -> None:
         """A sample was accepted: the formulations that regress on the rows of a whole window."""

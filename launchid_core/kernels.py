@@ -1,9 +1,8 @@
-"""The one decorator of every compiled function in this package.
+"""The one decorator of every compiled function in this package, and what makes the simulator's.
 
 Choices, each with its reason:
 
-* ``cache=True``: a flight host must not compile twice.  numba does not see an
-  edit in *another* file, so developers clear the cache (README, "Developing").
+* kept on disk: a flight host must not compile twice (`kernel_cache`: where, and when it is compiled anew).
 * ``error_model="numpy"``: a division by zero gives inf or NaN, which a status
   reports; the default would raise inside the flight loop.
 * ``nogil=True``: two estimators may run in two threads.
@@ -11,6 +10,25 @@ Choices, each with its reason:
   on every machine, un-jitted, and in a C port.
 """
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import numba
 
-kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
+from .kernel_cache import keep
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(**choices: Any) -> Callable[[Function], Function]:
+    """A decorator of kernels with the choices above and these."""
+    jit = numba.njit(error_model="numpy", nogil=True, **choices)
+
+    def decorate(function: Function) -> Function:
+        made: Function = keep(jit(function))
+        return made
+
+    return decorate
+
+
+kernel = compiled()

@@ -75,4 +75,5 @@ class Model:
         """Variances (5,) in the order of NOISES; process noise keeps its spectral density at the sample period."""
         held = self.noise_period / sample_period
         scale = np.array([1.0, 1.0, 1.0, held, held])
-        return scale * np.array([getattr(self, name) for name in NOISES]) ** 2
+        variances: np.ndarray = scale * np.array([getattr(self, name) for name in NOISES]) ** 2
+        return variances

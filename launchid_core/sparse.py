@@ -19,7 +19,6 @@ from .kernels import kernel
 from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .memory import take, take2
 
-SOLVERS = ("stls", "sr3", "ssr", "lasso")
 STLS, SR3, SSR, LASSO = range(4)
 
 ACTIVE_TOLERANCE = 1.0e-14  # active columns are raw: condition up to 1e9 is data, 1e14 is rounding
@@ -63,7 +62,7 @@ def view_sparse(f, at, i, m, q):
 
 def sparse_work(q: int) -> SparseWork:
     """Allocate the scratch for q terms."""
-    work, _, _ = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)
+    work: SparseWork = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)[0]
     return work
 
 

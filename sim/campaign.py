@@ -1,8 +1,9 @@
-"""Monte Carlo campaigns: jobs -> one table, on any `concurrent.futures.Executor`.
+"""Monte Carlo campaigns: jobs -> one table, or a list in memory, on any `concurrent.futures.Executor`.
 
     jobs = draw_jobs("constant", "box", seeds=range(100_000))
     run_campaign(jobs, work, "table.csv")                             # processes, one a core
     run_campaign(jobs, work, "table.csv", client.get_executor())      # dask.distributed's, any number of machines
+    run_jobs(jobs, work)                                              # what work returns, whatever it is, in order
 
 `work(job)` is a function of a module (it travels by its name) that returns one row, a dict of plain values, and
 decides it by the job alone: seeds are in the job.  Then the table is the same, bit for bit, whatever the workers,
@@ -55,6 +56,10 @@ Work = Callable[[Any], Row]
 Chunk = list[tuple[int, Any]]   # (job's number, job)
 
 
+class Died(str):
+    """The line of a job whose workers died of it: the outcome of no work."""
+
+
 class Job(NamedTuple):
     """One flight.  Any other NamedTuple of plain values is as good a job."""
 
@@ -77,6 +82,11 @@ def draw_jobs(nominal: str, scenario: str, seeds: Iterable[int], spread: float =
 def run_chunk(work: Work, chunk: Chunk) -> list[tuple[int, Outcome]]:
     """Each job's row, or its error's line."""
     return [(number, _outcome(work, job)) for number, job in chunk]
+
+
+def call_chunk(work: Callable[[Any], Any], chunk: Chunk) -> list[tuple[int, Any]]:
+    """What the work makes of each job; what it raises is raised."""
+    return [(number, work(job)) for number, job in chunk]
 
 
 def _outcome(work: Work, job: Any) -> Outcome:
@@ -132,28 +142,57 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
     progress    called with the number of jobs newly finished, at first those of the journal (`tqdm.update`)
     definition  what else decides the rows (a nominal's text, options): continuing needs the same
     """
-    path, workers = Path(path), workers or os.cpu_count() or 1
-    if workers < 1 or (chunk is not None and chunk < 1):
-        raise UsageError(f"workers {workers!r}, chunk {chunk!r}: expected at least 1")
+    path = Path(path)
     if len(jobs) == 0:
         raise UsageError("a campaign of no jobs: expected at least one")
+    workers, chunk = _sizes(len(jobs), workers, chunk)
     beside = path.with_name(f"{path.name}.journal")
     if path.exists() and not beside.exists():
         raise InputError(f"{path}: the table of a campaign that is finished; expected a new name, or remove it")
     journal = Journal(beside, campaign_hash(jobs, work, definition), len(jobs))
     report = progress or (lambda _: None)
     report(sum(journal.done))
-    chunk = chunk or max(1, min(CHUNK, len(jobs) // (CHUNKS_A_WORKER * workers)))
     try:
         with _Fleet(executor, workers) as fleet:
             fleet.check(work, jobs[0])
-            for outcomes in _Dispatch(_chunks(jobs, journal.done, chunk), work, fleet).outcomes():
+            for outcomes in _Dispatch(_chunks(jobs, journal.done, chunk), run_chunk, work, fleet).outcomes():
                 report(journal.append(outcomes))
     finally:
         journal.close()
     table = write_table(beside, path, jobs)
     beside.unlink()
     return table
+
+
+def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
+             executor: Executor | Callable[[], Executor] | None = None, workers: int | None = None,
+             chunk: int | None = None, progress: Callable[[int], object] | None = None) -> list[Any]:
+    """What `work` returns for each job, in the order of the jobs; no journal, for minutes of work.
+
+    Arguments as of `run_campaign`, but what `work` returns is anything that travels, and what it raises is raised.
+    """
+    if len(jobs) == 0:
+        return []
+    workers, chunk = _sizes(len(jobs), workers, chunk)
+    report = progress or (lambda _: None)
+    results: list[Any] = [None] * len(jobs)
+    with _Fleet(executor, workers) as fleet:
+        fleet.check(work, jobs[0])
+        for outcomes in _Dispatch(_chunks(jobs, bytearray(len(jobs)), chunk), call_chunk, work, fleet).outcomes():
+            for number, outcome in outcomes:
+                if isinstance(outcome, Died):
+                    raise UsageError(f"{jobs[number]}: {outcome}")
+                results[number] = outcome
+            report(len(outcomes))
+    return results
+
+
+def _sizes(jobs: int, workers: int | None, chunk: int | None) -> tuple[int, int]:
+    """(workers, jobs a future), checked."""
+    workers = workers or os.cpu_count() or 1
+    if workers < 1 or (chunk is not None and chunk < 1):
+        raise UsageError(f"workers {workers!r}, chunk {chunk!r}: expected at least 1")
+    return workers, chunk or max(1, min(CHUNK, jobs // (CHUNKS_A_WORKER * workers)))
 
 
 def campaign_hash(jobs: Sequence[Any], work: Work, definition: str = "") -> str:
@@ -230,14 +269,15 @@ class _Parcel(NamedTuple):
 class _Dispatch:
     """Sends chunks and takes what comes back; what dies with its worker is sent again, then job by job alone."""
 
-    def __init__(self, fresh: Iterator[Chunk], work: Work, fleet: _Fleet) -> None:
-        self._fresh, self._work, self._fleet = fresh, work, fleet
-        self._running: dict[Future[list[tuple[int, Outcome]]], _Parcel] = {}
+    def __init__(self, fresh: Iterator[Chunk], run: Callable[[Any, Chunk], list[tuple[int, Any]]], work: Any,
+                 fleet: _Fleet) -> None:
+        self._fresh, self._run, self._work, self._fleet = fresh, run, work, fleet
+        self._running: dict[Future[list[tuple[int, Any]]], _Parcel] = {}
         self._again: deque[_Parcel] = deque()
         self._alone: deque[_Parcel] = deque()
         self._broken: BaseException | None = None  # the executor's end: nothing is sent until there is another
 
-    def outcomes(self) -> Iterator[list[tuple[int, Outcome]]]:
+    def outcomes(self) -> Iterator[list[tuple[int, Any]]]:
         """Chunk by chunk, in the order in which they end."""
         try:
             while self._fill():
@@ -263,7 +303,7 @@ class _Dispatch:
             if parcel is None:
                 break
             try:
-                self._running[self._fleet.executor.submit(run_chunk, self._work, parcel.chunk)] = parcel
+                self._running[self._fleet.executor.submit(self._run, self._work, parcel.chunk)] = parcel
             except BrokenExecutor as error:
                 self._broken = error
                 (self._alone if parcel.alone else self._again).appendleft(parcel)
@@ -287,7 +327,8 @@ class _Dispatch:
         elif not parcel.alone:
             self._alone.extend(_Parcel([job], alone=True) for job in parcel.chunk)
         else:
-            yield [(parcel.chunk[0][0], f"WorkerDied: {deaths} times, nothing else running ({type(error).__name__})")]
+            text = f"WorkerDied: {deaths} times, nothing else running ({type(error).__name__})"
+            yield [(parcel.chunk[0][0], Died(text))]
 
 
 def _death(future: Future[Any]) -> BaseException | None:
@@ -299,7 +340,18 @@ def _death(future: Future[Any]) -> BaseException | None:
     if error is None or isinstance(error, (BrokenExecutor, asyncio.CancelledError, ConnectionError)) \
             or type(error).__module__.startswith("distributed"):  # KilledWorker, CommClosedError
         return error
+    if _raised_in(error) == "distributed.cfexecutor":  # done, and its worker killed before the result was fetched
+        return error
     raise _cannot(error) from error
+
+
+def _raised_in(error: BaseException) -> str:
+    """The module whose line raised."""
+    trace, name = error.__traceback__, ""
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", ""))
+        trace = trace.tb_next
+    return name
 
 
 def _cannot(error: BaseException) -> UsageError:

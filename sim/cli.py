@@ -2,27 +2,26 @@
 
 Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a
 traceback.  stdout is data, stderr is talk.
+
+What a command needs is imported when it runs, its files are read before anything
+is that compiles: help, wrong words and missing files answer at once.
 """
 
 import argparse
-import itertools
 import json
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
-import numpy as np
-
-from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, Config
+from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, __version__
 
 from .errors import InputError, UsageError
-from .files import make_folder, write_text
-from .identify import onboard_model, report, run, whole_log
-from .log import REQUIRED, Log, read_log, write_flight
-from .nominal import Nominal, load_nominal, write_nominal
+from .files import check_output, inputs_spared, make_folder, write_text
 
-ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
+if TYPE_CHECKING:
+    from .log import Log
+
 USAGE_STATUS, INPUT_STATUS, INTERRUPTED_STATUS = 2, 3, 130
 
 
@@ -41,6 +40,7 @@ def say(text: str) -> None:
 def parser() -> Parser:
     """The command's words."""
     top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.")
+    top.add_argument("--version", action="version", version=f"launchid {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     from .experiments import CASES, CONFIDENCE
@@ -119,9 +119,13 @@ def add_export(commands: Any) -> None:
 
 def export_command(args: argparse.Namespace) -> None:
     """launchid export-c"""
-    from .export_c.program import c_files
-    from .uncertainty.level import ranged_model
+    from .nominal import load_nominal
     nominal = load_nominal(args.nominal)
+    from launchid_core import Config
+
+    from .export_c.program import c_files
+    from .identify import onboard_model
+    from .uncertainty.level import ranged_model
     formulation = args.formulation or "filtered"
     model = None
     if formulation == "filtered":
@@ -157,9 +161,11 @@ def add_uncertainty(commands: Any) -> None:
 
 def uncertainty_command(args: argparse.Namespace) -> None:
     """launchid uncertainty"""
-    from .uncertainty import level
+    from .nominal import load_nominal
     log = read_noting(args.log)
     nominal = load_nominal(args.nominal)
+    check_outputs(args.json, args.plot)
+    from .uncertainty import level
     try:
         estimates = level.follow(log, nominal, args.window)
     except ValueError as error:
@@ -180,7 +186,7 @@ def uncertainty_command(args: argparse.Namespace) -> None:
 
 def fit_lft_command(args: argparse.Namespace) -> None:
     """launchid fit-lft"""
-    from .uncertainty import greybox
+    from .nominal import load_nominal, write_nominal
     *paths, nominal_path = args.logs
     if not paths:
         raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
@@ -188,7 +194,10 @@ def fit_lft_command(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = load_nominal(nominal_path)
-    flights = [greybox.deviations(read_noting(path), nominal) for path in paths]
+    logs = [read_noting(path) for path in paths]
+    check_outputs(args.out)
+    from .uncertainty import greybox
+    flights = [greybox.deviations(log, nominal) for log in logs]
     fit = greybox.fit(flights, args.share, args.confidence, args.profile)
     write_nominal(greybox.with_range(nominal, fit), args.out)
     print(greybox.table(fit, args.out))
@@ -196,8 +205,11 @@ def fit_lft_command(args: argparse.Namespace) -> None:
 
 def plan_command(args: argparse.Namespace) -> None:
     """launchid plan"""
+    from .nominal import load_nominal, write_nominal
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
     from .plan import plan
-    result = plan(load_nominal(args.nominal), args.accuracy, args.window)
+    result = plan(nominal, args.accuracy, args.window)
     write_nominal(result.nominal, args.out)
     multisine = result.nominal.test_input
     print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
@@ -212,12 +224,14 @@ def plan_command(args: argparse.Namespace) -> None:
 
 def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
+    from .nominal import load_nominal
+    at_least("--bootstrap", args.bootstrap, 0)
+    log, nominal = read_noting(args.log, "t", "theta"), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t", "theta") if args.holdout else None
+    check_outputs(args.json)
     from .diagnosis.answer import report
     from .diagnosis.verdict import diagnose
     from .diagnosis.words import lines
-    at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
-    holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
     progress = Progress()
     made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
     progress("")
@@ -251,6 +265,13 @@ class Progress:
         self.done += 1
 
 
+def check_outputs(*paths: str | None) -> None:
+    """Refuse an output that cannot be written before anything is computed; after the inputs are read."""
+    for path in paths:
+        if path and path != "-":
+            check_output(path)
+
+
 def at_least(name: str, value: int, low: int) -> None:
     """UsageError unless value >= low."""
     if value < low:
@@ -266,99 +287,37 @@ def reproduce_command(args: argparse.Namespace) -> None:
 
 def simulate_command(args: argparse.Namespace) -> None:
     """launchid simulate"""
+    from .nominal import load_nominal
+    at_least("--seed", args.seed, 0)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
     from .effects import from_text
     from .flight import fly_whole
-    at_least("--seed", args.seed, 0)
+    from .log import write_flight
     effects = [from_text(text) for text in args.effect]
-    nominal = load_nominal(args.nominal)
     flight = fly_whole(nominal, args.seed, args.suite, args.period, effects=effects)
     write_flight(args.out, flight)
     say(f"{args.out}: {len(flight.t)} rows, {flight.period:g} s apart, seed {args.seed}"
         + ("; the vehicle was LOST and the log ends there" if flight.lost else ""))
 
 
-def read_noting(path: str, required: tuple[str, ...] = REQUIRED) -> Log:
+def read_noting(path: str, *required: str) -> "Log":
     """Read a log and say which columns were ignored."""
-    log = read_log(path, required)
+    from .log import REQUIRED, read_log
+    log = read_log(path, required or REQUIRED)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
     return log
 
 
-def choose_formulation(args: argparse.Namespace, log: Log) -> str:
-    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`)."""
-    default = "measured" if "theta_ddot" in log.columns else "integral"
-    formulation = args.formulation or ("filtered" if args.nominal else default)
-    if formulation == "measured" and "theta_ddot" not in log.columns:
-        raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
-    if formulation == "filtered" and not args.nominal:
-        raise UsageError("--formulation filtered needs --nominal NOMINAL.toml (profile, actuator, noises)")
-    if args.tracked and formulation != "filtered":
-        raise UsageError("--tracked needs --formulation filtered and --nominal NOMINAL.toml")
-    return str(formulation)
-
-
-def identify_config(args: argparse.Namespace, log: Log, nominal: Nominal | None) -> Config:
-    """Config for a log; UsageError for what the options ask and the log lacks."""
-    formulation = choose_formulation(args, log)
-    model = onboard_model(nominal) if formulation == "filtered" and nominal is not None else None
-    if args.window == "all":
-        t = log.t[np.isfinite(log.t)]
-        t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
-        timing = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
-    else:
-        try:
-            timing = {"window": float(args.window), "sample_period": log.period}
-        except ValueError:
-            raise UsageError(f"--window {args.window!r}: expected seconds or 'all'") from None
-    try:
-        return Config(**timing, formulation=formulation, model=model, **choices(args))
-    except ValueError as error:
-        raise UsageError(str(error)) from None
-
-
-def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
-    """When a term of theta_ddot enters or leaves, from window to window; nothing while they stay."""
-    lines = []
-    valid = [w for w in windows if w["valid"]]
-    for before, after in itertools.pairwise(valid):
-        entered = [term for term in after["terms"] if term not in before["terms"]]
-        left = [term for term in before["terms"] if term not in after["terms"]]
-        if entered or left:
-            words = [f"{', '.join(terms)} {verb}" for terms, verb in ((entered, "enters"), (left, "leaves")) if terms]
-            lines.append(f"structure from {after['t_start']:.2f} s on: {'; '.join(words)}")
-    return lines
-
-
-def identify_table(result: dict[str, Any]) -> str:
-    """The windows as a table for a terminal."""
-    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
-
-    def pair(window: dict[str, Any], name: str) -> str:
-        if window[name] is None:
-            return f"{'-':>22}"
-        std = window[f"{name}_std"]
-        return f"{window[name]:>11.5g}" + (f" +- {std:<7.2g}" if std is not None else " " * 11)
-
-    for w in result["windows"]:
-        terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
-        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
-                     f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
-    lines += structure_lines(result["windows"])
-    for c in result.get("changes", []):
-        lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
-                     f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
-    samples = result["samples"]
-    rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
-    lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
-    return "\n".join(lines)
-
-
 def identify_command(args: argparse.Namespace) -> None:
     """launchid identify"""
+    from .nominal import load_nominal
     log = read_noting(args.log)
-    nominal: Nominal | None = load_nominal(args.nominal) if args.nominal else None
-    config = identify_config(args, log, nominal)
+    nominal = load_nominal(args.nominal) if args.nominal else None
+    check_outputs(args.json, args.plot)
+    from .identify import log_config, report, run, table
+    config = log_config(log, nominal, args.window, args.formulation, args.tracked, **choices(args))
     estimates, estimator = run(config, log.samples())
     result = report(estimates, estimator, args.tracked)
     if args.plot:
@@ -371,14 +330,15 @@ def identify_command(args: argparse.Namespace) -> None:
         write_text(args.json, [json.dumps(result, indent=1), "\n"])
     print(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
           f"window {config.window:g} s, period {config.sample_period:g} s, {config.kept_rows} of {config.rows} rows")
-    print(identify_table(result))
+    print(table(result))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     try:
         args = parser().parse_args(argv)
-        args.run(args)
+        with inputs_spared():
+            args.run(args)
         sys.stdout.flush()
     except UsageError as error:
         say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))

@@ -1,38 +1,171 @@
-"""Output files: whole or not at all."""
+"""Output files: whole or not at all, and never in the place of what is no file.
+
+A regular file is written beside, under a hidden name, and takes the place of the old one when it is whole: with the
+old one's mode, and behind a symbolic link, which stays.  A device, a FIFO or a socket, and the file that stdout or
+stderr is, are written through.  What a killed run left under a hidden name goes at the next run to the same path.
+
+A file is refused (InputError, one line) that may not be written by its mode, whoever asks, and one that the command
+reads: within `inputs_spared`, what `reads` has named.
+"""
 
 import contextlib
 import os
+import re
+import secrets
+import shutil
+import stat
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 
 from .errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: no lock says whose a hidden file is, so none is removed
+    fcntl = None  # type: ignore[assignment]
+
+SHOWN = 40           # characters of a file's name in its hidden one's, so that this is not too long where that is
+WRITABLE = 0o222     # mode bits; root may write without them, and is refused all the same
+NEW_MODE = 0o666     # of a new file, less the umask
+
+_Identity = tuple[int, int]
+_inputs: ContextVar[set[_Identity] | None] = ContextVar("inputs", default=None)
+
+
+@contextlib.contextmanager
+def inputs_spared() -> Iterator[None]:
+    """Within this, a file that was named to `reads` is no output."""
+    token = _inputs.set(set())
+    try:
+        yield
+    finally:
+        _inputs.reset(token)
+
+
+def reads(path: str | Path) -> None:
+    """Name a file that is read."""
+    known = _inputs.get()
+    if known is not None:
+        with contextlib.suppress(OSError, ValueError):
+            found = os.stat(path)
+            known.add((found.st_dev, found.st_ino))
+
+
+def check_output(path: str | Path) -> os.stat_result | None:
+    """What stands at an output's path, None if nothing; InputError if it cannot be written there."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        if not Path(os.path.realpath(path)).parent.is_dir():
+            raise InputError(f"{path}: cannot be written (no such folder)") from None
+        return None
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    if stat.S_ISDIR(found.st_mode):
+        raise InputError(f"{path}: cannot be written (it is a folder)")
+    if stat.S_ISREG(found.st_mode):
+        if not found.st_mode & WRITABLE or not os.access(path, os.W_OK):
+            raise InputError(f"{path}: cannot be written (it is read-only)")
+        if (found.st_dev, found.st_ino) in (_inputs.get() or ()):
+            raise InputError(f"{path}: cannot be written (it is this command's input); expected another name")
+    return found
+
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends well, and goes when it does not."""
+    """A temporary path whose file becomes the output when the block ends well, and goes when it does not."""
     path = Path(path)
+    found = check_output(path)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-        os.close(handle)
-        os.chmod(name, 0o666 & ~_umask())
+        replaced = found is None or (stat.S_ISREG(found.st_mode) and _stream(found) is None)
+        target = Path(os.path.realpath(path)) if replaced else None
+        place = target or Path(tempfile.gettempdir()) / path.name
+        _remove_abandoned(place)
+        handle, temporary = _claimed(place)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-    temporary = Path(name)
+        raise _unwritable(path, error) from None
     try:
         yield temporary
-        os.replace(temporary, path)
+        if target is None:
+            _write_through(temporary, path)
+        else:
+            os.chmod(temporary, NEW_MODE & ~_umask() if found is None else stat.S_IMODE(found.st_mode))
+            os.replace(temporary, target)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise _unwritable(path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
+        if handle is not None:
+            os.close(handle)
+
+
+def _unwritable(path: str | Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror})")
+
+
+def _stream(found: os.stat_result) -> int | None:
+    """The descriptor of stdout or stderr if that is what was found."""
+    for number in (1, 2):
+        with contextlib.suppress(OSError):
+            if os.path.samestat(os.fstat(number), found):
+                return number
+    return None
+
+
+def _write_through(temporary: Path, path: Path) -> None:
+    """Copy to what is no file of ours to replace: to stdout where it has come to, elsewhere as a shell's `>>` does."""
+    number = _stream(os.stat(path))
+    sys.stdout.flush()
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND) if number is None else os.dup(number)
+    with temporary.open("rb") as source, os.fdopen(handle, "wb", buffering=0) as file:
+        shutil.copyfileobj(source, file)
+
+
+# ---- hidden files
+
+
+def _hidden(target: Path) -> str:
+    return f".{target.name[:SHOWN]}."
+
+
+def _claimed(target: Path) -> tuple[int | None, Path]:
+    """A new hidden file and the descriptor that holds its lock: as long as that is open, its process lives."""
+    while True:
+        path = target.parent / f"{_hidden(target)}{secrets.token_hex(8)}.launchid"
+        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+        if fcntl is None:
+            os.close(handle)
+            return None, path
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if path.exists():  # else it was taken for abandoned before it was locked
+            return handle, path
+        os.close(handle)
+
+
+def _remove_abandoned(target: Path) -> None:
+    """Remove the hidden files of this path that no living process holds."""
+    ours = re.compile(re.escape(_hidden(target)) + r"[0-9a-f]{16}\.launchid")
+    for path in [entry for entry in target.parent.iterdir() if ours.fullmatch(entry.name)] if fcntl else ():
+        with contextlib.suppress(OSError):  # locked, or of another user
+            handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+            finally:
+                os.close(handle)
 
 
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+# ---- what is written
 
 
 def make_folder(path: str | Path) -> Path:
@@ -49,3 +182,10 @@ def write_text(path: str | Path, lines: Iterable[str]) -> None:
     """Write a text file whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(lines)
+
+
+def remove(path: str | Path) -> None:
+    """Remove an earlier output, if there is one and it is a file."""
+    if os.path.isfile(path):
+        check_output(path)
+        Path(path).unlink()

@@ -1,18 +1,23 @@
-"""Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON."""
+"""Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
 
+import itertools
 import math
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
 
 from .effects import values
-from .errors import InputError
+from .errors import InputError, UsageError
 from .flight import parameters
+from .log import Log
 from .nominal import Nominal
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
+ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 
 
@@ -40,8 +45,9 @@ def onboard_model(nominal: Nominal) -> Model:
         return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
 
     a6, k1 = parameters(nominal, nominal.vehicle.t)
-    delay = sum(values(effect)["delay"] for effect in nominal.effects if effect.name == "actuator_delay")
-    bandwidth = math.prod(values(effect)["scale"] for effect in nominal.effects if effect.name == "actuator_bandwidth")
+    delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
+    bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
+                          if effect.name == "actuator_bandwidth")
     return Model(
         profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(a6), profile_k1=tuple(k1),
         natural_frequency=actuator.natural_frequency * bandwidth, damping_ratio=actuator.damping_ratio,
@@ -50,6 +56,45 @@ def onboard_model(nominal: Nominal) -> Model:
         theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
         acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=nominal.controller.period)
+
+
+def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
+    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`).
+
+    UsageError for what was asked and the input lacks.
+    """
+    default = "measured" if "theta_ddot" in log.columns else "integral"
+    formulation = asked or ("filtered" if nominal is not None else default)
+    if formulation == "measured" and "theta_ddot" not in log.columns:
+        raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
+    if formulation == "filtered" and nominal is None:
+        raise UsageError("--formulation filtered needs --nominal NOMINAL.toml (profile, actuator, noises)")
+    if tracked and formulation != "filtered":
+        raise UsageError("--tracked needs --formulation filtered and --nominal NOMINAL.toml")
+    return formulation
+
+
+def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str | None, tracked: bool,
+               **choices: Any) -> Config:
+    """Config for a log; UsageError for what the options ask and the log lacks.
+
+    window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
+    """
+    formulation = chosen_formulation(log, nominal, formulation, tracked)
+    model = onboard_model(nominal) if formulation == "filtered" and nominal is not None else None
+    if window == "all":
+        t = log.t[np.isfinite(log.t)]
+        t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
+        timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
+    else:
+        try:
+            timing = {"window": float(window), "sample_period": log.period}
+        except ValueError:
+            raise UsageError(f"--window {window!r}: expected seconds or 'all'") from None
+    try:
+        return Config(**timing, formulation=formulation, model=model, **choices)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
@@ -111,3 +156,40 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
     return {"windows": windows, **changes,
             "samples": {"accepted": sum(n for name, n in counts.items() if Status[name] >= 0),
                         "rejected": {name: n for name, n in counts.items() if Status[name] < 0 and n > 0}}}
+
+
+def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
+    """When a term of theta_ddot enters or leaves, from window to window; nothing while they stay."""
+    lines = []
+    valid = [w for w in windows if w["valid"]]
+    for before, after in itertools.pairwise(valid):
+        entered = [term for term in after["terms"] if term not in before["terms"]]
+        left = [term for term in before["terms"] if term not in after["terms"]]
+        if entered or left:
+            words = [f"{', '.join(terms)} {verb}" for terms, verb in ((entered, "enters"), (left, "leaves")) if terms]
+            lines.append(f"structure from {after['t_start']:.2f} s on: {'; '.join(words)}")
+    return lines
+
+
+def table(result: dict[str, Any]) -> str:
+    """The windows as a table for a terminal."""
+    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
+
+    def pair(window: dict[str, Any], name: str) -> str:
+        if window[name] is None:
+            return f"{'-':>22}"
+        std = window[f"{name}_std"]
+        return f"{window[name]:>11.5g}" + (f" +- {std:<7.2g}" if std is not None else " " * 11)
+
+    for w in result["windows"]:
+        terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
+                     f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+    lines += structure_lines(result["windows"])
+    for c in result.get("changes", []):
+        lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
+                     f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
+    samples = result["samples"]
+    rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
+    lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
+    return "\n".join(lines)

@@ -12,14 +12,17 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from launchid_core import Sample
 
 from .errors import InputError
-from .files import write_text
-from .flight import Flight
+from .files import reads, write_text
+
+if TYPE_CHECKING:
+    from .flight import Flight
 
 REQUIRED = ("t", "theta", "beta")
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref")
@@ -98,6 +101,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     try:
         if not path.is_file():
             raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta")
+        reads(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
             header = next(reader, None)
@@ -128,7 +132,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     return Log(path=str(path), columns=tuple(known), ignored=ignored, **values, **missing)
 
 
-def write_flight(path: str | Path, flight: Flight) -> None:
+def write_flight(path: str | Path, flight: "Flight") -> None:
     """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (and theta_ddot if measured).
 
     Shortest numbers that read back to the same bits.

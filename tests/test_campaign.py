@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from sim.campaign import ATTEMPTS, Job, draw_jobs, run_campaign
+from sim.campaign import ATTEMPTS, Job, draw_jobs, run_campaign, run_jobs
 from sim.errors import InputError, UsageError
 
 
@@ -331,3 +331,30 @@ def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_
                          workers=3, chunk=2, progress=progress)
     assert killed and len(pids) == 3
     assert table.path.read_bytes() == reference
+
+
+# ---- in memory
+
+
+def twice(point: Point) -> list[float]:
+    return [point.delta, 2.0 * point.delta]
+
+
+def refuse(point: Point) -> int:
+    raise ValueError(f"seed {point.seed}")
+
+
+@pytest.mark.parametrize(("workers", "chunk"), [(1, None), (2, 1), (3, 7)])
+def test_results_are_in_the_order_of_the_jobs_whatever_they_are(workers, chunk):
+    seen: list[int] = []
+    results = run_jobs(points(20), twice, workers=workers, chunk=chunk, progress=seen.append)
+    assert results == [twice(point) for point in points(20)] and sum(seen) == 20
+    assert run_jobs([], twice) == []
+
+
+def test_what_work_in_memory_raises_and_what_kills_it_is_one_clear_error(tmp_path):
+    with pytest.raises(UsageError, match="ValueError: seed 0"):
+        run_jobs(points(3), refuse, workers=1)
+    with pytest.raises(UsageError, match=f"seed=11.*WorkerDied: {ATTEMPTS} times"):
+        run_jobs(points(12), die_always, workers=2)
+    assert len(run_jobs(points(12), functools.partial(die_once, tmp_path), workers=2)) == 12

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..effects import CATALOGUE
 from ..errors import InputError
-from ..files import write_text
+from ..files import remove, write_text
 from ..nominal import write_nominal
 from .gain import Gain
 from .goodness import CONSTANCY_LIMIT, SEGMENTS
@@ -103,7 +103,7 @@ def write_report(made: Diagnosis, result: dict[str, Any], folder: str) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
         for name in (*EXTENSION, *PICTURES):
-            (path / name).unlink(missing_ok=True)
+            remove(path / name)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
     drawn = _draw(made, path)

@@ -6,8 +6,8 @@ flight time (Figs. 4 and 8), and what identification buys: margins and mu of the
 closed loop over the full box before it, over the identified sub-box after it.
 """
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,14 @@ SHOWN = (0.4, -0.3)     # delta of the flight whose margins are drawn
 
 # columns of a flight's table
 T, A6, K1, A6_STD, K1_STD, TRUE_A6, TRUE_K1, DELTA_A6, DELTA_K1, STD_A6, STD_K1, IN_RANGE = range(12)
+
+
+class BandJob(NamedTuple):
+    """One dispersed flight."""
+
+    name: str
+    delta: tuple[float, float]
+    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +66,9 @@ def deltas(count: int) -> list[tuple[float, float]]:
     return [*VERTICES, *((float(a), float(k)) for a, k in random)]
 
 
-def band_job(name: str, delta: tuple[float, float], seed: int) -> Band:
+def fly_band(job: BandJob) -> Band:
     """Fly one dispersed vehicle through the estimator."""
+    name, delta, seed = job
     nominal = load_nominal(built_in(name))
     factors = dispersion(nominal, *delta)
     flight = fly_whole(nominal, seed, a6_factor=factors[0], k1_factor=factors[1])
@@ -78,10 +87,9 @@ def band_job(name: str, delta: tuple[float, float], seed: int) -> Band:
     return Band(delta, flight.lost, table)
 
 
-def fly_bands(name: str, count: int, executor: Executor) -> list[Band]:
+def band_jobs(name: str, count: int) -> list[BandJob]:
     """Vertices and random vehicles of a nominal, `count` flights."""
-    chosen = deltas(count)
-    return list(executor.map(band_job, [name] * len(chosen), chosen, range(len(chosen))))
+    return [BandJob(name, delta, seed) for seed, delta in enumerate(deltas(count))]
 
 
 def bought(nominal: Nominal, flight: Band) -> Bought:

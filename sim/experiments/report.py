@@ -10,25 +10,13 @@ import numpy as np
 from launchid_core import polynomial
 
 from ..bound import flight_bound
+from ..campaign import run_jobs
 from ..files import make_folder, write_text
 from ..identify import number
 from ..nominal import built_in, load_nominal
 from . import confidence
-from .campaign import (
-    A6,
-    EXACT,
-    K1,
-    NODE,
-    TRUE_A6,
-    TRUE_K1,
-    VALID,
-    Result,
-    fly_job,
-    jobs,
-    processes,
-    run_cases,
-)
 from .cases import CASES, CONFIDENCE, Case, Variant
+from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, case_jobs, fly_job
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -41,7 +29,7 @@ def progress_bar(total: int) -> Any:
         tqdm = None
     if tqdm is None or not sys.stderr.isatty():
         class Silent:
-            def update(self) -> None: ...
+            def update(self, n: int) -> None: ...
             def close(self) -> None: ...
         return Silent()
     return tqdm(total=total, unit="flight", file=sys.stderr)
@@ -131,20 +119,19 @@ def reproduce(case: str, seeds: int, out: str) -> str:
     """Run one case or all, write figures, `table.md` and `results.json` into `out`; returns the text to print."""
     names = list(CASES) if case == "all" else [case] if case in CASES else []
     folder = make_folder(out)
-    results: dict[str, list[Result]] = {name: [] for name in names}
-    bar = progress_bar(jobs(names, seeds))
-    for name in names[:1]:  # compiles once, here, instead of once in every worker that is about to be forked
-        fly_job(name, CASES[name].deltas[0], 0)
-    with processes() as executor:
-        for name, result in run_cases(names, seeds, executor):
-            results[name].append(result)
-            bar.update()
-        bands = {name: confidence.fly_bands(name, seeds, executor)
-                 for name in confidence.VEHICLES if case in ("all", CONFIDENCE)}
+    jobs = case_jobs(names, seeds)
+    vehicles = confidence.VEHICLES if case in ("all", CONFIDENCE) else ()
+    bar = progress_bar(len(jobs))
+    for job in jobs[:1]:  # compiles here what every worker that is about to be forked needs
+        fly_job(job)
+    flown = run_jobs(jobs, fly_job, progress=bar.update)
     bar.close()
+    results: dict[str, list[Result]] = {name: [] for name in names}
+    for job, result in zip(jobs, flown, strict=True):
+        results[job.name].append(result)
+    bands = {name: run_jobs(confidence.band_jobs(name, seeds), confidence.fly_band) for name in vehicles}
     scores = {}
     for name in names:
-        results[name].sort(key=lambda r: (r.delta, r.seed))
         scores[name] = [score(CASES[name], k, results[name]) for k in range(len(CASES[name].variants))]
         for k, (variant, row) in enumerate(zip(CASES[name].variants, scores[name], strict=True)):
             row.update(variant=variant.name, bound_a6=noise_floor(CASES[name], variant),

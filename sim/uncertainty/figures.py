@@ -17,10 +17,11 @@ from ..experiments.confidence import (
     TRUE_K1,
     VERTICES,
     Band,
+    BandJob,
     Bought,
     T,
-    band_job,
     bought,
+    fly_band,
 )
 from ..flight import dispersion, parameters
 from ..nominal import Nominal, built_in, load_nominal
@@ -89,6 +90,7 @@ def confidence_figures(folder: Path, bands: dict[str, list[Band]]) -> list[str]:
     for name, flown in bands.items():
         nominal = load_nominal(built_in(name))
         save(band_figure(nominal, flown), folder / f"confidence_{name}.png")
-        save(bought_figure(nominal, bought(nominal, band_job(name, SHOWN, SHOWN_SEED))), folder / f"margins_{name}.png")
+        shown = fly_band(BandJob(name, SHOWN, SHOWN_SEED))
+        save(bought_figure(nominal, bought(nominal, shown)), folder / f"margins_{name}.png")
         written += [f"confidence_{name}.png", f"margins_{name}.png"]
     return written

@@ -98,7 +98,7 @@ def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
     covers = len(profile.t) == 1 or profile.t[0] <= t <= profile.t[-1]
     if not math.isfinite(t) or not covers:
         raise InputError(f"{what}: t = {t!r} s: expected a time from {profile.t[0]:g} to {profile.t[-1]:g} s")
-    a6, k1 = profile.at(np.float64(t))
+    a6, k1 = profile.at(np.array(t))
     return float(a6), float(k1)
 
 

@@ -81,7 +81,7 @@ class Rule:
 
     def at(self, t: float) -> tuple[float, float]:
         """The nominal's (a6, k1) [1/s^2] at t [s]."""
-        a6, k1 = self.nominal.vehicle.at(np.float64(t))
+        a6, k1 = self.nominal.vehicle.at(np.array(t))
         return float(a6), float(k1)
 
     def gains(self, t: float, belief: Belief) -> tuple[float, float]:

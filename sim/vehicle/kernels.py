@@ -1,6 +1,4 @@
-"""The decorators of the simulator's compiled functions; reasons as in `launchid_core.kernels`.
-
-Kept apart because the core's is not public, and what never flies may change alone.
+"""The decorators of the simulator's compiled functions; `launchid_core.kernels` has their common choices.
 
 `inner` is for what a step calls.  Its two further choices, each with its reason:
 
@@ -9,7 +7,7 @@ Kept apart because the core's is not public, and what never flies may change alo
   (70 s of flight: 8.5 ms with, 5.5 ms without); what would allocate does not compile.
 """
 
-import numba
+from launchid_core import compiled
 
-kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
-inner = numba.njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+kernel = compiled()
+inner = compiled(forceinline=True, _nrt=False)

@@ -1,10 +1,8 @@
-"""Flies a case's flights through its estimator variants, on all cores, one job a flight."""
+"""Flies a case's flights through its estimator variants, one job a flight."""
 
 import dataclasses
-import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +16,14 @@ from .cases import CASES, Case, Variant
 # columns of a variant's window table
 (START, END, VALID, A6, K1, A6_STD, K1_STD, TRUE_A6, TRUE_K1, EXACT, NODE) = range(11)
 N_COLUMNS = 11
+
+
+class CaseJob(NamedTuple):
+    """One flight of a case."""
+
+    name: str
+    delta: int
+    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +86,9 @@ def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flig
     return table, estimates[-1].xi if estimates else np.full((len(config.terms), 3), np.nan)
 
 
-def fly_job(name: str, delta: int, seed: int) -> Result:
+def fly_job(job: CaseJob) -> Result:
     """One flight of a case through all its variants (the unit of work of a process)."""
+    name, delta, seed = job
     case = CASES[name]
     nominal = case_nominal(case)
     flights: dict[tuple[str, float | None], Flight] = {}
@@ -98,24 +105,7 @@ def fly_job(name: str, delta: int, seed: int) -> Result:
     return Result(delta, seed, lost, tuple(tables), first_xi)
 
 
-def processes() -> Executor:
-    """One process a core."""
-    return ProcessPoolExecutor(max_workers=os.cpu_count())
-
-
-def run_cases(names: list[str], seeds: int, executor: Executor) -> Iterator[tuple[str, Result]]:
-    """Yield (case, result) as flights finish; results are independent of the number of workers."""
-    futures = {executor.submit(fly_job, name, delta, seed): name
-               for name in names for delta in CASES[name].deltas for seed in range(seeds)}
-    try:
-        for future in as_completed(futures):
-            yield futures.pop(future), future.result()
-    except BaseException:
-        for future in futures:
-            future.cancel()
-        raise
-
-
-def jobs(names: list[str], seeds: int) -> int:
-    """How many flights `run_cases` flies."""
-    return sum(len(CASES[name].deltas) * seeds for name in names)
+def case_jobs(names: list[str], seeds: int) -> list[CaseJob]:
+    """The flights of these cases, by case, delta and seed."""
+    return [CaseJob(name, delta, seed) for name in names for delta in sorted(CASES[name].deltas)
+            for seed in range(seeds)]
