@@ -212,9 +212,9 @@ def plan_command(args: argparse.Namespace) -> None:
 
 def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
-    from .diagnosis.answer import report
+    from .diagnosis.report.answer import report
+    from .diagnosis.report.words import lines
     from .diagnosis.verdict import diagnose
-    from .diagnosis.words import lines
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, ("t", "theta")), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, ("t", "theta")) if args.holdout else None
@@ -223,7 +223,7 @@ def diagnose_command(args: argparse.Namespace) -> None:
     progress("")
     result = report(made)
     if args.report:
-        from .diagnosis.report import write_report
+        from .diagnosis.report.page import write_report
         write_report(made, result, args.report)
     text = json.dumps(result, indent=1)
     if args.json == "-":

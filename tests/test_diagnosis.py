@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 
 from sim.cli import main
-from sim.diagnosis.answer import report
-from sim.diagnosis.data_check import check
-from sim.diagnosis.goodness import Leftover
-from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
-from sim.diagnosis.limits import Isolability
-from sim.diagnosis.model import Point, innovations
-from sim.diagnosis.named import Named, doubts_about
-from sim.diagnosis.noise import Disturbance, declared, exponential
-from sim.diagnosis.record import record
-from sim.diagnosis.selection import first_filter
+from sim.diagnosis.causes import SOUGHT
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.data.check import check
+from sim.diagnosis.judge.leftover import Leftover
+from sim.diagnosis.judge.limits import Isolability
+from sim.diagnosis.judge.named import Named, doubts_about
+from sim.diagnosis.model.noise import Disturbance, declared, exponential, first_filter
+from sim.diagnosis.model.point import Point, innovations
+from sim.diagnosis.report.answer import report
+from sim.diagnosis.report.words import look_alikes, sentence
 from sim.diagnosis.verdict import diagnose
-from sim.diagnosis.words import look_alikes, sentence
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
@@ -51,7 +50,7 @@ def named(result):
 
 
 def test_every_cause_of_the_catalogue_has_a_hypothesis():
-    hypotheses = {h.cause for h in (*HYPOTHESES, PERIODIC)}
+    hypotheses = {h.cause for h in SOUGHT}
     assert hypotheses | {"missing_term", "controller_mismatch"} == set(CATALOGUE)
 
 
