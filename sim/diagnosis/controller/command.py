@@ -56,13 +56,13 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
                         actuator=Actuator(natural_frequency=DIRECT / draft.step, damping_ratio=DIRECT_DAMPING))
     rows = np.arange(draft.rows)
-    held = command[np.maximum.accumulate(np.where(known, rows, 0))]
-    held[~np.isfinite(held)] = command[known][0]
+    issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
+    issued[~np.isfinite(issued)] = command[known][0]
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
         early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
-        held = held + early * np.diff(held, append=held[-1])
+        issued = issued + early * np.diff(issued, append=issued[-1])
     m = draft.every // draft.tick
-    ticks = held if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, held)
+    ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
     return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
 
 

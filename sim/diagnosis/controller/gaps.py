@@ -27,7 +27,7 @@ from .numbers import FREE_NUMBER, NEUTRAL, lowest, newton, simplest
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same
 NOISE = 4.0            # times what the attitude's noise between rows makes: more is no difference of gains
 CLEARLY = 30.0         # nats that a mismatch must gain; and gains and filter together over either
-GAINS = ((0,), (1,), (0, 1))    # which may be free
+GAINS: tuple[tuple[int, ...], ...] = ((0,), (1,), (0, 1))  # which may be free
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
 COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault
 LATEST = 3             # periods of computing time tried

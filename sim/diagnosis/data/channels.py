@@ -61,7 +61,8 @@ def runs_of(flag: np.ndarray) -> np.ndarray:
 def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray) \
         -> tuple[dict[str, np.ndarray], list[Fault]]:
     """(masks as `check.DataCheck`'s, faults) of every column (n,) by itself; usable (n,) bool: of the stamps."""
-    masks, faults = {}, []
+    masks: dict[str, np.ndarray] = {}
+    faults: list[Fault] = []
     for name, x in columns.items():
         masks[name] = np.isfinite(x) & usable
         faults += out_of_range(name, t, x, masks[name])
@@ -245,7 +246,7 @@ def spike_rows(x: np.ndarray, command: np.ndarray) -> np.ndarray:
         residual = _residual(clean, command, weights)
         size = np.where(marked, 0.0, np.abs(residual))
         scale = GAUSS_MAD * float(np.median(size))
-        candidates = np.flatnonzero(size > max(SPIKE_SIGMAS * scale, SPIKE_QUANTA * quantum))
+        candidates = np.flatnonzero(size > max(SPIKE_SIGMAS * scale, SPIKE_QUANTA * quantum)).tolist()
         new = [k for k in candidates if size[k] >= np.max(size[max(0, k - 3):k + 4])
                and _stands_alone(clean, size, k)]
         if not new:

@@ -100,9 +100,9 @@ def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
     found = []
     finite = np.isfinite(t)
     if not finite.all():
-        bad = np.flatnonzero(~finite)
-        found.append(Fault("stamps", "t", math.nan, math.nan, len(bad),
-                           f"the stamp is no number in {_rows(len(bad))}, first in row {bad[0] + 1}: "
+        none = np.flatnonzero(~finite)
+        found.append(Fault("stamps", "t", math.nan, math.nan, len(none),
+                           f"the stamp is no number in {_rows(len(none))}, first in row {none[0] + 1}: "
                            "drop these rows or restore their times"))
     rows = np.flatnonzero(finite)
     stamps, good = t[rows], usable[rows]

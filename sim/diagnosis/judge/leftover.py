@@ -130,7 +130,8 @@ def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover
     def gain(x: float) -> float:
         return refilter.log_likelihood(levels, Disturbance(place, math.exp(x), tau)) - base
 
-    grid = np.linspace(*(math.log(size) for size in SIZES[place]), COARSE)
+    smallest, largest = SIZES[place]
+    grid = np.linspace(math.log(smallest), math.log(largest), COARSE)
     looked = [gain(x) for x in grid]
     k = int(np.argmax(looked))
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, COARSE - 1)]

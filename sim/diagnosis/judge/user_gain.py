@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from launchid_core import Config, Sample
+from launchid_core import Config, Estimate, Sample
 
 from ...effects import values
 from ...errors import InputError
@@ -62,7 +62,8 @@ def user_gain(nominal: Nominal, extension: Nominal) -> UserGain | None:
         return float(np.sqrt(np.mean(before[:, column]**2))), float(np.sqrt(np.mean(after[:, column]**2)))
 
     def held(column: int) -> tuple[float, float]:
-        return tuple(float(np.mean(np.abs(each[:, column]) <= INTERVAL)) for each in (before, after))  # type: ignore
+        first, second = (float(np.mean(np.abs(each[:, column]) <= INTERVAL)) for each in (before, after))
+        return first, second
 
     return UserGain({"a6": of(0), "k1": of(1)}, {"a6": held(2), "k1": held(3)}, (len(before), len(after)))
 
@@ -72,9 +73,9 @@ def _modelled(extension: Nominal) -> Nominal:
     return replace(extension, effects=tuple(e for e in extension.effects if e.name in MODELLED))
 
 
-def _judged(extension: Nominal, estimate: object) -> tuple[float, float, float, float]:
+def _judged(extension: Nominal, estimate: Estimate) -> tuple[float, float, float, float]:
     """Relative errors of a6 and k1 at the window's centre, and the same in standard deviations."""
-    middle = np.array([0.5 * (estimate.t_start + estimate.t_end)])  # type: ignore[attr-defined]
+    middle = np.array([0.5 * (estimate.t_start + estimate.t_end)])
     a6, k1 = (float(x[0]) for x in parameters(extension, middle))
     found = [(getattr(estimate, name), getattr(estimate, f"{name}_std"), true)
              for name, true in (("a6", a6), ("k1", k1))]

@@ -30,7 +30,8 @@ Modes = tuple[Mode, ...]
 def modes_of(v: st.Vehicle) -> tuple[Modes, np.ndarray]:
     """The vehicle's oscillators in their order, and for each row of its plant effects where its value stands among the
     states (-1: it has none)."""
-    slots, found = np.full(len(v.plant), -1, np.int64), []
+    slots = np.full(len(v.plant), -1, np.int64)
+    found: list[Mode] = []
     for e in range(len(v.plant)):
         if v.plant[e, CODE] in (SLOSH, BENDING):
             slots[e] = N_RIGID + 2 * len(found)

@@ -91,7 +91,8 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
-    return Dynamics(modes, f, c, block, resets, *(x[:, kept, kept].copy() for x in q), entry)
+    command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
+    return Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry)
 
 
 def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:

@@ -243,8 +243,9 @@ def ranking(made: Diagnosis) -> Figure | None:
         bars = axis.barh(place, values, height=0.66, edgecolor="0.2", linewidth=0.6,
                          color=["#12355b" if value >= least and n == 0 else "0.82" for n, value in enumerate(values)])
         axis.bar_label(bars, [str(round(value)) for value in values], padding=3, fontsize=8)
-        axis.set_yticks(place, [" ".join((each.cause.hypothesis.cause, *dict(each.cause.hypothesis.fixed).values()))
-                              for each in step], fontsize=8)
+        fixed = [[str(value) for _, value in each.cause.hypothesis.fixed] for each in step]
+        axis.set_yticks(place, [" ".join((each.cause.hypothesis.cause, *terms))
+                                for each, terms in zip(step, fixed, strict=True)], fontsize=8)
         axis.axvline(least, color="0.0", linestyle="--", linewidth=1.2)
         axis.set_title(f"cause {k + 1}: {least:.0f} nats needed (dashed)", fontsize=9, loc="left")
         low, high = min(0.0, *values), max(least, *values)

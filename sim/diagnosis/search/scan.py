@@ -160,7 +160,7 @@ def lines(problem: Problem, base: Fit) -> list[tuple[Values, float]]:
     top = min(TOP * math.pi / record.period, RESOLVED / record.resolution)
     power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > top)] = 0.0
     start = record.t[0]
-    found = []
+    found: list[tuple[Values, float]] = []
     for _ in range(STRONGEST):
         k = int(np.argmax(power))
         if power[k] <= 0.0:

@@ -244,7 +244,8 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
         for fitted in _in_steps(problem, start.fit, allowed):
             fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
     fits.sort(key=lambda pair: -pair[1])
-    models, seen = [], set()
+    models: list[tuple[Model, float]] = []
+    seen: set[str] = set()
     for fitted, gain in fits:
         name = fitted.causes[-1].hypothesis.label
         far = gain < fits[0][1] - NEAR and (len(models) >= PROFILED or gain < FAR_BEHIND * fits[0][1])
