@@ -199,4 +199,4 @@ def _place(made: Diagnosis) -> str:
         return "controller"
     strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
     where = strongest.where if strongest is not None and strongest.evidence > best.gain else best.where
-    return "controller" if foreign is not None and where == "actuator" and slow else where
+    return "controller" if foreign is not None and where == "actuator" else where

@@ -55,11 +55,6 @@ class Fit:
     def point(self) -> Point:
         return point_of(self.causes, self.delta)
 
-    @property
-    def parameters(self) -> int:
-        """Free numbers of the causes."""
-        return sum(len(cause.values) for cause in self.causes)
-
     def std(self, index: int) -> tuple[float, ...]:
         """Standard deviations of cause `index`'s values, in their units."""
         first = sum(len(cause.values) for cause in self.causes[:index])
