@@ -240,9 +240,12 @@ def test_what_the_log_does_not_tell_is_doubted(inside, outside, said):
     assert said in doubt and doubt.startswith(f"{outside[0]}: ")
 
 
-def test_an_onset_is_judged_from_the_log_s_own_beginning():
+def test_an_onset_is_judged_from_the_log_s_own_beginning(judged):
     each = Named("control_loss", {"time": 20000.5}, {"time": 0.2}, {}, (), 100.0, None)
     assert doubts_about((each,), (), 20000.0, 20045.0) and not doubts_about((each,), (), 19999.0, 20045.0)
+    line = Named("periodic_disturbance", {"frequency": 0.27}, {"frequency": 0.01}, {}, (), 100.0, None)
+    assert doubts_about((line,), (), 20000.0, 20045.0) and not doubts_about((line,), (), 20000.0, 20050.0)
+    assert judged(Found(each), shift=20000.0).made.doubts and not judged(Found(each), shift=19999.0).made.doubts
 
 
 # ---- look-alikes and steps
@@ -257,6 +260,7 @@ def test_look_alikes_are_those_that_explain_the_log_as_well():
                      ("bending", 50.0 - selection.TOLD_APART - 0.1), ("slosh", 49.0))
     assert _rivals("gust", ranking) == ("slosh", "friction")
     assert _rivals("aero_damping", ranked(("gust", 54.1), ("slosh", 50.0))) == ("gust",)  # from the best, not its own
+    assert _rivals("aero_damping", ranked(("aero_damping", 50.0), ("gust", 51.0), ("slosh", 56.0))) == ("slosh",)
     assert _rivals("gust", []) == ()
 
 
@@ -319,11 +323,11 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
-    def judge(found, controller=None, terms=None, catalogue=True, slow=False):
+    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
         made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found)
-        made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=0.0, every=2 if slow else 1, tick=1,
+        made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
                                       input="beta_cmd", nominal=SimpleNamespace(controller=True))
 
         def measure(of):
@@ -354,7 +358,7 @@ def test_causes_that_gain_nothing_on_data_left_out_are_not_believed(judged, nats
     each = judged(Found(cause("gyro_bias"), nats=nats))
     assert (each.made.verdict, each.made.causes) == ("unexplained", ()) and each.made.extension is None
     assert len(each.made.doubts) == 1 and "data left out" in each.made.doubts[0]
-    assert [near.cause for near in each.made.nearest] == ["gyro_bias"]
+    assert [near.cause for near in each.made.nearest] == ["gyro_bias"] and len(each.measured) == 1
     assert judged(Found(cause("gyro_bias"), nats=0.1)).made.verdict == "explained"
 
 
@@ -368,6 +372,8 @@ def test_any_doubt_makes_it_unexplained_and_keeps_what_comes_nearest(judged, fou
     assert each.made.verdict == "unexplained" and len(each.made.doubts) == 1 and each.made.causes == ()
     assert each.made.nearest == found.named
     assert len(each.measured) == len(found.named)   # the nearest's gain is shown all the same
+    found.nats = -1.0
+    assert len(judged(found).made.doubts) == 1   # but no second doubt
 
 
 # ---- where it is
@@ -419,7 +425,8 @@ def test_a_slow_log_lacks_an_unknown_controller_s_commands_which_seems_the_actua
             (200.0, "plant", True, "controller"), (50.0, "plant", True, "plant"),
             (50.0, "actuator", True, "controller"), (50.0, "plant", False, "controller")):
         found.nominal.left = (left_at(place, 90.0),)
-        assert judged(found, controlled(UNKNOWN, evidence), slow=slow).made.where == where
+        each = judged(found, controlled(UNKNOWN, evidence), slow=slow)
+        assert (each.made.where, each.asked) == (where, 0)   # and no term of the plant is sought beside it
 
 
 # ---- missing terms
@@ -489,6 +496,20 @@ def test_too_few_rows_are_not_searched(monkeypatch):
         made = verdict._examined(Diagnosis(None, None, None), None, 0, None, lambda text: None)
         assert (len(found) == 1) == searched
         assert searched or (made.verdict == "consistent" and {each.size for each in made.limits} == {None})
+
+
+def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
+    taken = []
+    monkeypatch.setattr(verdict, "record", lambda *given: SimpleNamespace(rows=verdict.FEWEST_ROWS))
+    monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+    monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
+    monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
+    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+    monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
+    monkeypatch.setattr(verdict, "noise_of", lambda model: {})
+    for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
+        made = verdict._examined(Diagnosis(None, None, None), None, bootstrap, None, lambda text: None)
+        assert made.threshold == threshold and taken[-2:] == [threshold] * 2
 
 
 def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):

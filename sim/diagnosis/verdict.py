@@ -22,7 +22,7 @@ from .judge.limits import limits, unseen
 from .judge.named import doubts_about, mismatch, named_causes
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
-from .model.follower import Nominal as NominalFollower
+from .model.follower import NominalFollower
 from .search.proposal import propose
 from .search.selection import THRESHOLD, Say, Selection, select
 
@@ -72,7 +72,6 @@ def _beneath(made: Diagnosis, say: Say) -> Diagnosis:
 def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: tuple[Hypothesis, ...] | None,
               say: Say) -> Diagnosis:
     """Everything after the data check; InputError where the log holds no input."""
-    threshold = made.threshold
     r = made.record = record(made.log, made.nominal, made.data)
     if r.rows < FEWEST_ROWS:
         made.verdict = "consistent"  # nothing is wrong that so short a log could show, and the limits say none could
@@ -81,12 +80,12 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     r, made.controller = with_commands(r, NominalFollower())
     made.record = r
     if bootstrap > 0:
-        threshold = made.threshold = measured_threshold(r, bootstrap, say)
-    made.selection = select(r, threshold, hypotheses, say)
+        made.threshold = measured_threshold(r, bootstrap, say)
+    made.selection = select(r, made.threshold, hypotheses, say)
     say("goodness")
     _judge(made, _measure(made, holdout), say)
     say("detection limits")
-    found, made.isolability = limits(r, made.selection.model, threshold)
+    found, made.isolability = limits(r, made.selection.model, made.threshold)
     made.limits = tuple(found)
     made.noise = noise_of(made.selection.model)
     return made
@@ -144,7 +143,6 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     """The best causes of a selection into `nearest`, with what is left and what they gain; the doubts about them."""
     made.nearest = named_causes(selection)
     made.left = tuple(leftovers(selection.model))
-    made.gain = None
     assert made.record is not None
     first, last = (float(made.record.t[k]) + made.record.shift for k in (0, -1))
     doubts = doubts_about(made.nearest, made.left, first, last)

@@ -1,4 +1,4 @@
-"""The nominal as it follows a log: what the controller's room needs of a model (`controller.issued.Follower`)."""
+"""The nominal as it follows a log: what the room of the controller needs of a model and is handed."""
 
 from dataclasses import dataclass
 
@@ -29,8 +29,8 @@ class Vehicle:
         return Problem(record, self.filter).deviation_slopes()
 
 
-class Nominal:
-    """Follows a log without causes."""
+class NominalFollower:
+    """The nominal without causes (`controller.issued.Follower`)."""
 
     def seen(self, record: Record) -> Seen | None:
         """What it saw between the rows; None: it does not stay with the log."""
