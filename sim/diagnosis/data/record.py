@@ -18,9 +18,9 @@ from ...flight import CLOCK_DIGITS
 from ...log import Log
 from ...nominal import Nominal
 from ...sections import Actuator
+from .channels import MEASURED as CHANNELS
 from .check import DataCheck
 
-CHANNELS = ("theta", "theta_dot", "beta")
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
 SERVO_STEP = 0.2         # rad a step, of the servo

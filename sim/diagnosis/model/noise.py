@@ -13,7 +13,7 @@ import numpy as np
 from ...effects.plant import SLOSH
 from ...sections import Sensors
 from ...vehicle import step as st
-from ..data.record import Record
+from ..data.record import CHANNELS, Record
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
 from .point import Point, vehicle
@@ -157,9 +157,6 @@ class Filter:
         return out
 
 
-CHANNEL_OF = {"theta": 0, "theta_dot": 1, "beta": 2}
-
-
 class Refilter:
     """What filters with other levels, and a generic disturbance beside the model, make of the innovations of one.
 
@@ -248,8 +245,8 @@ def _with_disturbance(record: Record, dyn: Dynamics, of: Disturbance, f: np.ndar
     new_f[:, m, m] = keep
     new_q[:, m, m] = of.std**2 * (1.0 - keep**2)
     new_p[m, m] = of.std**2
-    if of.place in CHANNEL_OF:
-        new_c[CHANNEL_OF[of.place], m] = 1.0
+    if of.place in CHANNELS:
+        new_c[CHANNELS.index(of.place), m] = 1.0
     else:
         source = dyn.entry[:, :, 0 if of.place == "actuator" else 1]
         new_f[:, :m, m] = source[:, :m]

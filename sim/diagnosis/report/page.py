@@ -26,7 +26,7 @@ from ..judge.user_gain import INTERVAL
 from ..model.noise import LEVELS, declared
 from ..search.selection import needed
 from .answer import NEARLY_ALIKE
-from .words import DEGREES, amount, headline, look_alikes, sentence, would_decide
+from .words import ANGULAR, amount, headline, look_alikes, sentence, would_decide
 
 NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word
 THIN = 2.0             # times the evidence needed: less is worth a word
@@ -315,7 +315,7 @@ def _limit(limit: Limit) -> str:
     if limit.neutral == 1.0:
         return f"{limit.parameter} off by {100.0 * limit.size:.2g} %"
     word = "below " if math.isinf(limit.neutral) else ""
-    degrees = f" ({math.degrees(limit.size):.2g} {limit.unit.replace('rad', 'deg')})" if limit.unit in DEGREES else ""
+    degrees = f" ({math.degrees(limit.size):.2g} {limit.unit.replace('rad', 'deg')})" if limit.unit in ANGULAR else ""
     return f"{limit.parameter} {word}{limit.size:.2g} {limit.unit}{degrees}"
 
 

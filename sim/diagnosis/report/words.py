@@ -7,7 +7,7 @@ from ..judge.diagnosis import Diagnosis
 from ..judge.named import Named
 from ..judge.user_gain import INTERVAL
 
-DEGREES = ("rad", "rad/s", "rad/s^2")
+ANGULAR = ("rad", "rad/s", "rad/s^2")
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
@@ -17,7 +17,7 @@ def amount(value: float | str, std: float | None, unit: str, hertz: bool = False
     spread = "" if not std or not math.isfinite(std) else f" +- {INTERVAL * std:.2g}"
     if unit == "rad/s" and hertz:
         return f"{value:.4g}{spread} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
-    degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in DEGREES and value else ""
+    degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in ANGULAR and value else ""
     return f"{value:.4g}{spread}{' ' + unit if unit else ''}{degrees}"
 
 

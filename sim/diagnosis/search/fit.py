@@ -19,7 +19,7 @@ from ..model.point import DEVIATIONS, Point
 
 ITERATIONS = 12
 SMALL_GAIN = 0.02      # nats that a further step must promise; and of what it promised, the part it must keep
-DAMPING = 1e-4         # of the curvature, at first
+FIRST_DAMPING = 1e-4   # of the curvature
 LEAST_DAMPING = 1e-9
 MOST_DAMPING = 1e6
 RESOLVED = 0.49        # rad a step, of an oscillation's frequency (`sim.effects.catalogue` refuses 0.5)
@@ -129,7 +129,7 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     """Levenberg-Marquardt from these values (Nocedal and Wright, Numerical Optimization, 2nd ed., ch. 10.3)."""
     causes = tuple(causes)
     r = problem.residual(point_of(causes, delta))
-    cost, damping = 0.5 * float(r @ r), DAMPING
+    cost, damping = 0.5 * float(r @ r), FIRST_DAMPING
     jacobian = slopes_at(problem, causes, delta, r)
     for iteration in range(1, iterations + 1):
         hessian, slope = jacobian.T @ jacobian, jacobian.T @ r

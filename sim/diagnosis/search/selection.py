@@ -34,6 +34,8 @@ PROMISING = 3.0       # nats after the penalty that a scan must promise
 ROUNDS = 3            # of alternating between causes and noise levels at most
 ROUND_GAIN = 0.1      # nats that a round must bring to go on
 SWAPS = 4             # rounds of swapping a cause for a better one at most
+MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
+UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 SWAP_GAIN = 1.0       # nats that a swap must bring
 
 Say = Callable[[str], None]
@@ -137,9 +139,9 @@ def as_simulated(record: Record) -> Model:
     seen = levels.copy()
     for k in range(3):
         if np.isfinite(e[:, k]).any():
-            ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / 0.6745)
+            ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
             seen[k] *= ratio
-    seen[3:] *= 3.0
+    seen[3:] *= UNSEEN
     models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
     return max(models, key=lambda model: model.log_likelihood)
 
