@@ -1,5 +1,5 @@
-"""What the gates of the diagnosis judge by: whether a size is the same all along the log, what is left beside the causes,
-which noise is not the declared."""
+"""What the gates of the diagnosis judge by: whether a size is the same all along the log, what is left beside the
+causes, which noise is not the declared."""
 
 import math
 from dataclasses import replace
