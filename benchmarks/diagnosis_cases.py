@@ -28,9 +28,9 @@ from hidden import LISTED, OTHER, PLAIN, UNLISTED, Hidden, Label, draw_spec, fly
 from hidden.build import SUBSTEP  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
-from sim.diagnosis.answer import report  # noqa: E402
-from sim.diagnosis.gain import HORIZONS, SPACING, held_out, long_folds  # noqa: E402
-from sim.diagnosis.record import Record  # noqa: E402
+from sim.diagnosis.data.record import Record  # noqa: E402
+from sim.diagnosis.judge.gain import HORIZONS, SPACING, held_out, long_folds  # noqa: E402
+from sim.diagnosis.report.answer import report  # noqa: E402
 from sim.diagnosis.verdict import Diagnosis, diagnose  # noqa: E402
 from sim.log import OPTIONAL, REQUIRED, Log  # noqa: E402
 from sim.nominal import Nominal, built_in, load_nominal  # noqa: E402

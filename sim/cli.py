@@ -229,15 +229,15 @@ def diagnose_command(args: argparse.Namespace) -> None:
     log, nominal = read_noting(args.log, "t", "theta"), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", "theta") if args.holdout else None
     check_outputs(args.json)
-    from .diagnosis.answer import report
+    from .diagnosis.report.answer import report
+    from .diagnosis.report.words import lines
     from .diagnosis.verdict import diagnose
-    from .diagnosis.words import lines
     progress = Progress()
     made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
     progress("")
     result = report(made)
     if args.report:
-        from .diagnosis.report import write_report
+        from .diagnosis.report.page import write_report
         write_report(made, result, args.report)
     text = json.dumps(result, indent=1)
     if args.json == "-":

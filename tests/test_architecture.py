@@ -16,7 +16,7 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
                 "threading"}
 NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
-DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/figures.py",  # figures
+DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/figures.py",  # figures
            "sim/experiments/report.py"}  # progress bar
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
               "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sim.diagnosis.data_check import VALUES, DataCheck, check
-from sim.diagnosis.stamps import gaps, usable_rows
+from sim.diagnosis.data.check import VALUES, DataCheck, check
+from sim.diagnosis.data.stamps import gaps, usable_rows
 from sim.effects import CATALOGUE, from_text
 from sim.flight import Flight, fly_whole
 from sim.log import Log, read_log

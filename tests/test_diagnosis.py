@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 
 from sim.cli import main
-from sim.diagnosis.answer import report
-from sim.diagnosis.data_check import check
-from sim.diagnosis.goodness import Leftover
-from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
-from sim.diagnosis.limits import Isolability
-from sim.diagnosis.model import Point, innovations
-from sim.diagnosis.named import Named, doubts_about
-from sim.diagnosis.noise import Disturbance, declared, exponential
-from sim.diagnosis.record import record
-from sim.diagnosis.selection import first_filter
+from sim.diagnosis.causes import SOUGHT
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.data.check import check
+from sim.diagnosis.judge.limits import Isolability
+from sim.diagnosis.model.noise import declared, exponential, first_filter
+from sim.diagnosis.model.point import Point, innovations
+from sim.diagnosis.report.answer import report
+from sim.diagnosis.report.words import look_alikes, sentence
 from sim.diagnosis.verdict import diagnose
-from sim.diagnosis.words import look_alikes, sentence
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
@@ -51,7 +48,7 @@ def named(result):
 
 
 def test_every_cause_of_the_catalogue_has_a_hypothesis():
-    hypotheses = {h.cause for h in (*HYPOTHESES, PERIODIC)}
+    hypotheses = {h.cause for h in SOUGHT}
     assert hypotheses | {"missing_term", "controller_mismatch"} == set(CATALOGUE)
 
 
@@ -106,24 +103,6 @@ def test_a_small_harmonic_belongs_to_its_line_and_another_line_does_not(frequenc
     result = found("periodic_disturbance:amplitude=0.01,frequency=5",
                    f"periodic_disturbance:amplitude=6e-4,frequency={frequency}")
     assert result["verdict"] == verdict, (result["doubts"], result["leftover"])
-
-
-def doubtful(cause, values, std, at_an_end=False):
-    units = dict.fromkeys(values, "")
-    return doubts_about((Named(cause, values, std, units, (), 100.0, None, at_an_end),), (), 0.0, 45.0)
-
-
-@pytest.mark.parametrize(("cause", "values", "std", "said"), [
-    ("control_loss", {"fraction": 0.2, "time": 0.4}, {"fraction": 0.01, "time": 0.2}, "onset"),
-    ("control_loss", {"fraction": 0.2, "time": 20.0}, {"fraction": 0.01, "time": 0.2}, None),
-    ("slosh", {"coupling": 0.2, "frequency": 40.0}, {"coupling": 0.1, "frequency": 30.0}, "frequency"),
-    ("slosh", {"coupling": 0.2, "frequency": 4.0}, {"coupling": 0.1, "frequency": 0.2}, None),
-    ("periodic_disturbance", {"amplitude": 0.1, "frequency": 0.2}, {"amplitude": 0.1, "frequency": 0.01}, "periods"),
-    ("periodic_disturbance", {"amplitude": 0.1, "frequency": 0.4}, {"amplitude": 0.1, "frequency": 0.01}, None)])
-def test_what_the_log_does_not_determine_is_no_cause(cause, values, std, said):
-    doubts = doubtful(cause, values, std)
-    assert (doubts == []) if said is None else (len(doubts) == 1 and said in doubts[0])
-    assert "end of the range" in doubtful(cause, values, std, at_an_end=True)[0]
 
 
 def test_two_causes_together_may_be_one_other():
@@ -221,23 +200,6 @@ def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
     said.clear()
     assert diagnose(log, NOMINAL, bootstrap=2, say=said.append).threshold == first.threshold
     assert not any("clean flight" in text for text in said)
-
-
-# ---- what is left
-
-
-def test_what_may_be_left_is_as_rare_of_every_kind_and_a_hundredth_of_what_is_explained():
-    stochastic, shape, creep, line, at_mode = (
-        Leftover(Disturbance("plant", 1.0, 1.0), 10.5, *kind)
-        for kind in ((), ("theta^2",), ("theta*time",), ("sin(3 t)",), ("sin(3 t)", True)))
-    assert [each.limit for each in (stochastic, shape, creep, line, at_mode)] == [10.0, 11.0, 15.0, 17.0, 11.0]
-    slosh = Named("slosh", {}, {}, {}, (), 100.0, None)
-    assert doubts_about((slosh,), (stochastic,), 0.0, 45.0) == [
-        "a disturbance of unknown shape at the plant explains 10 nats more (limit 10)"]
-    large = dataclasses.replace(slosh, evidence=2000.0)
-    assert doubts_about((large,), (stochastic,), 0.0, 45.0) == []
-    assert doubts_about((dataclasses.replace(large, cause="gyro_bias"),), (stochastic,), 0.0, 45.0)  # another place
-    assert doubts_about((large,), (dataclasses.replace(stochastic, gain=20.5),), 0.0, 45.0)
 
 
 # ---- forms

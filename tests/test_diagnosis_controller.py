@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from test_diagnosis import NOMINAL, flown, found, named
 
-from sim.diagnosis import selection
-from sim.diagnosis.answer import report
-from sim.diagnosis.controller_check import check_controller
-from sim.diagnosis.data_check import check
-from sim.diagnosis.fill import Controller, filled
-from sim.diagnosis.record import record
+from sim.diagnosis.controller.check import check_controller
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.controller.fill import Controller, filled
+from sim.diagnosis.data.check import check
+from sim.diagnosis.report.answer import report
+from sim.diagnosis.search import selection
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 

@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.diagnosis import report as report_module
-from sim.diagnosis.answer import report as json_of
-from sim.diagnosis.hypotheses import HYPOTHESES
-from sim.diagnosis.report import PICTURES, write_report
+from sim.diagnosis.causes import HYPOTHESES
+from sim.diagnosis.report import page as report_module
+from sim.diagnosis.report import whiteness
+from sim.diagnosis.report.answer import report as json_of
+from sim.diagnosis.report.page import PICTURES, write_report
 from sim.diagnosis.verdict import Diagnosis, diagnose
 from sim.effects import effect
 from sim.errors import InputError
@@ -198,9 +199,9 @@ def test_a_folder_that_cannot_be_made_is_one_line(diagnoses, tmp_path):
 def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
-    for name in ("sim.plots", "sim.diagnosis.figures"):
+    for name in ("sim.plots", "sim.diagnosis.report.figures"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.delattr(sys.modules["sim.diagnosis"], "figures", raising=False)
+    monkeypatch.delattr(sys.modules["sim.diagnosis.report"], "figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     write_report(diagnoses["explained"], json_of(diagnoses["explained"]), str(tmp_path))
     assert report_module.NO_FIGURES in " ".join(read(tmp_path).words.split())
@@ -223,24 +224,23 @@ def test_a_log_without_nozzle_command_and_reference_has_a_report(tmp_path):
 
 
 def test_a_line_is_named_at_its_frequency_and_white_noise_names_none():
-    figures = pytest.importorskip("sim.diagnosis.figures", reason="matplotlib is not installed: no figures")
     rng = np.random.default_rng(5)
     period, n, named = 0.01, 7000, 0
     for _ in range(100):
         white = rng.standard_normal(n)
-        frequency, density, freedom = figures.spectrum(white, period)
-        level = figures.chance_level(len(frequency), freedom)
-        named += bool(figures.strongest(frequency, density, level))
+        frequency, density, freedom = whiteness.spectrum(white, period)
+        level = whiteness.chance_level(len(frequency), freedom)
+        named += bool(whiteness.strongest(frequency, density, level))
         assert abs(np.mean(density) - 1.0) < 0.1
     assert named <= 5, "declared: 1 of 100 spectra"
     for hertz in (0.7, 3.21, 20.0):
         x = white + 0.7 * np.sin(2.0 * np.pi * hertz * period * np.arange(n) + 0.3)
-        found = figures.strongest(*figures.spectrum(x, period)[:2], level)
-        assert len(found) == 1 and abs(found[0][0] - hertz) < 0.3 / (figures.SEGMENT * period)
+        found = whiteness.strongest(*whiteness.spectrum(x, period)[:2], level)
+        assert len(found) == 1 and abs(found[0][0] - hertz) < 0.3 / (whiteness.SEGMENT * period)
 
 
 def test_the_reconstructed_disturbance_is_the_one_flown():
-    figures = pytest.importorskip("sim.diagnosis.figures", reason="matplotlib is not installed: no figures")
+    figures = pytest.importorskip("sim.diagnosis.report.figures", reason="matplotlib is not installed: no figures")
     made = judged((), effects=[effect("periodic_disturbance", amplitude=0.02, frequency=2.0, phase=1.0)])
     d = figures.reconstructed(made)
     truth = 0.02 * np.sin(2.0 * made.record.t + 1.0)

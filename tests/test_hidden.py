@@ -15,13 +15,13 @@ from hidden.vehicles import vehicle
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sim.diagnosis.answer import report
-from sim.diagnosis.data_check import check
-from sim.diagnosis.gain import closed_loop_errors
-from sim.diagnosis.hypotheses import HYPOTHESES, PERIODIC
-from sim.diagnosis.model import innovations
-from sim.diagnosis.record import record
-from sim.diagnosis.selection import as_simulated
+from sim.diagnosis.causes import SOUGHT
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.data.check import check
+from sim.diagnosis.judge.closed_loop import closed_loop_errors
+from sim.diagnosis.model.point import innovations
+from sim.diagnosis.report.answer import report
+from sim.diagnosis.search.selection import as_simulated
 from sim.diagnosis.verdict import diagnose
 from sim.effects import CATALOGUE, effect
 from sim.log import read_log
@@ -43,7 +43,7 @@ def diagnosed(folder, spec, drop_hypothesis=None, order=None):
     write_csv(path, columns, order)
     known = None
     if drop_hypothesis is not None:
-        known = tuple(h for h in (*HYPOTHESES, PERIODIC) if h.cause != drop_hypothesis)
+        known = tuple(h for h in SOUGHT if h.cause != drop_hypothesis)
     made = diagnose(read_log(path, ("t", "theta")), load_nominal(spec.nominal), hypotheses=known)
     return report(made), label, made
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.diagnosis.likelihood import likelihood, whiten
+from sim.diagnosis.model.likelihood import likelihood, whiten
 
 stats = pytest.importorskip("scipy.stats")
 ROWS, BLOCKS = 9, 3

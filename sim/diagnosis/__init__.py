@@ -1,6 +1,10 @@
 """Where simulation and measurement part, why, and what the model should be instead.
 
-The data's way: log -> `data_check` -> `record` (uniform rows) -> `predictor` (innovations under a model, the
-simulator's own step) -> `noise` (levels, gains) -> `hypotheses`, `fit`, `selection` (causes) -> `goodness` (is it
-believable) -> `extend`, `gain` (what the extension buys) -> `verdict` (words and JSON) -> `report` (pages).
+A log's way, through each room once and back to none (a test holds it: a room imports only those before it):
+
+    log -> data: masked, on a grid -> controller: its commands -> model: innovations under the nominal -> causes: what
+    may be wrong -> search: which of it the log asks for -> judge: is that to be believed, what does it buy, what could
+    have been seen -> report: JSON, words, page
+
+`verdict` leads it through.
 """

@@ -1,0 +1,191 @@
+"""What the diagnosis knows of one cause: a record, and a cause at its values.
+
+A record says which parameters of its effect are free, from where the search starts, what the log must hold for it to
+be visible at all, how its limit is given, what else it may look like, what would decide, and what it means in words.
+The physics is the effect's own (`sim.effects`); nothing of it stands here.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from ...effects import CATALOGUE, Effect, effect
+from ..data.record import Record
+
+Values = tuple[float, ...]
+AT_END = 1e-6          # relative, of a value to its range's end
+TIMES = ("time", "duration")
+
+
+@dataclass(frozen=True)
+class Free:
+    """One free number: the parameter's name, its range, the step of its slope, and whether it is searched as a log."""
+
+    name: str
+    step: float
+    low: float = -math.inf
+    high: float = math.inf
+    logarithmic: bool = False
+
+
+class Start(Enum):
+    """How the search finds where to begin: from the response to a small size or at the sizes of the record, along all
+    onsets of a loss of k1, along all pulses of the angle of attack, or in the spectrum."""
+
+    RESPONSE = 0
+    ONSET = 1
+    PULSE = 2
+    LINE = 3
+
+
+@dataclass(frozen=True)
+class Form:
+    """Another physical law of a cause, fitted in the place of a found one that is like it (see `causes`).
+
+    hypothesis  under the other law;  start  where its search begins, from the found one's values
+    parameter   that is not 0 under it, and none of the contract's
+    """
+
+    hypothesis: "Hypothesis"
+    start: Callable[[Record, Values], Values]
+    parameter: str
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Of a cause that may come gradually, which then is found as steps, each a cause of its own: free numbers size and
+    time, the size a share of what the steps before left.
+
+    near   [s] between steps that belong to one;  apart  [s] from the middle, of two halves to try
+    """
+
+    near: float
+    apart: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How a flight computer takes a known effect off a column of samples; `is_outer` ones after all others."""
+
+    column: str
+    without: Callable[[np.ndarray, Mapping[str, float | str]], np.ndarray]
+    is_outer: bool = False
+
+
+def only_start(record: Record) -> list[Values]:
+    """No other free numbers to start from."""
+    return [()]
+
+
+def nothing_given(record: Record) -> Values:
+    """No other parameters to give a limit for."""
+    return ()
+
+
+def always(record: Record) -> bool:
+    """Whatever the log holds."""
+    return True
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One cause; free[0] is its size, whose `neutral` value makes no difference.
+
+    words    what it means, with its parameters in braces
+    shapes   of a record: values of the other free numbers to start from
+    sizes    of a record: sizes to try where the response is not proportional to the size; None: it is
+    visible  of a record: whether the log has the columns that could show it
+    fixed    parameters that are not searched (the term of a missing one)
+    dithered how much of the command noise's rms its size may be off: the noise keeps a play moving, which the
+             prediction, run on the mean command, does not see
+    start    how the search begins
+    limit_at of a record: values of the other parameters for which the limit is given;  largest: a larger is none
+    resolved of a record: the largest size that the integration step resolves; None: any
+    form     another law of it; steps: it may come gradually;  tells_onset: what begins with the log is another cause
+    is_mode  an oscillation of the vehicle, at its free[1]; may_repeat: there may be two
+    decides  (cause, what would tell this one from it)
+    like     (cause, in which way this one is like it, where the catalogue's own form is not)
+    corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
+    """
+
+    cause: str
+    free: tuple[Free, ...]
+    neutral: float
+    words: str
+    shapes: Callable[[Record], list[Values]] = only_start
+    visible: Callable[[Record], bool] = always
+    sizes: Callable[[Record], list[float]] | None = None
+    fixed: tuple[tuple[str, str | float], ...] = ()
+    dithered: float = 0.0
+    start: Start = Start.RESPONSE
+    limit_at: Callable[[Record], Values] = nothing_given
+    largest: float = math.inf
+    resolved: Callable[[Record], float] | None = None
+    form: Form | None = None
+    steps: Steps | None = None
+    tells_onset: bool = False
+    is_mode: bool = False
+    may_repeat: bool = False
+    decides: tuple[tuple[str, str], ...] = ()
+    like: tuple[tuple[str, str], ...] = ()
+    corrections: tuple[Correction, ...] | None = None
+
+    def effect(self, values: Values) -> Effect:
+        """The simulator's effect at these values of the free numbers, and the fixed ones."""
+        return effect(self.cause, **dict(self.fixed), **dict(zip((f.name for f in self.free), values, strict=True)))
+
+    @property
+    def label(self) -> str:
+        """Its cause, with what is fixed."""
+        return self.cause + "".join(f"({value})" for _, value in self.fixed)
+
+    @property
+    def where(self) -> str:
+        return CATALOGUE[self.cause].where
+
+    @property
+    def is_line(self) -> bool:
+        """A sine of any frequency, its free[1]."""
+        return self.start is Start.LINE
+
+    def unit(self, name: str) -> str:
+        """Unit of one of its parameters."""
+        return next(p.unit for p in CATALOGUE[self.cause].parameters if p.name == name)
+
+    def meaning(self, values: Mapping[str, float | str]) -> str:
+        """Its words at these values."""
+        return self.form.hypothesis.words if self.form is not None and values.get(self.form.parameter) else self.words
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A hypothesis at its values."""
+
+    hypothesis: Hypothesis
+    values: Values
+
+    @property
+    def is_at_an_end(self) -> bool:
+        """A value is at the end of the range that was searched: whatever it stands for, it is not this cause."""
+        for free, value in zip(self.hypothesis.free, self.values, strict=True):
+            ends = [end for end in (free.low, free.high)
+                    if math.isfinite(end) and end not in (0.0, self.hypothesis.neutral)]
+            if any(abs(value - end) <= AT_END * abs(end) for end in ends):
+                return True
+        return False
+
+
+def size(name: str, step: float, low: float = -math.inf, high: float = math.inf) -> Free:
+    """A free number that is searched as it is."""
+    return Free(name, step, low, high)
+
+
+def pinned(hypothesis: Hypothesis, values: Values) -> tuple[Hypothesis, Values]:
+    """The hypothesis with its times as they are, and the values of what stays free."""
+    times = tuple((free.name, value) for free, value in zip(hypothesis.free, values, strict=True) if free.name in TIMES)
+    kept = [(free, value) for free, value in zip(hypothesis.free, values, strict=True) if free.name not in TIMES]
+    return (replace(hypothesis, free=tuple(free for free, _ in kept), fixed=(*hypothesis.fixed, *times)),
+            tuple(value for _, value in kept))

@@ -1,0 +1,67 @@
+"""Causes in the vehicle itself, and terms of its equation that the catalogue does not hold."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..data.record import Record
+from .hypothesis import Free, Hypothesis, Start, Steps, Values, size
+
+SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 14))      # rad/s: liquid propellant, 0.15 to 3 Hz
+BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
+BENDING_RESOLVED = 0.45     # rad a step, of the same
+LOWEST_BENDING = 6.0        # rad/s
+BENDING_PER_E = 6.0         # frequencies tried in a factor e
+START_DAMPING = 0.05        # broad enough for a coarse grid of frequencies
+DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
+ANOTHER_PROFILE = "a flight in which a6 and k1 change differently"
+
+
+def _slosh(record: Record) -> list[Values]:
+    return [(float(w), START_DAMPING) for w in SLOSH_FREQUENCIES]
+
+
+def _bending(record: Record) -> list[Values]:
+    top = min(BENDING_PER_NYQUIST * math.pi / record.period, BENDING_RESOLVED / record.resolution)
+    count = max(4, round(BENDING_PER_E * math.log(top / LOWEST_BENDING)))
+    return [(float(w), START_DAMPING) for w in np.geomspace(LOWEST_BENDING, top, count)]
+
+
+def _middle(record: Record) -> Values:
+    return (float(0.5 * (record.t[0] + record.t[-1])),)
+
+
+CAUSES = (
+    Hypothesis("control_effectiveness", (size("scale", 0.01, 0.05, 5.0),), 1.0,
+               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes"),
+    Hypothesis("control_loss", (size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0,
+               "k1 drops by {fraction} at {time}", start=Start.ONSET, limit_at=_middle, largest=1.0, may_repeat=True,
+               tells_onset=True, steps=Steps(3.0, (0.25, 0.8))),
+    Hypothesis("aero_instability", (size("scale", 0.01, -5.0, 10.0),), 1.0,
+               "a6 is {scale} of what the simulation believes"),
+    Hypothesis("aero_damping", (size("coefficient", 0.01),), 0.0,
+               "the rotation is damped by {coefficient}, which the simulation lacks"),
+    Hypothesis("aero_cubic", (size("coefficient", 0.5),), 0.0,
+               "the aerodynamic moment is not proportional to the angle: cubic coefficient {coefficient}"),
+    Hypothesis("friction", (size("coefficient", 1e-3, 0.0),), 0.0,
+               "dry friction of {coefficient} opposes the rotation"),
+    Hypothesis("thrust_misalignment", (size("angle", 1e-4),), 0.0, "the thrust is {angle} off the nozzle's axis",
+               decides=(("attitude_bias", ANOTHER_PROFILE),)),
+    Hypothesis("slosh", (size("coupling", 0.005, -0.8, 5.0),
+                         Free("frequency", 2e-3, 0.2, 60.0, logarithmic=True),  # faster, it is no liquid
+                         DAMPING), 0.0,
+               "propellant sloshes at {frequency} (coupling {coupling}, damping ratio {damping_ratio})",
+               _slosh, limit_at=lambda record: (4.0, 0.02), is_mode=True, may_repeat=True),
+    Hypothesis("bending", (size("gain", 1e-4), Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True), DAMPING), 0.0,
+               "the structure bends at {frequency} (gain {gain}, damping ratio {damping_ratio})",
+               _bending, limit_at=lambda record: (25.0, 0.03), is_mode=True, may_repeat=True),
+)
+
+MISSING_TERM = Hypothesis("missing_term", (size("coefficient", 1e-3),), 0.0,
+                          "the angular acceleration lacks {coefficient} times {term}")
+
+
+def missing_term(term: str) -> Hypothesis:
+    """A library term with a free coefficient."""
+    return replace(MISSING_TERM, fixed=(("term", term),))

@@ -1,0 +1,146 @@
+"""Is the logged command the nominal controller's?  With the reference it can be recomputed exactly, so any difference
+is a difference of gains, of computing time, or of the derivative's filter.
+
+A log as fast as the controller (or faster) holds every error the controller saw.  In a slower one the errors between
+rows are estimated, and the difference is judged against what is left of it instead of against nothing.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ..data.record import THETA, Record
+from .command import controller_gains, later, recomputed
+from .gaps import Seen, check_gaps
+from .kind import FEWEST, FILTER, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from .numbers import lowest
+
+SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
+EXPLAINED = 0.05        # of the rms difference that may be left for a mismatch to be named
+LONGEST_LAG = 6.0       # periods of computing time searched
+LAG_STEP = 0.05         # periods
+ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
+FILTER_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
+HUNDRED_MILLIONTH = 40  # golden sections between two of them, to so much of their distance
+COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
+
+
+def check_controller(record: Record, seen: Seen | None = None) -> ControllerCheck | None:
+    """None where it cannot be told: no command, no reference, or no controller.
+
+    seen  of a log slower than the controller: what a model saw between its rows
+    """
+    if record.nominal.controller is None or record.input != "beta_cmd" or not np.isfinite(record.reference).any() \
+            or not np.isfinite(record.z[:, THETA]).any():
+        return None
+    if record.every != record.tick:
+        return check_gaps(record, seen)
+    if abs(_period(record) / record.nominal.controller.period - 1.0) > COMMENSURATE:
+        return None  # rows and periods drift apart, so no row holds the error that a command answers
+    stride = slice(record.held_phase, None, record.held)
+    logged = record.commands[stride]
+    limit = controller_gains(record.nominal)[4]
+    expected = recomputed(record)[stride]
+    fair = (np.abs(logged) < NEAR_LIMIT * limit) & (np.abs(expected) < NEAR_LIMIT * limit)
+    fair[:2] = False  # a log that begins in flight lacks the error before its first
+    fair &= _measured(record)[stride]
+    if record.logged is not None:
+        fair &= record.logged[stride]
+    if fair.sum() < FEWEST:
+        return None
+    before = _rms(logged - expected, fair)
+    if before < ROUNDING:
+        return ControllerCheck(NONE, before, before)
+    parts = _parts(record)
+    best = min((_gains_and_lag(record, parts, logged, fair, lag) for lag in _lags(parts, logged, fair)),
+               key=lambda check: check.after)
+    if best.after > ROUNDING:
+        filtered = _filter(record, logged, fair)
+        best = filtered if filtered is not None and filtered.after < 0.5 * best.after else best
+    best = replace(best.of_kind(SAME_RECOMPUTED, _period(record)), before=before,
+                   evidence=float(fair.sum() * math.log(before / max(best.after, ROUNDING))))
+    most = ROUNDING if best.time_constant is not None and best.kind != FILTER else max(EXPLAINED * before, ROUNDING)
+    return replace(best, kind=UNKNOWN) if best.kind == NONE or best.after > most else best
+
+
+def _measured(record: Record) -> np.ndarray:
+    """Ticks whose own and last attitude were measured."""
+    seen = np.isfinite(record.z[:, THETA]) & np.isfinite(record.reference)
+    return seen & np.concatenate([[False], seen[:-1]])
+
+
+def _period(record: Record) -> float:
+    """The controller's [s]."""
+    return record.tick * record.held * record.step
+
+
+def _rms(x: np.ndarray, rows: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x[rows]**2)))
+
+
+def _parts(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """kp e and kd d [rad] of every period: the command is linear in both gains."""
+    controller = record.nominal.controller
+    assert controller is not None
+    wide = replace(record.nominal.actuator, deflection_limit=math.inf) if record.nominal.actuator else None
+    made = []
+    for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
+        nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), actuator=wide, test_input=None)
+        made.append(recomputed(replace(record, nominal=nominal))[record.held_phase::record.held])
+    return made[0], made[1]
+
+
+def _lags(parts: tuple[np.ndarray, np.ndarray], logged: np.ndarray, fair: np.ndarray) -> list[float]:
+    """Computing times [periods] worth a fit: none, and the best of a grid, refined."""
+    total = parts[0] + parts[1]
+    kernel_lags = np.arange(0.0, LONGEST_LAG, LAG_STEP)
+    errors = []
+    for lag in kernel_lags:
+        late = later(total, float(lag))
+        design = late[fair]
+        scale = float(design @ logged[fair]) / max(float(design @ design), 1e-300)
+        errors.append(_rms(logged - scale * late, fair))
+    best = float(kernel_lags[int(np.argmin(errors))])
+    fine = np.clip(best + np.linspace(-LAG_STEP, LAG_STEP, 41), 0.0, None)
+    return [0.0, *(float(lag) for lag in fine)]
+
+
+def _gains_and_lag(record: Record, parts: tuple[np.ndarray, np.ndarray], logged: np.ndarray, fair: np.ndarray,
+                   lag: float) -> ControllerCheck:
+    columns = [later(part, lag) for part in parts]
+    design = np.column_stack([c[fair] for c in columns])
+    gains, *_ = np.linalg.lstsq(design, logged[fair], rcond=None)
+    gains[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
+    rest = np.zeros_like(logged)
+    rest[fair] = logged[fair] - design @ gains
+    after = _rms(rest, fair)
+    spread = max(after, ROUNDING) * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+    slope = np.gradient(design @ gains)
+    lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
+    tick = _period(record)
+    return ControllerCheck("", 0.0, after, float(gains[0]), float(gains[1]), lag * tick,
+                           (float(spread[0]), float(spread[1]), lag_std * tick))
+
+
+def _filter(record: Record, logged: np.ndarray, fair: np.ndarray) -> ControllerCheck | None:
+    """The derivative's time constant that with gains and computing time would explain the difference best."""
+    controller = record.nominal.controller
+    assert controller is not None
+    if controller.derivative_time_constant <= 0.0:
+        return None
+
+    def best_with(tau: float, lags: Iterable[float]) -> ControllerCheck:
+        nominal = replace(record.nominal, controller=replace(controller, derivative_time_constant=tau))
+        parts = _parts(replace(record, nominal=nominal))
+        return min((replace(_gains_and_lag(record, parts, logged, fair, lag), time_constant=tau)
+                    for lag in lags), key=lambda check: check.after)
+
+    taus = controller.derivative_time_constant * ALL_FILTERS
+    tries = [best_with(float(tau), FILTER_LAGS) for tau in taus]
+    k = int(np.argmin([check.after for check in tries]))
+    lag = (tries[k].delay / _period(record),)
+    tau = lowest(lambda tau: best_with(tau, lag).after, float(taus[max(k - 1, 0)]),
+                 float(taus[min(k + 1, len(taus) - 1)]), HUNDRED_MILLIONTH)
+    return best_with(tau, lag)

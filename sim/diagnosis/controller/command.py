@@ -1,0 +1,135 @@
+"""The command of every tick: the log's, or the nominal controller's recomputed, or the measured nozzle angle.
+
+With the reference the controller's errors are known, so what it must have commanded is, too.  Of a log slower than the
+controller the commands between rows are linear here (`issued` fills them in).
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ...effects import controller as controller_effects
+from ...errors import InputError
+from ...flight import excitation, packed
+from ...log import Log
+from ...nominal import Nominal
+from ...sections import Actuator
+from ...vehicle.controller import pd_command, pseudo_derivative
+from ...vehicle.kernels import kernel
+from ..data.check import DataCheck
+from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
+
+
+def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
+    """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
+    controller, nor nozzle).
+
+    log, nominal  as read;  data  its check: rows and values that may be used
+    """
+    draft, command = on_grid(log, nominal, data)
+    return _with_commands(draft, command, log.path)
+
+
+def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
+    """The command of every tick."""
+    nominal = draft.nominal
+    known = np.isfinite(command)
+    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+        and np.isfinite(draft.z[:, THETA]).any()
+    if draft.tick > draft.every:
+        held = draft.tick // draft.every
+        draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+    direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
+    if direct:
+        known = np.zeros(draft.rows, bool)
+    elif not known.any() and recomputable:
+        return replace(draft, commands=recomputed(draft), input="controller")
+    source = "beta_cmd"
+    if not known.any():
+        command, source = draft.z[:, BETA], "beta"
+        known = np.isfinite(command)
+        if not known.any():
+            raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
+                             "command from; expected one of them")
+    if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
+        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
+                        actuator=Actuator(natural_frequency=DIRECT / draft.step, damping_ratio=DIRECT_DAMPING))
+    rows = np.arange(draft.rows)
+    issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
+    issued[~np.isfinite(issued)] = command[known][0]
+    if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
+        early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
+        issued = issued + early * np.diff(issued, append=issued[-1])
+    m = draft.every // draft.tick
+    ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
+    return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
+
+
+def _phase(command: np.ndarray, held: int) -> int:
+    """Rows from the first to the first at which the controller issues, in a log faster than the controller."""
+    changes = np.flatnonzero(np.abs(np.diff(command)) > 0.0) + 1
+    return int(np.bincount(changes % held, minlength=held).argmax()) if len(changes) else 0
+
+
+# ---- recomputed
+
+
+@kernel
+def run_controller(gains, fx, error, excitation, commands, derivative):
+    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0.
+
+    gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
+    fx (n, N_COLUMNS)     in   controller effects
+    error, excitation (ticks,) [rad] in
+    commands, derivative (ticks,) out  before the computing time
+    """
+    kp, kd = controller_effects.gains(fx, gains[0], gains[1])
+    d, before = 0.0, error[0]
+    for k in range(len(error)):
+        d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
+        before = error[k]
+        derivative[k] = d
+        commands[k] = pd_command(kp, kd, gains[4], error[k], d, excitation[k])
+
+
+def controller_gains(nominal: Nominal) -> np.ndarray:
+    """(5,) as `run_controller` reads them."""
+    c = nominal.controller
+    assert c is not None
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
+
+
+def later(x: np.ndarray, lag: float) -> np.ndarray:
+    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
+    (`sim.effects.controller`); before the first the command was 0."""
+    whole, part = int(lag), lag - int(lag)
+    shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
+    return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
+
+
+def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
+    """The nominal controller's command [rad] of every tick of `commands` from the measured attitude and the reference.
+
+    attitude  (ticks,) [rad] where rows measured none; None: linear between rows
+    """
+    m = r.every // r.tick
+    ticks = np.arange(r.rows * m) / m
+    rows = np.arange(r.rows)
+    measured, known = np.isfinite(r.z[:, THETA]), np.isfinite(r.reference)
+    theta = np.interp(ticks, rows[measured], r.z[measured, THETA])
+    if attitude is not None:
+        seen = np.zeros(r.rows * m, bool)
+        seen[::m] = measured
+        theta = np.where(seen, theta, attitude)
+    error = theta - np.interp(ticks, rows[known], r.reference[known])
+    issued = error[r.held_phase::r.held]
+    commands, derivative = np.empty_like(issued), np.empty_like(issued)
+    gains = controller_gains(r.nominal)
+    first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
+    test = excitation(r.nominal, first + len(issued), gains[3])[first:]
+    fx = packed(r.nominal).controller
+    run_controller(gains, fx, issued, test, commands, derivative)
+    commands = np.repeat(later(commands, controller_effects.latency(fx) / gains[3]), r.held)
+    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(error)]

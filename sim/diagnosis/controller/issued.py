@@ -1,0 +1,56 @@
+"""Every command that the controller issued, and whether it is the nominal's.
+
+A log as fast as its controller has them all.  Of a slower one those between the rows are filled in, from what a model
+of the vehicle saw there; the controller's room knows none, so the model is handed in.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from ..data.record import Record
+from .check import check_controller
+from .fill import Controller, as_believed, filled
+from .gaps import Seen
+from .kind import NONE, UNKNOWN, ControllerCheck
+from .refined import Vehicle, refined
+
+FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
+
+
+class Follower(Protocol):
+    """A model that follows a log."""
+
+    def seen(self, record: Record) -> Seen | None:
+        """What it saw between the rows; None: it does not stay with the log."""
+
+    def vehicle(self, record: Record) -> Vehicle:
+        """The same at the declared noise."""
+
+
+def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
+    """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
+    if not is_slow(record) or not np.isfinite(record.reference).any():
+        return record, check_controller(record)
+    checked, unfilled, r = None, record, record
+    for _ in range(FILLINGS):
+        seen = follower.seen(r)
+        if seen is None:
+            return unfilled, None
+        checked = check_controller(r, seen)
+        if checked is not None and checked.kind == UNKNOWN:
+            return unfilled, checked
+        believed = as_believed(r)
+        r = filled(r, seen.attitude, believed if checked is None or checked.kind == NONE else Controller(
+            checked.kp_scale, checked.kd_scale, checked.time_constant or believed.time_constant,
+            checked.late(r.tick * r.step)))
+    if checked is not None and checked.kind != NONE:
+        assert seen is not None
+        checked, likeliest = refined(r, seen, checked, follower.vehicle(r))
+        r = filled(r, seen.attitude, likeliest)
+    return r, checked
+
+
+def is_slow(record: Record) -> bool:
+    """The log has not every command that its controller issued."""
+    return record.every > record.tick and record.input == "beta_cmd" and record.nominal.controller is not None

@@ -1,0 +1,75 @@
+"""The data check: is the log what its columns say, before anything is concluded from it.
+
+Time stamps, infinite values, dropouts, stale runs, spikes, units, signs, exchanged
+columns.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
+may do passes.  What is wrong is named and masked.
+
+Limitations: a sign or a unit shows only against another column (see `relations`);
+stale values of a coarsely quantised channel show only by their length or the jump
+at their end; a fault for a part of the log only is not a sign or unit fault.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...log import Log
+from ...sections import Nominal
+from . import channels, relations, stamps
+from .fault import Fault
+
+__all__ = ["DataCheck", "Fault", "check"]
+
+VALUES = (*channels.MEASURED, "theta_ddot", "beta_cmd", "theta_ref")
+FEWEST_RELATED = 60   # usable rows: less do not tell units and signs
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """What is wrong with a log of n rows, and what of it can be used.
+
+    faults  in the order stamps, single channels, between channels
+    usable  (n,) bool: the row's stamp is finite and after all usable ones before
+    masks   channel -> (n,) bool: the value may be used (measured, no fault; a channel whose unit, sign or place is
+            wrong has none).  Where the stamp is unusable so is the value
+    """
+
+    faults: tuple[Fault, ...]
+    usable: np.ndarray
+    masks: dict[str, np.ndarray]
+
+    @property
+    def is_bad(self) -> bool:
+        """Any fault at all."""
+        return len(self.faults) > 0
+
+
+def check(log: Log, nominal: Nominal) -> DataCheck:
+    """Judge a log of any content; never raises for what a readable log may hold.
+
+    nominal  for the sample period (unit of time), the actuator's and the controller's equations
+    """
+    clock = stamps.clock(log.t, nominal.sensors.period)
+    masks, faults = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, clock.usable)
+    return DataCheck((*clock.faults, *faults, *_between(log, nominal, clock, masks)), clock.usable, masks)
+
+
+def _between(log: Log, nominal: Nominal, clock: stamps.Clock, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """Faults between the channels; the channels they concern lose their masks."""
+    t, usable = clock.t, clock.usable
+    if len(t) < FEWEST_RELATED:
+        return []
+    grid = stamps.uniform_times(t)
+    if len(grid) < FEWEST_RELATED:
+        return []
+    columns: dict[str, np.ndarray] = {}
+    for name in relations.RELATED:
+        good = masks[name][usable]
+        if 2 * np.count_nonzero(good) > len(t):
+            columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
+    faults = []
+    for change, fault in relations.relation_faults(columns, float(grid[1] - grid[0]), nominal, grid):
+        faults.append(fault)
+        for name in change.channels:
+            masks[name][:] = False
+    return faults

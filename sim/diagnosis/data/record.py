@@ -1,0 +1,178 @@
+"""A log on a uniform grid, beside the nominal's parameters on it: what every fit of the diagnosis reads.
+
+Rows are the log's, put at the nearest multiple of the period; missing rows are rows without measurement.  Time is
+cut three ways: integration steps, controller ticks (each holds one command) and rows.
+
+Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
+"""
+
+import functools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...effects import effect, values
+from ...errors import InputError
+from ...flight import CLOCK_DIGITS
+from ...log import Log
+from ...nominal import Nominal
+from ...sections import Actuator
+from .channels import MEASURED as CHANNELS
+from .check import DataCheck
+
+THETA, THETA_DOT, BETA = range(3)
+LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
+SERVO_STEP = 0.2         # rad a step, of the servo
+LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
+MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
+DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
+DIRECT_DAMPING = 0.7
+DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One log as the predictor reads it.
+
+    z           (n, 3) theta [rad], theta_dot [rad/s], beta [rad]; NaN where not measured
+    commands    (ticks,) [rad] before delay and noise
+    input       where they are from: "beta_cmd", "controller" (recomputed), or "beta": the measured nozzle angle, where
+                nothing else is known or the nominal has no [actuator]
+    a6, k1      (2 steps + 1,) [1/s^2] of the nominal's [vehicle] at every half step from `first_step` 0 on
+    first_step  step index of the first row (log's clock / step)
+    step [s], every (steps a row), tick (steps a command of `commands`)
+    held        rows that share one command and its noise, 1 unless the log is faster than the controller;
+                held_phase: rows from the first to the first at which a command is issued
+    logged      (n,) bool, rows that hold their command; None: the command is none of the log's
+    fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
+    shift       [s] log's clock = grid's clock + shift
+    """
+
+    nominal: Nominal
+    actuator: Actuator
+    z: np.ndarray
+    commands: np.ndarray
+    input: str
+    reference: np.ndarray      # (n,) rad, NaN where not known
+    a6: np.ndarray
+    k1: np.ndarray
+    first_step: int
+    step: float
+    every: int
+    tick: int
+    shift: float
+    held: int = 1
+    held_phase: int = 0
+    fill_gain: float = 0.0
+    logged: np.ndarray | None = None
+
+    @property
+    def rows(self) -> int:
+        return len(self.z)
+
+    @property
+    def period(self) -> float:
+        """[s] between rows"""
+        return self.every * self.step
+
+    @property
+    def resolution(self) -> float:
+        """[s] the coarser of the grid's step and the nominal's: frequencies must be resolved by both"""
+        return max(self.step, self.nominal.simulation.step if self.nominal.simulation is not None else 0.0)
+
+    @functools.cached_property
+    def tau(self) -> np.ndarray:
+        """(2 steps + 1,) at every half step: time from -1 at the first row to 1 at the last"""
+        half = np.arange(len(self.a6)) - 2 * self.first_step
+        return np.clip(half / max((self.rows - 1) * self.every, 1) - 1.0, -1.0, 1.0)
+
+    @property
+    def t(self) -> np.ndarray:
+        """(n,) [s] the grid's clock, which is what effects with a time read"""
+        return np.round((self.first_step + self.every * np.arange(self.rows)) * self.step, CLOCK_DIGITS)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The measured ones"""
+        return tuple(name for k, name in enumerate(CHANNELS) if np.isfinite(self.z[:, k]).any())
+
+    @property
+    def command_is_known(self) -> bool:
+        """False when the measured nozzle angle stands in for it: nothing about the actuator can be told then."""
+        return self.input != "beta"
+
+
+def integration_step(period: float, tick: float, frequency: float) -> float:
+    """The longest step [s] that divides both periods and resolves the servo's frequency [rad/s]."""
+    longest = min(LONGEST_STEP, SERVO_STEP / frequency)
+    for parts in range(max(1, math.ceil(period / longest - 1e-9)), 200):
+        step = period / parts
+        ratio = tick / step
+        if abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1:
+            return step
+    return period / max(1, math.ceil(period / longest - 1e-9))
+
+
+def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.ndarray]:
+    """(The log on its grid, yet without commands; the logged command (n,) [rad], NaN where there is none).
+
+    log, nominal  as read;  data  its check: rows and values that may be used.  InputError where no grid holds it
+    """
+    usable = data.usable
+    if usable.sum() < 2:
+        raise InputError(f"{log.path}: fewer than two rows with usable time stamps; expected a log")
+    t = log.t[usable]
+    period = _period(t, nominal)
+    shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
+    index = np.round((t - t[0]) / period).astype(np.int64)
+    first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
+    n = int(index[-1]) + 1
+    if n > MOST_ROWS:
+        raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
+                         f"expected at most {MOST_ROWS}")
+    tick_period = nominal.controller.period if nominal.controller is not None else period
+    if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
+            abs(period / tick_period - round(period / tick_period)) > 1e-6:
+        tick_period = period
+    servo = nominal.actuator.natural_frequency if nominal.actuator is not None else SERVO_STEP * DIRECT_PARTS / period
+    step = integration_step(period, tick_period, servo)
+    every, tick = round(period / step), round(tick_period / step)
+
+    def column(name: str) -> np.ndarray:
+        values = np.where(data.masks[name], getattr(log, name), math.nan)[usable] if name in data.masks else \
+            getattr(log, name)[usable]
+        grid = np.full(n, math.nan)
+        grid[index[first]] = values[first]
+        return grid
+
+    z = np.column_stack([column(name) for name in CHANNELS])
+    reference, command = column("theta_ref"), column("beta_cmd")
+    nominal = _shifted(nominal, shift)
+    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
+    first_step = round((t[0] - shift) / step)
+    steps = first_step + n * every
+    half = np.arange(2 * steps + 1) * (0.5 * step)
+    a6, k1 = nominal.vehicle.at(half + shift)
+    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
+                   first_step, step, every, tick, shift)
+    return draft, command
+
+
+def _shifted(nominal: Nominal, shift: float) -> Nominal:
+    """The nominal with the times of its effects on the grid's clock."""
+    if shift == 0.0 or not nominal.effects:
+        return nominal
+    moved = [effect(of.name, **{name: value - shift if name == "time" and not isinstance(value, str) else value
+                                for name, value in values(of).items()}) for of in nominal.effects]
+    return replace(nominal, effects=tuple(moved))
+
+
+def _period(t: np.ndarray, nominal: Nominal) -> float:
+    """Median step [s], taken as a whole number (or part) of controller periods where it is within 1 % of one."""
+    period = float(np.median(np.diff(t)))
+    if nominal.controller is None:
+        return period
+    tick = nominal.controller.period
+    near = round(period / tick) * tick if period >= tick else tick / max(1, round(tick / period))
+    return near if near > 0.0 and abs(period / near - 1.0) < 0.01 else period

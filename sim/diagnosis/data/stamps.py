@@ -1,0 +1,141 @@
+"""Time stamps: which rows have one that can be used, and what is wrong with the others.
+
+Jitter and single odd periods are no fault: a stamp is missing only where the step
+exceeds the local period by what no jitter of this log explains.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fault import Fault
+
+GAP = 1.75                 # local periods: a longer step has lost a stamp (one lost: 2)
+GAP_JITTERED = 1.5         # local periods, where the log jitters by 20 %: at most 1.4 without a loss, at least 1.6 with
+NEIGHBOURS = 15            # steps on either side that give the local period: a log may change its rate
+SAME_RATE = 0.2            # relative difference of periods that jitter alone makes
+JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single steps are not jitter
+TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6))
+RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
+LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """What the stamps of a log of n rows tell.
+
+    usable  (n,) bool: the stamp is finite and after all usable ones before;  t  [s] of these, in seconds
+    """
+
+    usable: np.ndarray
+    t: np.ndarray
+    faults: tuple[Fault, ...]
+
+
+def clock(stamps: np.ndarray, period: float) -> Clock:
+    """Judge stamps (n,) by themselves and by the nominal sample period [s]."""
+    usable = usable_rows(stamps)
+    faults, t = stamp_faults(stamps, usable), stamps[usable]
+    unit, factor = time_unit(t, period)
+    if unit:
+        step = float(np.median(np.diff(t)))
+        faults.append(Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
+                            f"t looks like {unit} over the whole log: its step is {step:.4g}, the nominal's "
+                            f"{period:.4g} s; divide it by {factor:g}"))
+    return Clock(usable, t / factor, tuple(faults))
+
+
+def usable_rows(t: np.ndarray) -> np.ndarray:
+    """Rows (n,) whose stamps [s] are finite and strictly increase; a single stamp far ahead does not hide the rest."""
+    usable = np.isfinite(t)
+    rows = np.flatnonzero(usable)
+    if len(rows) < 2:
+        return usable
+    stamps = t[rows]
+    ahead = np.zeros(len(rows), bool)
+    # a stamp above its successor that the successor's neighbours go on without: it alone is wrong
+    ahead[1:-1] = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2]) & (np.diff(stamps)[:-1] > 0.0)
+    ahead[0] = len(rows) > 2 and stamps[0] > stamps[1] and stamps[2] > stamps[1] and stamps[0] > stamps[2]
+    stamps = np.where(ahead, -math.inf, stamps)
+    before = np.maximum.accumulate(np.concatenate(([-math.inf], stamps[:-1])))
+    usable[rows] = stamps > before
+    return usable
+
+
+def local_periods(steps: np.ndarray) -> np.ndarray:
+    """Median [s] of the steps (n,) around each of them."""
+    padded = np.pad(steps, NEIGHBOURS, mode="symmetric") if len(steps) > NEIGHBOURS else None
+    if padded is None:
+        return np.full(len(steps), np.median(steps))
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))
+
+
+def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
+    """(last stamp before, first after, rows lost) of each gap in strictly increasing stamps t (n,) [s].
+
+    row (n,): their rows in the log; a row that stands between them with an unusable stamp is not lost
+    """
+    steps = np.diff(t)
+    if len(steps) < 3:
+        return []
+    period = float(np.median(steps))
+    jitter = float(np.quantile(np.abs(steps / period - 1.0), JITTER_QUANTILE))
+    limit = GAP_JITTERED if 0.1 < jitter < GAP_JITTERED - 1.0 else GAP
+    if np.max(steps) <= limit * np.min(steps):
+        return []
+    local = local_periods(steps)
+    # the median of all is the better one where the rate is the same
+    relative = steps / np.where(np.abs(local / period - 1.0) < SAME_RATE, period, local) - (np.diff(row) - 1)
+    return [(float(t[k]), float(t[k + 1]), max(1, round(float(relative[k])) - 1))
+            for k in np.flatnonzero(relative > limit)]
+
+
+def _rows(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
+    """One fault a sort: non-finite, repeated, backward, missing."""
+    found = []
+    finite = np.isfinite(t)
+    if not finite.all():
+        none = np.flatnonzero(~finite)
+        found.append(Fault("stamps", "t", math.nan, math.nan, len(none),
+                           f"the stamp is no number in {_rows(len(none))}, first in row {none[0] + 1}: "
+                           "drop these rows or restore their times"))
+    rows = np.flatnonzero(finite)
+    stamps, good = t[rows], usable[rows]
+    again = np.zeros(len(rows), bool)
+    again[1:] = stamps[1:] == stamps[:-1]
+    for sort, bad, repair in (("repeated", ~good & again, "rows written twice; drop the second of each"),
+                              ("backward", ~good & ~again, "a clock reset or rows out of order; cut or sort the log")):
+        where = stamps[bad]
+        if len(where) > 0:
+            found.append(Fault("stamps", "t", float(where[0]), float(where[-1]), len(where),
+                               f"{sort} stamps in {_rows(len(where))}, first at t = {where[0]:.6g} s: {repair}"))
+    lost = gaps(t[usable], np.flatnonzero(usable))
+    if lost:
+        count = sum(rows for _, _, rows in lost)
+        found.append(Fault("stamps", "t", lost[0][0], lost[-1][1], count,
+                           f"about {_rows(count)} missing in {len(lost)} gap{'s' if len(lost) > 1 else ''}, first "
+                           f"after t = {lost[0][0]:.6g} s: samples were lost; nothing is made up for them"))
+    return found
+
+
+def time_unit(t: np.ndarray, period: float) -> tuple[str, float]:
+    """(unit, units in a second) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1): seconds."""
+    if len(t) < 3:
+        return "", 1.0
+    ratio = float(np.median(np.diff(t))) / period
+    for name, factor in TIME_UNITS:
+        if factor / RATE_SLACK <= ratio <= factor * RATE_SLACK:
+            return name, factor
+    return "", 1.0
+
+
+def uniform_times(t: np.ndarray) -> np.ndarray:
+    """Times (m,) [s], one median period apart, over increasing stamps t (n,), m at most LONGEST_GRID n."""
+    period = float(np.median(np.diff(t)))
+    count = min(int((t[-1] - t[0]) / period + 1.5), LONGEST_GRID * len(t))
+    return np.asarray(t[0] + period * np.arange(count))

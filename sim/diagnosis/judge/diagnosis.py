@@ -1,0 +1,53 @@
+"""What was found about one log: the verdict and everything it rests on."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...log import Log
+from ...nominal import Nominal
+from ..controller.kind import ControllerCheck
+from ..data.check import DataCheck
+from ..data.record import Record
+from ..search.proposal import Proposal
+from ..search.selection import THRESHOLD, Selection
+from .gain import Gain
+from .leftover import Leftover
+from .limits import Isolability, Limit
+from .named import Named
+from .user_gain import UserGain
+
+
+@dataclass(eq=False)
+class Diagnosis:
+    """Everything that was found; arrays and models for the report, words for the verdict.
+
+    doubts     why the best causes are not believed (unexplained), one line each
+    nearest    the best causes of an `unexplained` log: they are not its cause
+    proposal   missing terms that would help an `unexplained` log
+    beneath    of `bad-data` whose faults can be masked: verdict and causes of what is left
+    catalogue  whether all causes were allowed, missing terms too
+    """
+
+    log: Log
+    nominal: Nominal
+    data: DataCheck
+    verdict: str = "bad-data"
+    where: str | None = None
+    causes: tuple[Named, ...] = ()
+    nearest: tuple[Named, ...] = ()
+    doubts: tuple[str, ...] = ()
+    record: Record | None = None
+    selection: Selection | None = None
+    controller: ControllerCheck | None = None
+    left_nominal: tuple[Leftover, ...] = ()
+    left: tuple[Leftover, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    isolability: Isolability | None = None
+    noise: dict[str, dict[str, Any]] = field(default_factory=dict)
+    gain: Gain | None = None
+    extension: Nominal | None = None
+    user: UserGain | None = None
+    proposal: Proposal | None = None
+    beneath: tuple[str, tuple[str, ...]] | None = None
+    threshold: float = THRESHOLD
+    catalogue: bool = True

@@ -1,0 +1,157 @@
+"""Is there something left that the named causes do not explain?
+
+A stochastic disturbance of any colour, in the plant, at the actuator or on a sensor, a deterministic shape (`shapes`),
+or a line must find nothing worth its place beside them.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.record import Record
+from ..model.noise import Disturbance, Refilter, fit_levels
+from ..model.nuisance import Problem
+from ..search.scan import lines
+from ..search.selection import Model
+from .shapes import shape_gains
+
+LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more
+SHAPE_LIMIT = 11.0         # nats of one of forty shapes, or of a line at a mode: noise reaches it once in 1e4 logs
+CREEP_LIMIT = 15.0         # nats of a shape that grows with time: a size that creeps by some per cent is that cause's
+LINE_LIMIT = 17.0          # nats of one of some thousand lines: as often
+OWN_BINS = 3.0             # of the log's resolution, within which a line is at a mode: no mode is driven by itself
+LINE = "sin"               # what the shape of a line begins with
+TIME = "time"              # what stands in the shape of a drift
+TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
+SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
+         "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
+COARSE = 5                 # sizes of a first look, evenly over the logarithm
+WORTH_A_SEARCH = 0.5       # nats of the best of them
+EVALUATIONS = 4            # of a golden-section search between its neighbours
+RELEVELLED = 2.0           # nats from which the noise levels are fitted anew beside the disturbance
+GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
+PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_dot": "sensor", "beta": "sensor"}
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a generic disturbance at one place gains [nats] beside the model.
+
+    shape    "" for a stochastic one, else the signal it is proportional to (then `std` is its RMS)
+    at_mode  a line at the frequency of a named mode
+    """
+
+    disturbance: Disturbance
+    gain: float
+    shape: str = ""
+    at_mode: bool = False
+
+    @property
+    def where(self) -> str:
+        return PLACE_OF[self.disturbance.place]
+
+    @property
+    def is_line(self) -> bool:
+        return self.shape.startswith(LINE)
+
+    @property
+    def limit(self) -> float:
+        """[nats] that may be left."""
+        if self.is_line and not self.at_mode:
+            return LINE_LIMIT
+        if TIME in self.shape:
+            return CREEP_LIMIT
+        return SHAPE_LIMIT if self.shape else LEFTOVER_LIMIT
+
+    @property
+    def words(self) -> str:
+        """What it looks like."""
+        return f"proportional to {self.shape}" if self.shape else "of unknown shape"
+
+
+def leftovers(model: Model) -> list[Leftover]:
+    """Of every place the log can show the stochastic disturbance and the shape that gain most, the best first."""
+    record = model.fit.record
+    places = ["plant", *(["actuator"] if record.command_is_known else []), *record.channels]
+    found = []
+    for place in places:
+        tried = [_best_size(record, model, place, tau) for tau in TIME_CONSTANTS]
+        found.append(max(tried, key=lambda leftover: leftover.gain))
+    found = [_relevelled(record, model, each) if each.gain > RELEVELLED else each for each in found]
+    return sorted([*found, *_shaped(model)], key=lambda leftover: -leftover.gain)
+
+
+def _shaped(model: Model) -> list[Leftover]:
+    """The shape of each place that gains most, and the strongest line of the acceleration."""
+    best: dict[str, Leftover] = {}
+    problem = Problem(model.fit.record, model.fit.filter)
+    for place, name, amplitude, gain in shape_gains(problem, model.fit):
+        best.setdefault(place, Leftover(Disturbance(place, abs(amplitude), math.inf), gain, name))
+    found = list(best.values())
+    named = [cause.values[1] for cause in model.causes if cause.hypothesis.is_line]
+    modes = [cause.values[1] for cause in model.causes if cause.hypothesis.is_mode]
+    resolution = 2.0 * math.pi / (model.fit.record.rows * model.fit.record.period)
+    left = []
+    for (amplitude, frequency, _), gain in lines(problem, model.fit):
+        if any(is_harmonic(frequency, base, resolution) for base in named):
+            continue
+        of = Disturbance("plant", amplitude / math.sqrt(2.0), math.inf)
+        at_mode = any(abs(frequency - mode) < OWN_BINS * resolution for mode in modes)
+        left.append(Leftover(of, gain, f"{LINE}({frequency:.4g} t)", at_mode))
+    return [*found, *sorted(left, key=lambda line: line.limit - line.gain)[:1]]
+
+
+def is_harmonic(frequency: float, base: float, resolution: float) -> bool:
+    """A multiple of a named line, within what the log resolves [rad/s]: what is periodic need not be a sine."""
+    multiple = round(frequency / base)
+    return multiple > 1 and abs(frequency - multiple * base) < resolution
+
+
+def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:
+    """The gain when the noise levels may give way to the disturbance."""
+    fitted = model.fit
+    filt = fit_levels(record, model.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels,
+                      leftover.disturbance)
+    gain = filt.log_likelihood - _refilter(record, model).log_likelihood(fitted.filter.levels)
+    return Leftover(leftover.disturbance, max(gain, leftover.gain))
+
+
+def _refilter(record: Record, model: Model) -> Refilter:
+    return Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
+
+
+def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover:
+    """The standard deviation that gains most: a coarse look, and where it gains anything a golden-section search."""
+    levels, refilter = model.fit.filter.levels, _refilter(record, model)
+    base = refilter.log_likelihood(levels)
+
+    def gain(x: float) -> float:
+        return refilter.log_likelihood(levels, Disturbance(place, math.exp(x), tau)) - base
+
+    smallest, largest = SIZES[place]
+    grid = np.linspace(math.log(smallest), math.log(largest), COARSE)
+    looked = [gain(x) for x in grid]
+    k = int(np.argmax(looked))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, COARSE - 1)]
+    best = looked[k], grid[k]
+    if looked[k] > WORTH_A_SEARCH:
+        best = max(best, _golden(gain, low, high))
+    return Leftover(Disturbance(place, math.exp(best[1]), tau), max(best[0], 0.0))
+
+
+def _golden(gain: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """(gain, place) of the maximum between low and high."""
+    left, right = high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)
+    at_left, at_right = gain(left), gain(right)
+    for _ in range(EVALUATIONS):
+        if at_left > at_right:
+            high, right, at_right = right, left, at_left
+            left = high - GOLDEN_RATIO * (high - low)
+            at_left = gain(left)
+        else:
+            low, left, at_left = left, right, at_right
+            right = low + GOLDEN_RATIO * (high - low)
+            at_right = gain(right)
+    return max((at_left, left), (at_right, right))

@@ -1,0 +1,32 @@
+"""The noise levels of a log over the declared ones."""
+
+import math
+from typing import Any
+
+from ..data.record import CHANNELS
+from ..model.noise import LEVEL_STEP, LEVELS, Refilter, declared
+from ..search.selection import Model
+from .named import SIGNIFICANT
+
+
+def noise_of(model: Model) -> dict[str, dict[str, Any]]:
+    """Each level over the declared, and whether it differs beyond doubt."""
+    r, fitted = model.fit.record, model.fit
+    base, refilter = declared(r), Refilter(r, model.dynamics, fitted.innovations, fitted.filter)
+    found: dict[str, dict[str, Any]] = {}
+    values = {}
+    for k, name in enumerate(LEVELS):
+        if (name in CHANNELS and name not in r.channels) or (name == "command" and not r.command_is_known):
+            continue
+        for sign in (-1.0, 0.0, 1.0):
+            levels = fitted.filter.levels.copy()
+            levels[k] *= math.exp(sign * LEVEL_STEP)
+            values[sign] = refilter.log_likelihood(levels)
+        curvature = (2.0 * values[0.0] - values[-1.0] - values[1.0]) / LEVEL_STEP**2
+        std = 1.0 / math.sqrt(curvature) if curvature > 0.0 else math.inf
+        factor = float(fitted.filter.levels[k] / base[k])
+        if not (math.isfinite(factor) and factor > 0.0):
+            continue  # the model does not stay with the log, so its noise is unknown
+        found[name] = {"factor": factor, "std": std * factor if math.isfinite(std) else None,
+                       "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std)}
+    return found

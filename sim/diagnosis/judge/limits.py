@@ -1,0 +1,139 @@
+"""What this log could have shown: the smallest size of each cause that would be found, and which look alike.
+
+The smallest size is the one whose expected gain of log-likelihood, everything else refitted, pays the threshold and
+the penalty: about even odds of being found.  Both tables are made of the model's own responses, so they hold for this
+log, its manoeuvres, its noise and its columns.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..causes import SOUGHT, Cause, Hypothesis
+from ..data.record import Record
+from ..model.nuisance import Problem
+from ..search.scan import Projector, response, with_effect
+from ..search.selection import Model, penalty
+
+LOOK_ALIKE = 0.999     # |cosine| from which two causes cannot be told apart by any size
+BEYOND = 30.0          # times the smallest and the largest size of a record, between which one is sought
+PRECISE = 1.02         # factor to which it is found
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Smallest size of a cause that this log would show, away from `neutral`; None: no size.
+
+    at  values of its other parameters for which it is given
+    """
+
+    cause: str
+    parameter: str
+    unit: str
+    size: float | None
+    neutral: float
+    at: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Isolability:
+    """How alike the responses of visible causes are.
+
+    products  (c, c) of the responses, each of length 1
+    """
+
+    names: tuple[str, ...]
+    products: np.ndarray
+
+    @property
+    def cosine(self) -> np.ndarray:
+        """(c, c) |cosine| between the responses: 1 cannot be told apart, 0 is perfectly told apart."""
+        return np.abs(self.products)
+
+    def pairs(self, least: float) -> list[tuple[str, str, float]]:
+        """Pairs from this |cosine| on, the most alike first."""
+        n = len(self.names)
+        found = [(self.names[a], self.names[b], float(self.cosine[a, b])) for a in range(n) for b in range(a)
+                 if self.cosine[a, b] >= least]
+        return sorted(found, key=lambda pair: -pair[2])
+
+    def equivalents(self, name: str, least: float) -> list[tuple[str, ...]]:
+        """Causes that alone, or two together, make the response of `name` with a |cosine| from `least` on."""
+        if name not in self.names:
+            return []
+        own, g = self.names.index(name), self.products
+        alone = [k for k in range(len(self.names)) if k != own and abs(g[own, k]) >= least]
+        rest = [k for k in range(len(self.names)) if k != own and k not in alone]
+        together = []
+        for a, b in itertools.combinations(rest, 2):
+            pair = [a, b]
+            share = g[own, pair] @ np.linalg.pinv(g[np.ix_(pair, pair)], hermitian=True) @ g[own, pair]
+            if math.sqrt(max(share, 0.0)) >= least:
+                together.append((self.names[a], self.names[b]))
+        return [*((self.names[k],) for k in alone), *together]
+
+
+def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit], Isolability]:
+    """For every hypothesis, and the isolability of those that the log's columns can show."""
+    problem = Problem(record, model.fit.filter)
+    project = Projector(problem, model.fit, causes=False)
+    found, responses, names = [], [], []
+    for hypothesis in SOUGHT:
+        shape = hypothesis.limit_at(record)
+        size = hypothesis.free[0]
+        at = tuple(zip((free.name for free in hypothesis.free[1:]), shape, strict=True))
+        amount, change = None, None
+        if hypothesis.visible(record):
+            needed = threshold + penalty(record, hypothesis)
+            if hypothesis.sizes is None:
+                change = project.out(response(problem, model.fit, project, hypothesis, shape))
+                energy = float(change @ change)
+                amount = math.sqrt(2.0 * needed / energy) if energy > 0.0 else None
+            else:
+                amount, change = _bisected(problem, model, project, hypothesis, needed)
+            if amount is not None and amount > hypothesis.largest:
+                amount = None
+        found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))
+        if change is not None and float(change @ change) > 0.0:
+            responses.append(change / np.sqrt(change @ change))
+            names.append(hypothesis.cause)
+    stack = np.array(responses)
+    return found, Isolability(tuple(names), stack @ stack.T)
+
+
+def unseen() -> list[Limit]:
+    """Of a log too short for anything."""
+    return [Limit(each.cause, each.free[0].name, each.unit(each.free[0].name), None, each.neutral, ())
+            for each in SOUGHT]
+
+
+def _bisected(problem: Problem, model: Model, project: Projector, hypothesis: Hypothesis,
+              needed: float) -> tuple[float | None, np.ndarray | None]:
+    """Smallest size (a play) or largest (a rate limit) that pays, where the response is not proportional to it."""
+    shrinks = math.isinf(hypothesis.neutral)
+    assert hypothesis.sizes is not None
+    tries = hypothesis.sizes(problem.record)
+    if not tries:
+        return None, None
+
+    def change(size: float) -> np.ndarray:
+        moved = problem.residual(with_effect(model.fit, Cause(hypothesis, (size,))))
+        return project.out(moved - project.residual)
+
+    def pays(size: float) -> bool:
+        moved = change(size)
+        return 0.5 * float(moved @ moved) >= needed
+
+    low, high = min(tries) / BEYOND, max(tries) * BEYOND
+    if not pays(low if shrinks else high):
+        return None, None
+    while high / low >= PRECISE:
+        middle = math.sqrt(low * high)
+        if pays(middle) == shrinks:
+            low = middle
+        else:
+            high = middle
+    size = math.sqrt(low * high)
+    return size, change(size)

@@ -1,0 +1,179 @@
+"""Causes as they are reported: values in the catalogue's names, look-alikes, and what makes a name doubtful."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
+from ..controller.kind import ControllerCheck
+from ..search.selection import TOLD_APART, Model, Ranked, Selection, penalty, profile
+from .constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy, constancy
+from .leftover import Leftover
+
+SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
+UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
+FEWEST_CYCLES = 2.0    # of a line in the log, to be one
+FORM = 0.01            # of the evidence of the causes of a place that may be left there: no form is known to a tenth
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """One cause as reported.
+
+    values, std, units   of its parameters, in the catalogue's names
+    rivals               causes that explain the log as well, without itself
+    constancy            None for the controller's, which is exact
+    is_at_an_end         of the range searched: whatever it stands for, it is not this cause
+    steps                (time [s], size) of one that comes gradually, () of all else
+    """
+
+    cause: str
+    values: dict[str, float | str]
+    std: dict[str, float]
+    units: dict[str, str]
+    rivals: tuple[str, ...]
+    evidence: float
+    constancy: Constancy | None
+    is_at_an_end: bool = False
+    steps: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def record(self) -> Hypothesis:
+        """What is known of this cause."""
+        return RECORDS[self.cause]
+
+    @property
+    def where(self) -> str:
+        return self.record.where
+
+    @property
+    def label(self) -> str:
+        """Its name, with the term of a missing one."""
+        return f"{self.cause} {self.values['term']}" if "term" in self.values else self.cause
+
+
+def named_causes(selection: Selection) -> tuple[Named, ...]:
+    """The causes of a selection's model; one that comes in steps is one cause."""
+    return tuple(_named(selection, group[0]) if len(group) == 1 else _gradual(selection, group)
+                 for group in _groups(selection.model))
+
+
+def _groups(model: Model) -> Iterator[list[int]]:
+    """Indices of the causes; the steps of one cause together, in the order of their times."""
+    gradual = sorted((cause.values[1], k) for k, cause in enumerate(model.causes) if cause.hypothesis.steps is not None)
+    group: list[int] = []
+    for _, k in gradual:
+        if group and not _belong_together(model.causes[group[-1]], model.causes[k]):
+            yield group
+            group = []
+        group.append(k)
+    if group:
+        yield group
+    for k, cause in enumerate(model.causes):
+        if cause.hypothesis.steps is None:
+            yield [k]
+
+
+def _belong_together(one: Cause, next_one: Cause) -> bool:
+    """Two steps are of one cause: of the same, the same way, soon after one another."""
+    steps = one.hypothesis.steps
+    return steps is not None and one.hypothesis.cause == next_one.hypothesis.cause and \
+        not (next_one.values[1] - one.values[1] > steps.near or next_one.values[0] * one.values[0] < 0.0)
+
+
+def _named(selection: Selection, k: int) -> Named:
+    model = selection.model
+    cause, std = model.causes[k], model.fit.std(k)
+    names = [free.name for free in cause.hypothesis.free]
+    values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
+    if "time" in names:
+        values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
+    return Named(cause.hypothesis.cause, values,
+                 dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
+                 _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k),
+                 cause.is_at_an_end)
+
+
+def _gradual(selection: Selection, group: list[int]) -> Named:
+    """The steps of one cause as one: what is lost in all, in the middle."""
+    model, parts = selection.model, [_named(selection, k) for k in group]
+    size, time = (free.name for free in model.causes[group[0]].hypothesis.free)
+    fractions = np.array([model.causes[k].values[0] for k in group])
+    times = np.array([float(part.values[time]) for part in parts])
+    kept = np.prod(1.0 - fractions)
+    first = [sum(len(cause.values) for cause in model.causes[:k]) for k in group]
+    slope, weight = kept / (1.0 - fractions), fractions / fractions.sum()
+    covariance = model.fit.covariance
+    variances = [part @ covariance[np.ix_(at, at)] @ part
+                 for part, at in ((slope, first), (weight, [k + 1 for k in first]))]
+    others = tuple(cause for k, cause in enumerate(model.causes) if k not in group)
+    without = profile(model.fit.record, others, model.fit.delta, model.fit.filter) if others else selection.nominal
+    evidence = model.log_likelihood - without.log_likelihood \
+        - sum(penalty(model.fit.record, model.causes[k].hypothesis) for k in group)
+    worst, of = max(zip(parts, fractions, strict=True), key=lambda pair: _chi_squared(pair[0]))
+    assert worst.constancy is not None
+    whole = float(1.0 - kept)
+    return replace(worst, values={size: whole, time: float(weight @ times)},
+                   std=dict(zip((size, time), (math.sqrt(max(v, 0.0)) for v in variances), strict=True)),
+                   rivals=tuple(each for each in parts[0].rivals if all(each in part.rivals for part in parts)),
+                   evidence=evidence, is_at_an_end=any(part.is_at_an_end for part in parts),
+                   constancy=replace(worst.constancy, size=tuple(each + whole - of for each in worst.constancy.size)),
+                   steps=tuple(zip(times.tolist(), fractions.tolist(), strict=True)))
+
+
+def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
+    """Causes within TOLD_APART of the best in the same place of the model."""
+    if not ranking:
+        return ()
+    best = max(each.evidence for each in ranking)
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART]
+    return tuple(dict.fromkeys(each for each in near if each != name))
+
+
+def mismatch(controller: ControllerCheck) -> Named:
+    """The controller's cause."""
+    values: dict[str, float | str] = {"kp_scale": controller.kp_scale, "kd_scale": controller.kd_scale,
+                                      "delay": controller.delay}
+    return Named(MISMATCH.cause, values, dict(zip(values, controller.std, strict=True)),
+                 {name: MISMATCH.unit(name) for name in values}, (), controller.evidence, None)
+
+
+def _chi_squared(named: Named) -> float:
+    """Of its size over the log; that of the controller's is exact."""
+    return 0.0 if named.constancy is None else named.constancy.chi_squared
+
+
+def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float, ended: float) -> list[str]:
+    """Why these causes are not believed, a line each; began, ended [s]: the log's first and last row."""
+    doubts = []
+    for each in named:
+        if _chi_squared(each) > CONSTANCY_LIMIT:
+            doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
+                          f"{_chi_squared(each):.0f} over {SEGMENTS} segments, limit {CONSTANCY_LIMIT:.0f})")
+        doubts += _undetermined(each, began, ended)
+    for leftover in left:
+        own = sum(cause.evidence for cause in named if cause.where == leftover.where)
+        limit = max(leftover.limit, FORM * own)
+        if leftover.gain > limit:
+            doubts.append(f"a disturbance {leftover.words} at the {leftover.disturbance.place} explains "
+                          f"{leftover.gain:.0f} nats more (limit {limit:.0f})")
+            break
+    return doubts
+
+
+def _undetermined(each: Named, began: float, ended: float) -> list[str]:
+    """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
+    found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
+    frequency, time = each.values.get("frequency"), each.values.get("time")
+    if isinstance(frequency, float):
+        if each.std["frequency"] > UNTOLD * frequency:
+            found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
+                         f"{each.std['frequency']:.2g} rad/s)")
+        if each.record.is_line and frequency * (ended - began) < 2.0 * math.pi * FEWEST_CYCLES:
+            found.append(f"{each.cause}: less than {FEWEST_CYCLES:.0f} of its periods are in the log")
+    if each.record.tells_onset and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
+        found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
+                     f"{each.std['time']:.2g} s)")
+    return found

@@ -1,0 +1,43 @@
+"""The nominal as it follows a log: what the room of the controller needs of a model and is handed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..controller.gaps import Seen
+from ..data.record import Record
+from .noise import Filter, declared, first_filter
+from .nuisance import Problem
+from .point import Point, innovations, predicted_attitude
+from .predictor import ESCAPED
+
+ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """The nominal's vehicle under one filter, a6 and k1 free within their tolerance."""
+
+    filter: Filter
+
+    def residual(self, record: Record) -> np.ndarray:
+        """(3n + 4,) on this record's commands."""
+        return Problem(record, self.filter).residual(Point())
+
+    def slopes(self, record: Record) -> np.ndarray:
+        """(3n + 4, 4)"""
+        return Problem(record, self.filter).deviation_slopes()
+
+
+class NominalFollower:
+    """The nominal without causes (`controller.issued.Follower`)."""
+
+    def seen(self, record: Record) -> Seen | None:
+        """What it saw between the rows; None: it does not stay with the log."""
+        gains = first_filter(record, declared(record) * ALERT)
+        seen = Seen(predicted_attitude(record, gains), innovations(record, gains, Point())[0])
+        return seen if np.all(np.abs(seen.attitude) < ESCAPED) else None
+
+    def vehicle(self, record: Record) -> Vehicle:
+        """At the declared noise."""
+        return Vehicle(first_filter(record, declared(record)))

@@ -1,0 +1,314 @@
+"""Noise levels of a log, and the Kalman gains they make.
+
+Five levels: attitude sensor, gyro, nozzle sensor, command, unmodelled acceleration; each the nominal's times a factor.
+The factors maximise the likelihood of the log (Ljung, System Identification, 2nd ed., ch. 7.4) with a log-normal prior
+around the declared ones, so that a level the log does not show stays as declared.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...effects.plant import SLOSH
+from ...sections import Sensors
+from ...vehicle import step as st
+from ..data.record import CHANNELS, Record
+from .likelihood import likelihood, whiten
+from .linear import Modes, matched, modes_of, state_matrix
+from .point import Point, vehicle
+from .predictor import N_RIGID
+
+LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
+SMALLEST = 1.0e-3      # of a level over the declared: below it a log is as good as free of that noise
+LARGEST = 1.0e3
+WRONG_NOISE = 1.5      # factor by which levels may be declared wrong without a word
+PRIOR = 1.0            # one sigma of the log of a factor: nobody declares noise within better than e
+STILL = 0.25           # s: a6, k1 of a launcher move by less than 1 % meanwhile
+FLOOR = 1e-6           # rad, rad/s, rad, rad, rad/s^2: declared 0 becomes this
+START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
+LEVEL_TOLERANCE = 0.02  # of a log factor: levels are found to 2 %
+LEVEL_ITERATIONS = 12
+LEVEL_GAIN = 0.03      # nats that an iteration must bring to go on
+LEVEL_STEP = 0.05      # of a log factor, for slopes and curvatures
+TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
+
+
+def declared(record: Record) -> np.ndarray:
+    """The nominal's levels (5,), quantisation as step/sqrt(12); never 0."""
+    sensors: Sensors = record.nominal.sensors
+    simulation = record.nominal.simulation
+    levels = [np.hypot(sensors.theta_std, sensors.theta_step / 12**0.5),
+              np.hypot(sensors.theta_dot_std, sensors.theta_dot_step / 12**0.5),
+              np.hypot(sensors.beta_std, sensors.beta_step / 12**0.5), record.actuator.command_noise_std,
+              simulation.acceleration_noise_std if simulation is not None else 0.0]
+    if not record.command_is_known:
+        levels[3] = levels[2]  # the measured nozzle angle is the command
+    return np.maximum(levels, FLOOR)
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """Linear dynamics over a row, for covariances, and where noise enters.
+
+    States: theta, theta_dot, beta, beta_dot; then, where noise is held over rows or there are modes, the held command
+    noise and acceleration; then value and rate of each mode.
+    """
+
+    modes: Modes
+    f: np.ndarray               # (b, m, m)
+    c: np.ndarray               # (3, m)
+    block: np.ndarray           # (n,) of each row
+    resets: np.ndarray          # (n,) bool, rows at which held noises are drawn anew; all False: each row, in the q
+    command_q: np.ndarray       # (b, m, m) for unit variance of the command noise
+    acceleration_q: np.ndarray  # (b, m, m)
+    fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
+    entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
+
+
+def dynamics(record: Record, point: Point) -> Dynamics:
+    """The model at a point, linear: its a6, k1, servo, damping and modes."""
+    n, period = record.rows, record.period
+    v = vehicle(record, point)
+    modes, slots = modes_of(v)
+    size = max(1, round(STILL / period))
+    constant = np.ptp(v.a6) == 0.0 and np.ptp(v.k1) == 0.0
+    block = np.zeros(n, np.int64) if constant else np.arange(n) // size
+    middle = np.minimum(np.unique(block) * size + size // 2, n - 1)
+    half = np.minimum(2 * (record.first_step + record.every * middle), len(v.a6) - 1)
+    m, held, ticks = N_RIGID + 2 * len(modes), record.held > 1, record.every // record.tick
+    a, c = np.zeros((len(half), m, m)), np.zeros((3, m))
+    frequency = v.constant[st.FREQUENCY]
+    for b, at in enumerate(half):
+        state_matrix(v.plant, v.actuator, slots, v.a6[at], v.k1[at], frequency, v.constant[st.DAMPING], a[b], c)
+    f, part = exponential(a * period), exponential(a * (period / ticks))
+    entry = f[:, :, 4:6].copy()
+    entry[:, 4:6] = 0.0
+    q = np.zeros((3, len(half), m, m))
+    if not held:
+        q = _held_noise(part, ticks, record.fill_gain)
+        f[:, 4:6, :] = f[:, :, 4:6] = 0.0
+    resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
+    kept = slice(0, m if held or modes else 4)
+    f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
+    command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
+    return Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry)
+
+
+def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:
+    """(3, b, m, m) covariance over a row of unit command noise, unit acceleration and recomputed commands, each drawn
+    anew every tick; part (b, m, m) is the transition over a tick."""
+    b, m, _ = part.shape
+    q = np.zeros((3, b, m, m))
+    free = part.copy()
+    free[:, 4:6, :] = free[:, :, 4:6] = 0.0
+    carry = np.broadcast_to(np.eye(m), (b, m, m))
+    for j in range(ticks - 1, -1, -1):
+        for k in range(2):
+            enters = part[:, :, 4 + k].copy()
+            enters[:, 4:6] = 0.0
+            enters = np.einsum("bij,bj->bi", carry, enters)
+            outer = enters[:, :, None] * enters[:, None, :]
+            q[k] += outer
+            if k == 0 and j > 0:
+                q[2] += fill_gain**2 * outer
+        carry = free @ carry
+    return q
+
+
+def exponential(a: np.ndarray) -> np.ndarray:
+    """exp of matrices (b, m, m): Taylor series of a part, squared up (Moler and Van Loan 2003, method 3)."""
+    squarings = max(0, int(np.ceil(np.log2(max(float(np.max(np.abs(a).sum(axis=2))), 1e-300)))) + 1)
+    scaled, term = a / 2.0**squarings, np.broadcast_to(np.eye(a.shape[1]), a.shape).copy()
+    total = term.copy()
+    for order in range(1, TAYLOR_ORDER + 1):
+        term = term @ scaled / order
+        total += term
+    for _ in range(squarings):
+        total = total @ total
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """One generic state d beside the model: d' = -d/time_constant + white, of this standard deviation, which adds to
+    `place`: plant (acceleration), actuator (command), or the channel theta, theta_dot, beta."""
+
+    place: str
+    std: float
+    time_constant: float
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """Gains and whitening of one set of levels."""
+
+    levels: np.ndarray     # (5,)
+    gains: np.ndarray      # (n, 6 + 2 modes, 3)
+    low: np.ndarray        # (n, 3, 3)
+    whitened: np.ndarray   # (n, 3) innovations of this filter, whitened
+    modes: Modes           # whose gains stand behind the rigid body's
+    log_likelihood: float
+
+    def whiten(self, innovations: np.ndarray) -> np.ndarray:
+        """(n, 3) of innovations under these gains."""
+        out = np.empty_like(innovations)
+        whiten(self.low, innovations, out)
+        return out
+
+
+class Refilter:
+    """What filters with other levels, and a generic disturbance beside the model, make of the innovations of one.
+
+    base    (n, 3) innovations of the filter `of`; None: of one that corrects nothing
+    counts  (n,) bool: rows that count, None: all
+    """
+
+    def __init__(self, record: Record, dyn: Dynamics, base: np.ndarray, of: "Filter | None" = None,
+                 counts: np.ndarray | None = None) -> None:
+        self.record, self.dyn, self.base = record, dyn, base
+        self.base_gains = np.zeros((record.rows, N_RIGID, 3)) if of is None else carried_over(of, dyn.modes)
+        self.counts = np.ones(record.rows, bool) if counts is None else counts
+
+    def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
+        """Of the rows that count."""
+        return self._run(levels, disturbance, np.zeros((0, 1, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+
+    def filter(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> "Filter":
+        """Its gains and whitening."""
+        n, m, modes = self.record.rows, self.dyn.f.shape[1], self.dyn.modes
+        size = m if disturbance is None else m + 1
+        gains, low, whitened = np.zeros((n, size, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
+        total = self._run(levels, disturbance, gains, low, whitened)
+        full = np.zeros((n, N_RIGID + 2 * len(modes), 3))
+        full[:, :m] = gains[:, :m]
+        return Filter(levels, full, low, whitened, modes, total)
+
+    def _run(self, levels: np.ndarray, disturbance: Disturbance | None, gains: np.ndarray, low: np.ndarray,
+             whitened: np.ndarray) -> float:
+        record, dyn = self.record, self.dyn
+        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
+        f, c, p = dyn.f, dyn.c, _start(record, levels, dyn.f.shape[1])
+        if disturbance is not None:
+            f, q, c, p = _with_disturbance(record, dyn, disturbance, f, q, c, p)
+        held = levels[3:5]**2 if record.held > 1 else np.zeros(0)
+        return float(likelihood(f, dyn.block, q, c, levels[:3]**2, p, dyn.resets, held, self.base, self.base_gains,
+                                self.counts, gains, low, whitened))
+
+
+def run_filter(record: Record, dyn: Dynamics, levels: np.ndarray, base: np.ndarray, of: "Filter | None" = None) \
+        -> Filter:
+    """The filter with these levels, from the innovations `base` of another (`Refilter`)."""
+    return Refilter(record, dyn, base, of).filter(levels)
+
+
+def first_filter(record: Record, levels: np.ndarray) -> Filter:
+    """Gains for these levels before any innovations are known."""
+    return run_filter(record, dynamics(record, Point()), levels, record.z)
+
+
+def carried_over(of: Filter, modes: Modes) -> np.ndarray:
+    """Gains (n, 6 + 2 modes, 3) that a filter made for other modes amounts to: a slosh mode it does not know feels its
+    corrections of the rate, a bending mode nothing (as `predictor.shift_state`)."""
+    gains = np.zeros((len(of.gains), N_RIGID + 2 * len(modes), 3))
+    gains[:, :N_RIGID] = of.gains[:, :N_RIGID]
+    known = matched(of.modes, modes)
+    for k, mode in enumerate(modes):
+        slot = N_RIGID + 2 * k
+        if known[k] >= 0:
+            gains[:, slot:slot + 2] = of.gains[:, known[k]:known[k] + 2]
+        elif mode.code == SLOSH:
+            gains[:, slot + 1] = -of.gains[:, 1]
+    return gains
+
+
+def _start(record: Record, levels: np.ndarray, m: int) -> np.ndarray:
+    """Covariance (m, m) before the first row; the state begins at the first measured values."""
+    p = np.zeros((m, m))
+    w = record.actuator.natural_frequency
+    p[0, 0] = (30.0 * levels[0])**2
+    p[1, 1] = START_RATE**2
+    p[2, 2] = (30.0 * levels[2])**2
+    p[3, 3] = (30.0 * levels[2] * w)**2
+    return p
+
+
+def _with_disturbance(record: Record, dyn: Dynamics, of: Disturbance, f: np.ndarray, q: np.ndarray, c: np.ndarray,
+                      p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The matrices with one more state, last."""
+    b, m, _ = f.shape
+    new_f, new_q, new_p = np.zeros((b, m + 1, m + 1)), np.zeros((b, m + 1, m + 1)), np.zeros((m + 1, m + 1))
+    new_f[:, :m, :m], new_q[:, :m, :m], new_p[:m, :m] = f, q, p
+    new_c = np.zeros((3, m + 1))
+    new_c[:, :m] = c
+    keep = float(np.exp(-record.period / of.time_constant))
+    new_f[:, m, m] = keep
+    new_q[:, m, m] = of.std**2 * (1.0 - keep**2)
+    new_p[m, m] = of.std**2
+    if of.place in CHANNELS:
+        new_c[CHANNELS.index(of.place), m] = 1.0
+    else:
+        source = dyn.entry[:, :, 0 if of.place == "actuator" else 1]
+        new_f[:, :m, m] = source[:, :m]
+    return new_f, new_q, new_c, new_p
+
+
+def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, start: np.ndarray,
+               disturbance: Disturbance | None = None, counts: np.ndarray | None = None) -> Filter:
+    """The most likely levels, from a start (5,): Newton's method on the logarithms with a numerical curvature.
+
+    base, of     innovations (n, 3), and the filter that made them
+    disturbance  beside the model, if any;  counts (n,) bool, rows that count, None: all
+    """
+    reference = declared(record)
+    free = [k for k in range(5) if k >= 3 or np.isfinite(base[:, k]).any()]
+    refilter = Refilter(record, dyn, base, of, counts)
+
+    def value(x: np.ndarray) -> float:
+        return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / PRIOR)**2))
+
+    x = np.log(np.clip(start / reference, SMALLEST, LARGEST))
+    best, curvature = value(x), np.zeros(5)
+    for iteration in range(LEVEL_ITERATIONS):
+        step, promised, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
+        if promised < LEVEL_GAIN:
+            break
+        size = 1.0
+        while size > 0.05:
+            trial = np.clip(x + size * step, np.log(SMALLEST), np.log(LARGEST))
+            new = value(trial)
+            if new > best:
+                break
+            size *= 0.4
+        else:
+            break
+        moved, gained = float(np.max(np.abs(trial - x))), new - best
+        x, best = trial, new
+        if moved < LEVEL_TOLERANCE or gained < LEVEL_GAIN:
+            break
+    return refilter.filter(reference * np.exp(x), disturbance)
+
+
+Value = Callable[[np.ndarray], float]
+
+
+def _newton_step(value: Value, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
+                 anew: bool) -> tuple[np.ndarray, float, np.ndarray]:
+    """Ascent direction and the gain it promises: each level's own slope over its own curvature (they are nearly
+    independent).
+
+    curvature  (5,) of the last step; made anew by central differences, or kept for one-sided ones
+    """
+    step, slopes, curvature = np.zeros(len(x)), np.zeros(len(x)), curvature.copy()
+    for k in free:
+        moved = x.copy()
+        moved[k] += LEVEL_STEP
+        high = value(moved)
+        if anew:
+            moved[k] = x[k] - LEVEL_STEP
+            low = value(moved)
+            curvature[k] = (high - 2.0 * best + low) / LEVEL_STEP**2
+        slopes[k] = (high - best) / LEVEL_STEP - 0.5 * LEVEL_STEP * curvature[k]
+        step[k] = slopes[k] / max(-curvature[k], 1.0 / PRIOR**2) if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
+    step = np.clip(step, -1.5, 1.5)
+    return step, 0.5 * float(slopes @ step), curvature

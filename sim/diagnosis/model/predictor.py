@@ -1,0 +1,182 @@
+"""The simulator, corrected by the log row by row: innovations and their likelihood under any set of effects.
+
+`follow` runs the very Runge-Kutta step and the very effects of `sim.vehicle.step` from row to row on the logged
+commands, and corrects attitude, rate and nozzle by fixed Kalman gains (innovations form: Ljung, System
+Identification, 2nd ed., ch. 4.3 and 7).  A correction of the rate is an angular acceleration that was not modelled, so
+a sloshing mass feels it too.
+"""
+
+import math
+
+import numpy as np
+
+from ...effects import actuator, sensor
+from ...effects.plant import SLOSH
+from ...effects.table import CODE, MEMORY, MEMORY_DOT
+from ...vehicle.actuator import delayed_command
+from ...vehicle.kernels import inner, kernel
+from ...vehicle.step import (
+    BETA,
+    BETA_DOT,
+    DAMPING,
+    DELAY,
+    FREQUENCY,
+    LOG_EVERY,
+    PERIOD,
+    STEP,
+    THETA,
+    THETA_DOT,
+    attitude,
+    gyro,
+    remember,
+    runge_kutta_4,
+)
+from .likelihood import N_CHANNELS
+
+N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
+ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
+
+
+@inner
+def expected(v, i, row):
+    """What the sensors should read at step i without noise: row (3,) out."""
+    row[0] = attitude(v, i)
+    row[1] = gyro(v, i)
+    row[2] = sensor.nozzle(v.sensor, v.state[BETA])
+
+
+@inner
+def shift_state(v, slots, held, k, gains, row):
+    """Add gains[k] (6 + 2 modes, 3) times row (3,) to the state; unmeasured channels are 0 in row."""
+    x = v.state
+    rate = 0.0
+    for c in range(N_CHANNELS):
+        x[THETA] += gains[k, 0, c] * row[c]
+        rate += gains[k, 1, c] * row[c]
+        x[BETA] += gains[k, 2, c] * row[c]
+        x[BETA_DOT] += gains[k, 3, c] * row[c]
+        held[0] += gains[k, 4, c] * row[c]
+        held[1] += gains[k, 5, c] * row[c]
+    x[THETA_DOT] += rate
+    for e in range(v.plant.shape[0]):
+        if slots[e] >= 0:
+            for c in range(N_CHANNELS):
+                v.plant[e, MEMORY] += gains[k, slots[e], c] * row[c]
+                v.plant[e, MEMORY_DOT] += gains[k, slots[e] + 1, c] * row[c]
+        elif v.plant[e, CODE] == SLOSH:
+            v.plant[e, MEMORY_DOT] -= rate
+
+
+@kernel
+def correct_row(v, slots, held, i, k, z, gains, row):
+    """Correct the state at row k, step i; row (3,) out: the innovations, 0 where not measured."""
+    if v.history.shape[1] > 0:
+        remember(v, i)
+        if k == 0:  # before the log the vehicle stood as at its first row
+            for j in range(i):
+                v.history[0, j], v.history[1, j] = v.history[0, i], v.history[1, i]
+    expected(v, i, row)
+    for c in range(N_CHANNELS):
+        row[c] = 0.0 if np.isnan(z[k, c]) else z[k, c] - row[c]
+    shift_state(v, slots, held, k, gains, row)
+
+
+@kernel
+def advance_row(v, held, first, last, begin):
+    """Integrate from step `first` to `last`; `begin` is the step of commands[0]."""
+    c = v.constant
+    tick_steps = v.counter[1]
+    delay = c[DELAY] + actuator.latency(v.actuator)
+    remembers = v.history.shape[1] > 0
+    for i in range(first, last):
+        if remembers:
+            remember(v, i)
+        tick = (i - begin) // tick_steps
+        age = ((i - begin) - tick * tick_steps) * c[STEP]
+        u = delayed_command(v.commands, tick, age, c[STEP], c[PERIOD], delay) + held[0]
+        u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], c[STEP], u)
+        runge_kutta_4(v, i, u, v.acceleration[tick] + held[1])
+
+
+@kernel
+def follow(v, slots, z, gains, held_rows, held_phase, innovations, states):
+    """Innovations of a log under a vehicle.  Returns False if the model ran away.
+
+    v                        inout  at the first row; counter[LOG_EVERY] steps a row, counter[CONTROL_EVERY] a command
+    slots (plant's rows,)    in     where in the gains each mode's value stands, -1: it has none there
+    z (n, 3)                 in     measured; NaN: not
+    gains (n, 6 + 2 modes, 3)  in   Kalman gains of each row
+    held_rows, held_phase    in     the held noises are drawn anew each held_rows rows, from row held_phase on; 1: each
+    innovations (n, 3)       out    measured less predicted, NaN where not measured
+    states (n, 4)            out    theta, theta_dot, beta, beta_dot after the correction
+    """
+    every, begin = v.counter[LOG_EVERY], v.counter[0]
+    held, row = np.zeros(2), np.zeros(N_CHANNELS)
+    for k in range(len(z)):
+        i = begin + k * every
+        if held_rows == 1 or (k - held_phase) % held_rows == 0:
+            held[0], held[1] = 0.0, 0.0
+        correct_row(v, slots, held, i, k, z, gains, row)
+        for c in range(N_CHANNELS):
+            innovations[k, c] = math.nan if np.isnan(z[k, c]) else row[c]
+        if not abs(v.state[THETA]) < ESCAPED:
+            innovations[k:] = math.nan
+            states[k:] = math.nan
+            return False
+        for j in range(4):
+            states[k, j] = v.state[j]
+        if k + 1 < len(z):
+            advance_row(v, held, i, i + every, begin)
+    return True
+
+
+@kernel
+def tick_attitudes(v, slots, z, gains, attitudes):
+    """What the attitude sensor would have read at every tick of the commands: attitudes (ticks,) out [rad]."""
+    every, begin, tick = v.counter[LOG_EVERY], v.counter[0], v.counter[1]
+    held, row, per_row = np.zeros(2), np.zeros(N_CHANNELS), every // tick
+    for k in range(len(z)):
+        correct_row(v, slots, held, begin + k * every, k, z, gains, row)
+        for j in range(per_row):
+            i = begin + k * every + j * tick
+            if v.history.shape[1] > 0:
+                remember(v, i)
+            attitudes[k * per_row + j] = attitude(v, i)
+            if k + 1 < len(z) or j + 1 < per_row:
+                advance_row(v, held, i, i + tick, begin)
+
+
+@kernel
+def horizon_errors(v, slots, z, gains, held_rows, held_phase, spacing, ahead, errors):
+    """Errors of predictions without correction, begun from the corrected state every `spacing` rows.
+
+    v, slots, z, gains, held_rows, held_phase   as `follow`
+    spacing          in    rows between starts; the first starts at row 0
+    ahead (h,)       in    horizons in rows, increasing
+    errors (s, h, 3) out   measured less predicted of start s, NaN where not measured or beyond the log
+    """
+    every, begin, n = v.counter[LOG_EVERY], v.counter[0], len(z)
+    held, row, kept = np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
+    moments, servo = np.zeros_like(v.plant), np.zeros_like(v.actuator)
+    for k in range(n):
+        i = begin + k * every
+        if held_rows == 1 or (k - held_phase) % held_rows == 0:
+            held[0], held[1] = 0.0, 0.0
+        correct_row(v, slots, held, i, k, z, gains, row)
+        if k % spacing == 0 and k // spacing < len(errors):
+            kept[:], moments[:, :], servo[:, :] = v.state, v.plant, v.actuator
+            at = k
+            for b in range(len(ahead)):
+                if k + ahead[b] >= n:
+                    errors[k // spacing, b] = math.nan
+                    continue
+                advance_row(v, held, begin + at * every, begin + (k + ahead[b]) * every, begin)
+                at = k + ahead[b]
+                if v.history.shape[1] > 0:
+                    remember(v, begin + at * every)
+                expected(v, begin + at * every, row)
+                for c in range(N_CHANNELS):
+                    errors[k // spacing, b, c] = z[at, c] - row[c]
+            v.state[:], v.plant[:, :], v.actuator[:, :] = kept, moments, servo
+        if k + 1 < n:
+            advance_row(v, held, i, i + every, begin)

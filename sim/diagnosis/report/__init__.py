@@ -1,0 +1,1 @@
+"""What is said about it: JSON, words, page, figures."""

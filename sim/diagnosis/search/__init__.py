@@ -1,0 +1,1 @@
+"""Which causes the log asks for."""

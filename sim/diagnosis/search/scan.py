@@ -1,0 +1,173 @@
+"""First look at every hypothesis: what it could gain, to first order, from where its search should start.
+
+The gain of a cause whose response is proportional to its size is the projection of the residual on that response,
+everything already in the model projected out (score test; Rao 1948).  Others are tried at a few sizes.  Lines
+come from a periodogram weighted by the model's own response to an acceleration.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..causes import Cause, Hypothesis, Start, Values
+from ..model.nuisance import Problem
+from ..model.point import DEVIATIONS, Point, innovations
+from .fit import RESOLVED, Fit
+from .pulses import gusts, losses
+
+IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
+OWN_SHARE = 1e-9        # of a response's energy that the model cannot make itself: with less it is the model's own
+CYCLES = 3.0            # of a line in the log, at least: slower ones are trims
+TOP = 0.8               # highest line over the Nyquist frequency
+STRONGEST = 3           # lines handed on
+OWN_LINE = 4.0          # bins of the periodogram around a line that belong to it
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with starting values and the gain [nats] they promise, before any penalty."""
+
+    hypothesis: Hypothesis
+    values: Values
+    gain: float
+
+
+BEGINNING = {Start.ONSET: losses, Start.PULSE: gusts}
+
+
+def _inside(hypothesis: Hypothesis, values: Values) -> Values:
+    """Starting values within their ranges."""
+    return tuple(min(max(value, free.low), free.high) for free, value in zip(hypothesis.free, values, strict=True))
+
+
+class Projector:
+    """Residuals with what is already in the model projected out; `causes` False: a6 and k1 only."""
+
+    def __init__(self, problem: Problem, base: Fit, causes: bool = True) -> None:
+        slopes = base.slopes if causes else base.slopes[:, -DEVIATIONS:]
+        prior = np.zeros((DEVIATIONS, slopes.shape[1]))
+        prior[:, -DEVIATIONS:] = np.diag(1.0 / problem.prior)
+        self.residual = problem.residual(base.point)
+        basis, _ = np.linalg.qr(np.concatenate([slopes, prior]) / norms(slopes))
+        self.basis = basis
+        self.rest = self.out(self.residual)
+
+    def out(self, vector: np.ndarray) -> np.ndarray:
+        """The part of a vector (3n + 4,) that the model's own numbers cannot make."""
+        return vector - self.basis @ (self.basis.T @ vector)
+
+
+def norms(slopes: np.ndarray) -> np.ndarray:
+    """(k,) of the columns of slopes (rows, k), above 0."""
+    return np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
+
+
+def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[Candidate]:
+    """The best start of every hypothesis that the log could show, best first; those without any gain are left out."""
+    project = Projector(problem, base)
+    found: list[Candidate] = []
+    for hypothesis in hypotheses:
+        if not hypothesis.visible(problem.record):
+            continue
+        if hypothesis.is_line:
+            found += [Candidate(hypothesis, values, gain) for values, gain in lines(problem, base)]
+            continue
+        if hypothesis.start in BEGINNING:
+            gain, values = BEGINNING[hypothesis.start](problem, base, project.basis, project.rest)
+            if gain > 0.0:
+                found.append(Candidate(hypothesis, _inside(hypothesis, values), gain))
+            continue
+        tries = _sized(problem, base, project, hypothesis) if hypothesis.sizes else \
+            _proportional(problem, base, project, hypothesis)
+        best = max(tries, key=lambda candidate: candidate.gain, default=None)
+        if best is not None and best.gain > 0.0:
+            found.append(best)
+    return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+def with_effect(base: Fit, cause: Cause) -> Point:
+    """The model with one more cause."""
+    point = base.point
+    return Point((*point.effects, cause.hypothesis.effect(cause.values)), point.deviations)
+
+
+def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis, shape: Values) -> np.ndarray:
+    """Change of the residual (3n + 4,) per unit of the size, at its neutral value."""
+    size = hypothesis.free[0]
+    step = size.step if hypothesis.neutral + size.step <= size.high else -size.step
+    cause = Cause(hypothesis, (hypothesis.neutral + step, *shape))
+    return (problem.residual(with_effect(base, cause)) - project.residual) / step
+
+
+def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
+    size, tries = hypothesis.free[0], []
+    for shape in hypothesis.shapes(problem.record):
+        whole = response(problem, base, project, hypothesis, shape)
+        change = project.out(whole)
+        energy = float(change @ change)
+        if not energy > OWN_SHARE * float(whole @ whole) or not math.isfinite(energy):
+            continue
+        slope = float(change @ project.rest)
+        amount = hypothesis.neutral - slope / energy
+        if size.low < amount < size.high:
+            tries.append(Candidate(hypothesis, (amount, *shape), 0.5 * slope * slope / energy))
+        else:
+            inside = min(max(amount, size.low), size.high)
+            moved = inside - hypothesis.neutral
+            tries.append(Candidate(hypothesis, (inside, *shape), -slope * moved - 0.5 * energy * moved * moved))
+    return tries
+
+
+def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
+    assert hypothesis.sizes is not None
+    cost, tries = float(project.rest @ project.rest), []
+    for size, shape in itertools.product(hypothesis.sizes(problem.record), hypothesis.shapes(problem.record)):
+        values = (size, *shape)
+        rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, values))))
+        tries.append(Candidate(hypothesis, values, 0.5 * (cost - float(rest @ rest))))
+    return tries
+
+
+# ---- lines
+
+
+def lines(problem: Problem, base: Fit) -> list[tuple[Values, float]]:
+    """((amplitude, frequency, phase), gain) of the strongest sinusoidal accelerations, by the gain each promises."""
+    record = problem.record
+    ticks = record.every // record.tick
+    rows = max(2, round(IMPULSE_SPACING / record.period))
+    extra = np.zeros(len(record.commands))
+    for k in range(0, record.rows - 1, rows):
+        extra[k * ticks:(k + 1) * ticks] = 1.0
+    moved = innovations(record, problem.filter, base.point, extra)[0]
+    impulse = base.whitened - problem.counted(problem.filter.whiten(moved))
+    size = 1 << (2 * record.rows - 1).bit_length()
+    score, energy = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
+    white = base.whitened
+    for first in range(0, record.rows - 1, rows):
+        part = slice(first, min(first + rows, record.rows))
+        transfer = np.fft.rfft(impulse[part], size, axis=0)
+        data = np.fft.rfft(white[part], size, axis=0)
+        turned = np.exp(-2j * math.pi * np.arange(size // 2 + 1) * first / size)[:, None]
+        score += np.sum(np.conj(transfer) * data * turned, axis=1)
+        energy += np.sum(np.abs(transfer)**2, axis=1) * (part.stop - part.start)
+    frequency = 2.0 * math.pi * np.arange(size // 2 + 1) / (size * record.period)
+    span = record.rows * record.period
+    power = np.abs(score)**2 / np.maximum(energy, 1e-300)
+    top = min(TOP * math.pi / record.period, RESOLVED / record.resolution)
+    power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > top)] = 0.0
+    start = record.t[0]
+    found: list[tuple[Values, float]] = []
+    for _ in range(STRONGEST):
+        k = int(np.argmax(power))
+        if power[k] <= 0.0:
+            break
+        phasor = 2.0 * score[k] / energy[k] * 1j * np.exp(-1j * frequency[k] * start)
+        values = (float(abs(phasor)), float(frequency[k]), float(np.angle(phasor)))
+        found.append((values, float(power[k])))
+        own = OWN_LINE * 2.0 * math.pi / span
+        power[np.abs(frequency - frequency[k]) < own] = 0.0
+    return found

@@ -1,0 +1,352 @@
+"""Which causes the log asks for: forward selection by profile likelihood, with joint refits, swaps and drops.
+
+Evidence of a cause: gain of the log-likelihood, everything refitted (the other causes, a6 and k1 within their
+tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwarz 1978).  The first cause must reach
+`threshold`, each further one an absolute limit: one that is relative to the first loses half of the second causes.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
+from ..data.record import Record
+from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
+from ..model.nuisance import Problem
+from ..model.point import DEVIATIONS, Point, innovations
+from .fit import Fit, fit
+from .scan import Candidate, scan
+
+SINE = "sin(theta)"
+FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
+THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
+FURTHER = 22.0        # nats for each further one
+MOST_CAUSES = 3
+TRIED = 6             # candidates of a scan that are fitted
+PROFILED = 3          # of these, how many get their own noise levels; and all within NEAR of the best
+NEAR = 8.0            # nats
+HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
+FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
+TOLD_APART = 4.0      # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
+PROMISING = 3.0       # nats after the penalty that a scan must promise
+ROUNDS = 3            # of alternating between causes and noise levels at most
+ROUND_GAIN = 0.1      # nats that a round must bring to go on
+SWAPS = 4             # rounds of swapping a cause for a better one at most
+MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
+UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
+SWAP_GAIN = 1.0       # nats that a swap must bring
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Causes with everything refitted: the fit, and the log-likelihood less the tolerance's prior."""
+
+    fit: Fit
+    log_likelihood: float
+    dynamics: Dynamics
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        return self.fit.causes
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One hypothesis in the ranking: its evidence [nats] after the penalty, and its values."""
+
+    cause: Cause
+    evidence: float
+
+
+@dataclass(eq=False)
+class Selection:
+    """What was found.
+
+    nominal    the model without further causes, noise fitted
+    model      with the causes found
+    evidence   of each cause of `model`: what is lost without it, everything else refitted, less its penalty
+    rivals     of each cause: the ranking of what could stand in its place, itself included
+    rankings   of each step, best first
+    """
+
+    nominal: Model
+    model: Model
+    evidence: list[float] = field(default_factory=list)
+    rivals: list[list[Ranked]] = field(default_factory=list)
+    rankings: list[list[Ranked]] = field(default_factory=list)
+
+
+def needed(threshold: float, causes: int) -> float:
+    """Evidence [nats] that a cause must reach beside so many."""
+    return max(FURTHER, threshold) if causes else threshold
+
+
+def penalty(record: Record, hypothesis: Hypothesis) -> float:
+    """Schwarz's, of one cause [nats]."""
+    return 0.5 * len(hypothesis.free) * math.log(record.rows)
+
+
+def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
+            mask: np.ndarray | None = None, fitted: Fit | None = None) -> Model:
+    """Causes and noise levels fitted in turn until neither brings anything.
+
+    fitted  the causes' fit under `start`, where there is one
+    """
+    found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
+    made = _model(record, found, mask)
+    for _ in range(ROUNDS):
+        fitted = made.fit
+        new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
+        if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:
+            break
+        better = _model(record, fit(Problem(record, new, mask), fitted.causes, fitted.delta), mask)
+        if not better.log_likelihood > made.log_likelihood:
+            break
+        made = better
+    return made
+
+
+def _prior(fitted: Fit) -> float:
+    """What the tolerance's prior takes from the log-likelihood [nats]."""
+    return 0.5 * float(np.sum((fitted.delta / Problem(fitted.record, fitted.filter).prior)**2))
+
+
+def _model(record: Record, fitted: Fit, mask: np.ndarray | None) -> Model:
+    """A fit with its log-likelihood under its own filter."""
+    rows = np.isfinite(fitted.innovations) if mask is None else np.isfinite(fitted.innovations) & mask[:, None]
+    log_likelihood = -fitted.cost - _constant(fitted.filter, rows)
+    return Model(fitted, log_likelihood, dynamics(record, fitted.point))
+
+
+def _constant(filt: Filter, measured: np.ndarray) -> float:
+    """1/2 (log det + count log 2 pi) of the whitening."""
+    diagonal = np.einsum("kaa->ka", filt.low)
+    if not np.all(diagonal[measured] > 0.0):
+        return math.inf  # a model that did not stay with the log has no filter
+    return float(np.sum(np.log(diagonal[measured])) + 0.5 * math.log(2.0 * math.pi) * measured.sum())
+
+
+def as_simulated(record: Record) -> Model:
+    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like."""
+    levels = declared(record)
+    start = first_filter(record, levels)
+    models = [profile(record, (), np.zeros(DEVIATIONS), start)]
+    e = innovations(record, start, Point())[0]
+    seen = levels.copy()
+    for k in range(3):
+        if np.isfinite(e[:, k]).any():
+            ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
+            seen[k] *= ratio
+    seen[3:] *= UNSEEN
+    models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
+    return max(models, key=lambda model: model.log_likelihood)
+
+
+def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hypothesis] | None = None,
+           say: Say = lambda text: None) -> Selection:
+    """Find up to three causes."""
+    known = tuple(hypotheses) if hypotheses is not None else SOUGHT
+    say("noise levels")
+    nominal = as_simulated(record)
+    return select_from(nominal, known, threshold, MOST_CAUSES, say, _swinging(nominal) if hypotheses is None else ())
+
+
+def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
+    """Of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at once."""
+    r, theta = nominal.fit.record, nominal.fit.states[:, 0]
+    a6 = float(r.a6[0])
+    if not np.all(np.isfinite(theta)) or float(np.max(np.abs(theta))) < FAR or a6 == 0.0 or \
+            any(term == SINE for term, _ in r.nominal.terms):
+        return ()
+    return ((Cause(missing_term(SINE), (a6,)), Cause(missing_term("theta"), (-a6,))),)
+
+
+def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
+                blocks: Sequence[tuple[Cause, ...]] = ()) -> Selection:
+    """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
+
+    blocks  causes that make sense together only, tried as the first
+    """
+    record, known = nominal.fit.record, tuple(known)
+    found = Selection(nominal, nominal)
+    while len(found.model.causes) < most:
+        say(f"cause {len(found.model.causes) + 1}: all hypotheses")
+        limit = needed(threshold, len(found.model.causes))
+        better = _next(record, found, known, limit, blocks if not found.model.causes else ())
+        if better is None:
+            break
+        if not found.model.causes:
+            most += len(better.causes) - 1  # a block counts as one cause
+        reformed = _reformed(record, found.model, known)
+        if reformed is None:
+            found.model = better
+            continue
+        found.model = reformed
+        found.rankings.pop()
+    for swap in range(SWAPS, -1, -1):
+        found.model = _dropped(record, found.model, needed(threshold, 1))
+        if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
+            break
+    return found
+
+
+def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit: float,
+          blocks: Sequence[tuple[Cause, ...]]) -> Model | None:
+    """The model with the best further cause, or None if none reaches the limit."""
+    base = found.model
+    allowed = _allowed(known, base.causes)
+    ranked = _ranking(record, base, allowed)
+    for block in blocks:
+        model = profile(record, block, base.fit.delta, base.fit.filter)
+        ranked.append((model, model.log_likelihood - base.log_likelihood
+                       - sum(penalty(record, cause.hypothesis) for cause in block)))
+    ranked.sort(key=lambda pair: -pair[1])
+    found.rankings.append([Ranked(model.causes[-1], evidence) for model, evidence in ranked])
+    if not ranked or ranked[0][1] < limit:
+        return None
+    return ranked[0][0]
+
+
+def _allowed(known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
+    """Hypotheses that may join these causes."""
+    present = {cause.hypothesis.label for cause in causes}
+    forms = {cause.hypothesis.cause for cause in causes if has_forms(cause.hypothesis)}
+    return [h for h in known if h.may_repeat or not (h.label in present or h.cause in forms)]
+
+
+def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list[Ranked]:
+    """Each hypothesis that promises anything as the next cause, best first."""
+    return [Ranked(model.causes[-1], evidence)
+            for model, evidence in _ranking(record, base, _allowed(tuple(known), base.causes))]
+
+
+def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None) \
+        -> list[tuple[Model, float]]:
+    """Models with one more cause and its evidence, best first; the first few with their own noise levels.
+
+    known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
+    """
+    fits: list[tuple[Fit, float]] = []
+    for start in _starts(record, base) if known is None else [base]:
+        problem = Problem(record, start.fit.filter)
+        promising = [c for c in scan(problem, start.fit, allowed)
+                     if c.gain - penalty(record, c.hypothesis) > PROMISING]
+        promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
+        most = known or 0.0
+        for candidate in promising[:TRIED]:
+            if candidate.gain < HOPELESS * most:
+                continue
+            fitted = _joined(problem, start.fit, candidate)
+            most = max(most, start.fit.cost - fitted.cost)
+            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
+        for fitted in _in_steps(problem, start.fit, allowed):
+            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
+    fits.sort(key=lambda pair: -pair[1])
+    models: list[tuple[Model, float]] = []
+    seen: set[str] = set()
+    for fitted, gain in fits:
+        name = fitted.causes[-1].hypothesis.label
+        far = gain < fits[0][1] - NEAR and (len(models) >= PROFILED or gain < FAR_BEHIND * fits[0][1])
+        if name in seen or far:
+            continue
+        seen.add(name)
+        model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
+        evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
+        if math.isfinite(evidence) and not model.causes[-1].is_at_an_end:
+            models.append((model, evidence))
+    return sorted(models, key=lambda pair: -pair[1])
+
+
+def _starts(record: Record, base: Model) -> list[Model]:
+    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise."""
+    levels = declared(record)
+    if np.all(base.fit.filter.levels < WRONG_NOISE * levels):
+        return [base]
+    filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
+    fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)
+    return [base, Model(fitted, base.log_likelihood, base.dynamics)]
+
+
+def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:
+    causes = (*base.causes, Cause(candidate.hypothesis, candidate.values))
+    return fit(problem, causes, base.delta)
+
+
+def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterator[Fit]:
+    """The base with its last gradual cause in two steps: a ramp, of which the second half would else be sought
+    elsewhere."""
+    known = {h.cause for h in allowed}
+    last = next((k for k in range(len(base.causes) - 1, -1, -1) if base.causes[k].hypothesis.steps is not None), None)
+    if last is None or base.causes[last].hypothesis.cause not in known:
+        return
+    (size, time), hypothesis = base.causes[last].values, base.causes[last].hypothesis
+    assert hypothesis.steps is not None
+    for apart in hypothesis.steps.apart:
+        halves = [Cause(hypothesis, (0.5 * size, time + sign * apart)) for sign in (-1.0, 1.0)]
+        yield fit(problem, (*base.causes[:last], halves[0], *base.causes[last + 1:], halves[1]), base.delta)
+
+
+def _dropped(record: Record, model: Model, limit: float) -> Model:
+    """Without the causes that the others made needless; one alone stays."""
+    for k in range(len(model.causes) if len(model.causes) > 1 else 0):
+        others = model.causes[:k] + model.causes[k + 1:]
+        without = profile(record, others, model.fit.delta, model.fit.filter)
+        loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
+        if loss < limit:
+            return _dropped(record, without, limit)
+    return model
+
+
+def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
+    """The model with one of its causes in another form, where that explains clearly more; else None."""
+    for k in range(len(model.causes)):
+        other = _in_other_form(record, model, k, known)
+        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end:
+            return other[0]
+    return None
+
+
+def _in_other_form(record: Record, model: Model, k: int, known: tuple[Hypothesis, ...]) -> tuple[Model, float] | None:
+    """The model with cause k in its other form, if it has one, and what that brings in evidence [nats]."""
+    form = other_form(record, model.causes[k], known)
+    if form is None:
+        return None
+    made = profile(record, (*model.causes[:k], form, *model.causes[k + 1:]), model.fit.delta, model.fit.filter)
+    more = penalty(record, form.hypothesis) - penalty(record, model.causes[k].hypothesis)
+    return made, made.log_likelihood - model.log_likelihood - more
+
+
+def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], least: float) -> bool:
+    """Evidence of each cause, and the ranking of all that could stand in its place now that the others are in; True
+    if one that does better by `least` nats took it, so that all must be looked at again."""
+    found.evidence, found.rivals = [], []
+    for k, cause in enumerate(found.model.causes):
+        model = found.model
+        others = model.causes[:k] + model.causes[k + 1:]
+        if not others:
+            without, ranked = found.nominal, found.rankings[0]
+        else:
+            without = profile(record, others, model.fit.delta, model.fit.filter)
+            gain = model.log_likelihood - without.log_likelihood
+            models = _ranking(record, without, _allowed(known, others), gain)
+            ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
+        own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
+        if others and models and models[0][1] > own + least:
+            found.model = models[0][0]
+            return True
+        other = _in_other_form(record, model, k, known)
+        if other is not None and other[0].causes[k].is_at_an_end:
+            other = None
+        if other is not None and other[1] > max(TOLD_APART, least):
+            found.model = other[0]
+            return True
+        if other is not None:
+            ranked = [*ranked, Ranked(other[0].causes[k], own + other[1])]
+        found.evidence.append(own)
+        found.rivals.append([Ranked(cause, own), *(each for each in ranked
+                                                   if each.cause.hypothesis.label != cause.hypothesis.label)])
+    return False
