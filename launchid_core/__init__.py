@@ -9,12 +9,12 @@ from .estimate import Change, Estimate, Level, Tracked, Uncertainty
 from .estimator import Estimator
 from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
 from .model import Model
-from .port import Call, Given, Port, port_of
+from .port import Port, port_of
 from .sample import Sample
 from .sparse import SOLVERS
 from .status import EstimateStatus, Status
 from .uncertainty import BANDS, EDGES
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Call", "Change", "Config",
-           "Estimate", "EstimateStatus", "Estimator", "Given", "Level", "Model", "Port", "Sample", "Status",
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config",
+           "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "function_value", "parse_term", "polynomial", "port_of", "term_name"]

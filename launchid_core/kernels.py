@@ -1,16 +1,25 @@
-"""The one decorator of every compiled function in this package.
+"""The decorators of every compiled function in this package, and why they are as they are.
+
+``kernel``: an entry, called from Python (`step`, `report`).
+``inner``: called by kernels only.  Without the wrapper that Python would need it compiles in half the time; a test
+that wants to call one compiles its own (`tests/compiled.py`).
+``shared``: plain Python when Python calls it, compiled into the kernels that call it: what cuts memory, what restarts.
 
 Choices, each with its reason:
 
-* ``cache=True``: a flight host must not compile twice.  numba does not see an
-  edit in *another* file, so developers clear the cache (README, "Developing").
-* ``error_model="numpy"``: a division by zero gives inf or NaN, which a status
-  reports; the default would raise inside the flight loop.
+* ``error_model="numpy"``: a division by zero gives inf or NaN, which a status reports; the default would raise inside
+  the flight loop.
 * ``nogil=True``: two estimators may run in two threads.
-* no ``fastmath``: sums keep their order, so the same input gives the same bits
-  on every machine, un-jitted, and in a C port.
+* ``_nrt=False``: without numba's run time nothing can be allocated: a kernel that would does not compile.  Nor are
+  the references of arrays counted, which costs time in flight and, more, in compilation.
+* ``cache=True`` of the entries alone: their machine code holds that of everything they call.
+* no ``fastmath``: sums keep their order, so the same input gives the same bits on every machine, un-jitted, and in a
+  C port.
 """
 
 import numba
+from numba.extending import register_jitable
 
-kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
+kernel = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+inner = numba.njit(error_model="numpy", nogil=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+shared = register_jitable(error_model="numpy", _nrt=False)
