@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, K1
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .memory import take, take2, take3
 from .predictor import N_STATES
 from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
@@ -73,7 +73,7 @@ def view_watch(f, at, i, m):
     return Watch(mean, covariance, factor, before, start, carried, counts, event, reference), at, m
 
 
-@inner
+@once
 def measure(mean, covariance, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one onset; returns (variance, e^2/variance)."""
     c0, c1, c2 = covariance[AA], covariance[AK], covariance[KK]
@@ -88,7 +88,7 @@ def measure(mean, covariance, h0, h1, z):
     return variance, e * e / variance
 
 
-@inner
+@once
 def open_onset(state, belief, s_start, t):
     """A block began at t with sensitivities s_start (4, 2): a change may have begun with it."""
     slot = state.counts[NEXT]
@@ -110,7 +110,7 @@ def open_onset(state, belief, s_start, t):
     state.counts[SINCE] += 1
 
 
-@inner
+@once
 def follow_onset(state, slot, kind, pair, dt):
     """Give a block to one onset's tracker; returns its log predictive density.
 
@@ -134,7 +134,7 @@ def follow_onset(state, slot, kind, pair, dt):
     return -0.5 * (math.log(volume) + square)
 
 
-@inner
+@once
 def carry_onset(state, column, slot, transition):
     """Carry the sensitivities of an onset over the block.  column (4,) scratch;  transition (4, >=4) in."""
     carried = state.carried[slot]
@@ -148,7 +148,7 @@ def carry_onset(state, column, slot, transition):
             carried[i, j] = column[i]
 
 
-@inner
+@once
 def follow_onsets(state, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
@@ -168,7 +168,7 @@ def follow_onsets(state, column, pair, transition, dt, still):
     return best, best_slot, best_kind
 
 
-@inner
+@once
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
@@ -184,7 +184,7 @@ def onset_time(state, kind, best, dt):
     return reference + mean, math.sqrt(max(square / norm - mean * mean, 0.0) + dt * dt / 12.0)
 
 
-@inner
+@once
 def raise_alarm(state, slot, kind, best, dt, t_now, after):
     """Record an event and forget the onsets.  after (N_BELIEF,) out: the belief to restart the tracker with.
 
@@ -224,7 +224,7 @@ def size_event(state, event, belief):
     event[E_K1_VARIANCE] = state.reference[VAR_K1] + belief[VAR_K1]
 
 
-@inner
+@once
 def settle_event(state, belief):
     """SETTLE blocks after its onset, an event's size becomes final."""
     if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
 from .model import N_NOISES
@@ -148,7 +148,7 @@ def set_identity(matrix):
             matrix[i, j] = 1.0 if i == j else 0.0
 
 
-@inner
+@once
 def forget_offset(acc):
     """The state is unknown again (a gap): keep what is known of the terms, drop the initial offset's rows."""
     for i in range(N_STATES):
@@ -167,7 +167,7 @@ def begin_block(belief, fil, acc):
         acc.s_start[i, K1] = fil.s[i, N_STATES + belief.term[AT_BETA]]
 
 
-@inner
+@once
 def reduce_block(acc, work, theta, beta):
     """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known."""
     n = acc.window.shape[0]
@@ -190,7 +190,7 @@ def reduce_block(acc, work, theta, beta):
     absorb_rows(work.block, known, PAIR - 1)
 
 
-@inner
+@once
 def absorb_block(acc, work):
     """Add the block to the window's information, its offset carried back to the window's start."""
     n = acc.window.shape[0]
@@ -206,7 +206,7 @@ def absorb_block(acc, work):
     absorb_rows(acc.window, copy, n)
 
 
-@inner
+@once
 def advance_psi(fil, acc, work):
     """psi <- (transition over the block) psi."""
     for i in range(N_STATES):
@@ -254,7 +254,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
     take_command(belief.constant, fil, row[BETA_CMD])
 
 
-@inner
+@once
 def update_levels(fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = acc.score.shape[0]
@@ -286,7 +286,7 @@ def relinearise(belief, fil, a, k):
     fil.p_bar[A6], fil.p_bar[K1] = a, k
 
 
-@inner
+@once
 def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     """The parameters jumped: move state and linearisation, forget how the state depended on the values before.
 
@@ -307,7 +307,7 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     relinearise(belief, fil, after_a, after_k)
 
 
-@inner
+@once
 def select_columns(n, active, theta, beta, columns):
     """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, right-hand side.
 
@@ -331,7 +331,7 @@ def select_columns(n, active, theta, beta, columns):
     return m + 1
 
 
-@inner
+@once
 def solve_window(belief, acc, work, active):
     """Least squares of the window's active terms on its own data.
 

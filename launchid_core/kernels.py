@@ -1,9 +1,12 @@
 """The decorators of every compiled function in this package, and why they are as they are.
 
-``kernel``: an entry, called from Python (`step`, `report`).
-``inner``: called by kernels only.  Without the wrapper that Python would need it compiles in half the time; a test
-that wants to call one compiles its own (`tests/compiled.py`).
-``shared``: plain Python when Python calls it, compiled into the kernels that call it: what cuts memory, what restarts.
+``kernel``   an entry, called from Python (`step`, `report`)
+``inner``    called by kernels only: without the wrapper that Python would need it compiles in half the time; a test
+             that wants to call one compiles its own (`tests/compiled.py`)
+``once``     an inner one with a single caller, into which the compiler is told to put it: no machine code of its own
+``merged``   an inner one that numba itself puts into its caller, for the thin layers on the way to the work, each of
+             which would otherwise hold all of it again; nothing in it may depend on a part being None
+``shared``   plain Python when Python calls it, compiled into the kernels that call it: what cuts memory, what restarts
 
 Choices, each with its reason:
 
@@ -20,6 +23,11 @@ Choices, each with its reason:
 import numba
 from numba.extending import register_jitable
 
-kernel = numba.njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
-inner = numba.njit(error_model="numpy", nogil=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_ALWAYS = {"error_model": "numpy", "nogil": True, "_nrt": False}
+_INNER = {**_ALWAYS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+kernel = numba.njit(cache=True, **_ALWAYS)
+inner = numba.njit(**_INNER)
+once = numba.njit(forceinline=True, **_INNER)
+merged = numba.njit(inline="always", **_ALWAYS)
 shared = register_jitable(error_model="numpy", _nrt=False)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from .kernels import inner
+from .kernels import inner, once
 
 EPS = np.finfo(np.float64).eps
 
@@ -61,7 +61,7 @@ def scale_columns(at, norms):
             norms[j] = largest * norm
 
 
-@inner
+@once
 def swap_columns(at, order, j, k):
     """Exchange columns j and k of A and their entries in `order`."""
     if j == k:
@@ -76,7 +76,7 @@ def swap_columns(at, order, j, k):
     order[k] = number
 
 
-@inner
+@once
 def largest_column(at, k):
     """Index and squared norm of the column with the largest part below row k, among columns k.. ."""
     best = k
@@ -149,7 +149,7 @@ def solve_triangle(at, n, y, x):
         x[k] = s / at[k, k]
 
 
-@inner
+@once
 def invert_triangle(at, n, inverse):
     """inverse (n, n) out: inverse[i, j] = (R^-1)[i, j], R in at[j, :j+1] (pivoted order)."""
     for j in range(n):
@@ -163,7 +163,7 @@ def invert_triangle(at, n, inverse):
             inverse[i, j] = s / at[i, i]
 
 
-@inner
+@once
 def pivot_ratio(at, rank):
     """First pivot over last: a lower bound of the condition number, within a small factor in practice."""
     if rank == 0:

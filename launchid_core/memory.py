@@ -12,26 +12,60 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import cgutils, types
+from numba.extending import intrinsic, overload
+from numba.np.arrayobj import populate_array
 
-from .kernels import shared
+
+@intrinsic  # type: ignore[misc]
+def _piece(typing, buffer, at, shape):
+    """Array of this shape from `at` on; numba's own slices compile ten times as long."""
+    made = types.Array(buffer.dtype, len(shape), "C")
+
+    def build(context, builder, signature, arguments):
+        whole = context.make_array(signature.args[0])(context, builder, arguments[0])
+        first = builder.gep(whole.data, [arguments[1]])
+        extents = cgutils.unpack_tuple(builder, arguments[2])
+        size = context.get_abi_sizeof(context.get_data_type(made.dtype))
+        itemsize = context.get_constant(types.intp, size)
+        strides = [itemsize]
+        for extent in extents[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], extent))
+        array = context.make_array(made)(context, builder)
+        populate_array(array, data=first, shape=extents, strides=strides, itemsize=itemsize, meminfo=None)
+        return array._getvalue()
+
+    return made(buffer, at, shape), build
 
 
-@shared
 def take(buffer, at, n):
     """(n,) view"""
     return buffer[at:at + n], at + n
 
 
-@shared
 def take2(buffer, at, n, m):
     """(n, m) view"""
     return buffer[at:at + n * m].reshape((n, m)), at + n * m
 
 
-@shared
 def take3(buffer, at, n, m, k):
     """(n, m, k) view"""
     return buffer[at:at + n * m * k].reshape((n, m, k)), at + n * m * k
+
+
+@overload(take, jit_options={"_nrt": False})
+def _take(buffer, at, n):
+    return lambda buffer, at, n: (_piece(buffer, at, (n,)), at + n)
+
+
+@overload(take2, jit_options={"_nrt": False})
+def _take2(buffer, at, n, m):
+    return lambda buffer, at, n, m: (_piece(buffer, at, (n, m)), at + n * m)
+
+
+@overload(take3, jit_options={"_nrt": False})
+def _take3(buffer, at, n, m, k):
+    return lambda buffer, at, n, m, k: (_piece(buffer, at, (n, m, k)), at + n * m * k)
 
 
 class Block(NamedTuple):

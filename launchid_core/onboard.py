@@ -49,7 +49,7 @@ from .filtered import (
     view_accumulator,
     view_accumulator_work,
 )
-from .kernels import inner, shared
+from .kernels import inner, merged, once, shared
 from .memory import take
 from .predictor import (
     LAST,
@@ -61,7 +61,7 @@ from .predictor import (
     view_filter,
     view_filter_work,
 )
-from .report import HAS_LEVEL, report_changes, report_level, report_tracked
+from .report import report_changes, report_level, report_tracked
 from .status import EstimateStatus
 from .structure import PRIOR, Learner, absorb_structure, select_terms
 from .tracker import (
@@ -231,7 +231,7 @@ def close_block(fixed, state, work, learner, learning, period):
     begin_block(belief, fil, acc)
 
 
-@inner
+@merged
 def take_samples(fixed, state, work, learner, learning, spare, flush):
     """Take the samples that wait in the ring but for the newest `spare`, oldest first.
 
@@ -256,12 +256,17 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
 
 
 @inner
+def learn_terms(belief, state, coefficient, learner, learning):
+    """Which of many terms there are, if the configuration learns it."""
+    if learner is not None:
+        select_terms(learner.r, belief.term[AT_THETA], belief.term[AT_BETA], state.active, coefficient, learning)
+
+
+@merged
 def close_filtered(fixed, state, work, learner, learning):
     """Close the window, its last block being closed: its own estimate into the outcome, and begin the next one."""
     acc, out, belief = state.acc, state.outcome, fixed.belief
-    if learner is not None:
-        select_terms(learner.r, belief.term[AT_THETA], belief.term[AT_BETA], state.active, work.acc.coefficient,
-                     learning)
+    learn_terms(belief, state, work.acc.coefficient, learner, learning)
     clear_outcome(out, OK)
     out.flag[USED] = acc.counts[SAMPLES]
     out.flag[GAPS_SEEN] = acc.counts[GAPS]
@@ -298,7 +303,7 @@ def report_filtered(belief, state, work, t_centre):
     return OK
 
 
-@inner
+@once
 def abandon_window(state):
     """The clock was set back: the window is given up and the next one begins."""
     state.acc.counts[ROWS] = 0
@@ -307,6 +312,16 @@ def abandon_window(state):
 
 
 @inner
+def follow_range(fixed, state, sigma, gauge, complete):
+    """The uncertainty level after a block, if the configuration has one."""
+    if gauge is not None:
+        total, watch, clock = state.bank.total, state.watch, state.clock
+        watch_range(sigma, gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
+        if complete:
+            close_range(sigma, gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
+
+
+@merged
 def follow(fixed, state, work, learner, learning, sigma, gauge, code):
     """A sample was accepted with this status: use what waits, if it is enough."""
     count, clock = state.count, state.clock
@@ -321,14 +336,10 @@ def follow(fixed, state, work, learner, learning, sigma, gauge, code):
         count[rb.ESTIMATES] = 1
     elif reset:
         abandon_window(state)
-    if gauge is not None:
-        total, watch = state.bank.total, state.watch
-        watch_range(sigma, gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
-        if complete:
-            close_range(sigma, gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
+    follow_range(fixed, state, sigma, gauge, complete)
 
 
-@inner
+@merged
 def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
                     beta_cmd):
     """Take one sample; returns its Status."""
@@ -338,12 +349,10 @@ def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, thet
     return code
 
 
-@inner
+@merged
 def report_now(fixed, state, gauge, rep):
     """Everything that leaves beside the outcome, as of now."""
     t_end = state.clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
     report_tracked(fixed.belief, state.bank.total, t_end, rep)
     report_changes(fixed.belief, state.watch, rep)
-    rep.flag[HAS_LEVEL] = 0
-    if gauge is not None:
-        report_level(gauge, rep)
+    report_level(gauge, rep)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, PERIOD, profile_at
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .memory import take, take2, take3
 from .model import N_NOISES
@@ -127,7 +127,7 @@ def view_filter_work(f, at, i, m, q):
     return FilterWork(transition, matrix, column, gain, slope, taylor, raw, powers, row, drive, out, de, dv), at, m
 
 
-@inner
+@once
 def set_step(constant, h, work, step):
     """Constants of a time step h [s]: exp of (double integral, integral, beta, beta_dot, u) by its Taylor series.
 
@@ -162,7 +162,7 @@ def set_step(constant, h, work, step):
         step[J2 + j] = total[0, 2 + j]
 
 
-@inner
+@once
 def start_segment(belief, fil, t, theta, theta_dot, beta):
     """Begin at a sample with nothing known of before: state from it, sensitivities afresh."""
     fil.x[0] = theta
@@ -189,7 +189,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta):
     fil.time[RUNNING] = 1.0
 
 
-@inner
+@once
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
     steps = constant[DELAY] / constant[PERIOD]
@@ -201,7 +201,7 @@ def delayed_input(constant, fil):
     return (1.0 - share) * newer + share * fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
 
 
-@inner
+@once
 def take_command(constant, fil, command):
     """Shift a command into the history (only as far as the delay needs)."""
     depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
@@ -210,7 +210,7 @@ def take_command(constant, fil, command):
     fil.command[0] = command
 
 
-@inner
+@once
 def drive_terms(belief, fil, work, a6, k1, u):
     """Effect of a unit of each term's coefficient on theta and theta_dot over the step.
 
@@ -234,7 +234,7 @@ def drive_terms(belief, fil, work, a6, k1, u):
     work.drive[1, beta] = k1 * (fil.step[J1] * x[2] + fil.step[J1 + 1] * x[3] + fil.step[J1 + 2] * u)
 
 
-@inner
+@once
 def fill_transition(fil, f, a6, k1):
     """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here."""
     h = fil.step[STEP]
@@ -311,7 +311,7 @@ def predict(belief, fil, work, t):
     fil.time[LAST] = t
 
 
-@inner
+@once
 def add_process_noise(fil, b0, b1, b2, b3, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
     h = fil.step[STEP]
@@ -329,7 +329,7 @@ def add_process_noise(fil, b0, b1, b2, b3, command_variance, acceleration_varian
             fil.sp[4, i, j] += 2.0 * q
 
 
-@inner
+@once
 def is_outlier(fil, channel, z, r):
     """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
     e = z - fil.x[channel]
@@ -346,7 +346,7 @@ def begins_anew(fil, t, max_gap):
     return lost or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
 
 
-@inner
+@once
 def correct_level(fil, work, k, channel, ds, e, variance):
     """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it."""
     sp = fil.sp[k]

@@ -15,7 +15,7 @@ import numpy as np
 from . import ring as rb
 from .compress import choose_rows
 from .derivative import differentiate, mark_segments
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .library import CODE_LENGTH, MAX_POWER, N_VARIABLES, TAU, library_row, raw_from_standard
 from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
 from .memory import take, take2
@@ -155,7 +155,7 @@ def view_work(f, at, i, m, q, rows, p):
                 running, order, tau, norms, tt, mt, xi, active, sparse), at, m
 
 
-@inner
+@once
 def fill_rate(work, n):
     """Difference theta where theta_dot was not measured."""
     missing = False
@@ -168,7 +168,7 @@ def fill_rate(work, n):
                 work.signal[THETA_DOT, i] = work.slope[0, i]
 
 
-@inner
+@once
 def fill_slopes(work, n, measured):
     """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1."""
     for i in range(n):
@@ -222,7 +222,7 @@ def standard_row(work, codes, i, t_centre):
     library_row(codes, work.raw, work.z, work.powers, work.row)
 
 
-@inner
+@once
 def pointwise_rows(codes, work, count, t_centre):
     """Library columns and derivative targets at the kept rows."""
     q = codes.shape[0]
@@ -237,7 +237,7 @@ def pointwise_rows(codes, work, count, t_centre):
             target[e, r] = work.slope[e, i]
 
 
-@inner
+@once
 def integral_rows(codes, work, n, count, t_centre):
     """Running integrals (trapezoid) of the library columns, and the states, at the kept rows."""
     q = codes.shape[0]
@@ -283,7 +283,7 @@ def centre_segments(columns, work, count):
     return pieces
 
 
-@inner
+@once
 def reduce_library(work, at, q):
     """M with Phi_raw = Q M from the factor of the scaled Phi_std: column i of M into work.mt[i]."""
     for i in range(q):
@@ -295,7 +295,7 @@ def reduce_library(work, at, q):
             work.mt[i, r] = value
 
 
-@inner
+@once
 def residual_square(work, y, q, count):
     """|y - M xi|^2 over the whole window, y being Q' times the target."""
     square = 0.0
@@ -327,7 +327,7 @@ def coefficient(work, term):
     return work.xi[term] if term >= 0 else np.nan
 
 
-@inner
+@once
 def report_attitude(plan, work, out, square, freedom):
     """a6, k1, slopes, standard deviations and correlation from the theta_ddot equation just solved."""
     a6, k1 = plan[TERM_A6], plan[TERM_K1]
@@ -416,7 +416,7 @@ def end_close(state, status, kept, gaps):
     state.count[rb.ESTIMATES] = 1
 
 
-@inner
+@once
 def close_pointwise(fixed, state, work):
     """Estimate from the window that just closed, formulations `measured` and `difference`."""
     n, saturated, gaps = open_close(fixed, state, work)
@@ -432,7 +432,7 @@ def close_pointwise(fixed, state, work):
     end_close(state, status, kept, gaps)
 
 
-@inner
+@once
 def close_integral(fixed, state, work):
     """Estimate from the window that just closed, formulation `integral`."""
     n, saturated, gaps = open_close(fixed, state, work)
@@ -450,7 +450,7 @@ def close_integral(fixed, state, work):
     end_close(state, status, kept, gaps)
 
 
-@inner
+@once
 def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """Take one sample; returns its Status."""
     code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
@@ -459,7 +459,7 @@ def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, 
     return code
 
 
-@inner
+@once
 def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """Take one sample; returns its Status."""
     code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)

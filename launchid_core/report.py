@@ -19,7 +19,7 @@ from .changes import (
     K1_JUMP,
     MAX_EVENTS,
 )
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .memory import take, take2
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .uncertainty import OUT, RAISED
@@ -68,7 +68,7 @@ def view_report(f, at, i, m):
     return Report(tracked, level, band, raised, flag, change, changed, cell), at, m
 
 
-@inner
+@once
 def report_tracked(belief, total, t_end, rep):
     """The tracked estimate at t_end [s]: valid once a parameter is known better than before the first sample."""
     rep.tracked[:] = np.nan
@@ -86,10 +86,13 @@ def report_tracked(belief, total, t_end, rep):
     rep.tracked[TRACKED_CORRELATION] = sign * total[COV] / np.sqrt(total[VAR_A6] * total[VAR_K1])
 
 
-@inner
+@once
 def report_level(gauge, rep):
     """Where in its range each parameter is, if anything is known of them."""
     rep.level[:, :] = np.nan
+    rep.flag[HAS_LEVEL] = 0
+    if gauge is None:
+        return
     rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
     for p in range(2):
         rep.raised[p] = gauge.flag[p, RAISED]
@@ -115,7 +118,7 @@ def report_change(event, of, nominal, variance, parameter, rep):
     rep.flag[CHANGES] = k + 1
 
 
-@inner
+@once
 def report_changes(belief, watch, rep):
     """The last MAX_EVENTS sudden changes, oldest first; a change of both parameters is two rows."""
     rep.flag[CHANGES] = 0

@@ -8,7 +8,7 @@ newest m + 1 samples: a full window and the one that may come after it.
 
 import numpy as np
 
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .memory import take, take2
 from .status import Status
 
@@ -56,7 +56,7 @@ def view_ring(f, at, i, m, rows):
     return clock, count, ring, at, m
 
 
-@inner
+@once
 def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """ACCEPTED, NONFINITE or RANGE for the values of one sample (NaN passes in the optional channels)."""
     if not (np.isfinite(t) and np.isfinite(theta) and np.isfinite(beta)):
@@ -72,7 +72,7 @@ def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     return ACCEPTED
 
 
-@inner
+@once
 def judge_time(limits, clock, count, t):
     """ACCEPTED, AFTER_GAP, CLOCK_RESET, DT_ZERO or DT_NEGATIVE for a stamp; follows an earlier clock's stamps."""
     if count[STARTED] == 0:
@@ -90,7 +90,7 @@ def judge_time(limits, clock, count, t):
     return CLOCK_RESET if count[CANDIDATES] >= RESET_COUNT else DT_NEGATIVE
 
 
-@inner
+@once
 def start_clock(clock, count, t):
     """Begin window 0 at t."""
     clock[T_FIRST] = t
@@ -110,7 +110,7 @@ def close_window(limits, clock, count, back):
     count[ROWS] = 0
 
 
-@inner
+@once
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
     slack = SAME_INSTANT * limits[PERIOD]
@@ -169,7 +169,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     return code
 
 
-@inner
+@once
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 

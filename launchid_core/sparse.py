@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .memory import take, take2
 
@@ -122,7 +122,7 @@ def invert_active(work, n):
     invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse)
 
 
-@inner
+@once
 def cut_below(xi, active, threshold):
     """Deactivate active terms with |xi| < threshold; returns how many."""
     cut = 0
@@ -134,7 +134,7 @@ def cut_below(xi, active, threshold):
     return cut
 
 
-@inner
+@once
 def solve_stls(mt, y, threshold, xi, active, work):
     """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
 
@@ -149,7 +149,7 @@ def solve_stls(mt, y, threshold, xi, active, work):
     return mt.shape[0] + 1
 
 
-@inner
+@once
 def solve_ssr(mt, y, threshold, xi, active, work):
     """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
 
@@ -179,7 +179,7 @@ def load_scaled(mt, work):
     scale_columns(work.scaled, work.weight)
 
 
-@inner
+@once
 def solve_lasso(mt, y, threshold, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
@@ -215,7 +215,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
     return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
 
 
-@inner
+@once
 def solve_sr3(mt, y, threshold, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
@@ -253,7 +253,7 @@ def solve_sr3(mt, y, threshold, xi, active, work):
     return -1 if solve_active(mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
 
-@inner
+@once
 def sparse_solve(solver, mt, y, threshold, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == STLS:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .linsolve import absorb_rows
 from .memory import take, take2
 from .sparse import SparseWork, covariance_entry, invert_active, solve_active, view_sparse
@@ -55,7 +55,7 @@ def view_learning(f, at, i, m, q):
     return Learning(held, mt, y, sparse), at, m
 
 
-@inner
+@once
 def absorb_structure(r, triangle, first, scratch, dt):
     """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle.
 
@@ -73,7 +73,7 @@ def absorb_structure(r, triangle, first, scratch, dt):
     absorb_rows(r, copy, rows)
 
 
-@inner
+@once
 def weakest(active, held, theta, beta, coefficient, work):
     """The active term whose t-value falls furthest below its limit; -1 if none does."""
     size = 0

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, K1
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .memory import take, take2, take3
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
@@ -87,7 +87,7 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
     mix(state)
 
 
-@inner
+@once
 def move(mean, covariance, walk, slope, dt):
     """Time update of one member over dt [s]."""
     keep = math.exp(-dt / SLOPE_TIME)
@@ -146,7 +146,7 @@ def mix(state):
         total[VAR_K1] += w * (state.covariance[i, K1, K1] + d1 * d1)
 
 
-@inner
+@once
 def track(state, work, memory, dt, block):
     """Follow one block.
 

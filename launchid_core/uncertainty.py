@@ -21,7 +21,7 @@ import numpy as np
 
 from .belief import A6, K1, profile_at
 from .changes import E_TIME, EVENTS, MAX_EVENTS
-from .kernels import inner, shared
+from .kernels import inner, once, shared
 from .memory import take, take2
 from .tracker import MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
@@ -127,7 +127,7 @@ def judge(gauge, p, mean, std, t, t_first, onset):
         flag[RAISED] = 1
 
 
-@inner
+@once
 def watch_range(sigma, gauge, total, now, t_first, counts, event):
     """Look at the tracked estimate: the alarm of both parameters.
 
@@ -167,7 +167,7 @@ def weigh_bands(gauge, p, mean, std):
         gauge.band[p] = OUT
 
 
-@inner
+@once
 def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
     sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, t_end)
