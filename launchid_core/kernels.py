@@ -31,3 +31,4 @@ inner = numba.njit(**_INNER)
 once = numba.njit(forceinline=True, **_INNER)
 merged = numba.njit(inline="always", **_ALWAYS)
 shared = register_jitable(error_model="numpy", _nrt=False)
+

@@ -324,7 +324,7 @@ def follow_range(fixed, state, sigma, gauge, complete):
 @merged
 def follow(fixed, state, work, learner, learning, sigma, gauge, code):
     """A sample was accepted with this status: use what waits, if it is enough."""
-    count, clock = state.count, state.clock
+    count = state.count
     complete, reset = code == rb.WINDOW_COMPLETE, code == rb.CLOCK_RESET
     count[rb.WAITING] += 1
     if count[rb.WAITING] < BLOCK and not complete and not reset:

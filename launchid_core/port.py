@@ -5,19 +5,21 @@ from typing import Any, NamedTuple
 
 from . import onboard as ob
 from . import regression as rg
-from .assembly import Parts, allocate
+from .assembly import KINDS, Parts, allocate
 from .config import Config
 
 
 class Port(NamedTuple):
     """An estimator before its first sample.  Nothing is compiled for it.
 
-    parts    its memory: fixed, state and work (`assembly.KINDS`)
+    parts    its memory
+    kinds    of each part: `fixed`, `state` or `work`
     update   kernel (fixed, state, work[, learner, learning, sigma, gauge], Sample) -> Status
-    report   kernel (fixed, state, gauge, report), filling the report; None for the formulations without one
+    report   kernel (fixed, state, gauge, rep), filling the report; None for the formulations without one
     """
 
     parts: Parts
+    kinds: dict[str, str]
     update: Callable[..., Any]
     report: Callable[..., Any] | None
 
@@ -26,5 +28,5 @@ def port_of(config: Config) -> Port:
     """Memory and kernels of a configuration."""
     _, parts = allocate(config)
     if config.formulation == "filtered":
-        return Port(parts, ob.update_filtered, ob.report_now)
-    return Port(parts, rg.update_integral if config.formulation == "integral" else rg.update_pointwise, None)
+        return Port(parts, KINDS, ob.update_filtered, ob.report_now)
+    return Port(parts, KINDS, rg.update_integral if config.formulation == "integral" else rg.update_pointwise, None)

@@ -39,6 +39,7 @@ N_REPORT_FLAGS = 3
 (C_TIME, C_TIME_STD, C_BEFORE, C_AFTER, C_SIZE, C_SIZE_STD, C_ALARM) = range(7)
 N_CHANGE = 7
 C_PARAMETER, C_FINAL = range(2)
+N_CHANGED = 2
 
 
 class Report(NamedTuple):
@@ -63,7 +64,7 @@ def view_report(f, at, i, m):
     raised, m = take(i, m, 2)
     flag, m = take(i, m, N_REPORT_FLAGS)
     change, at = take2(f, at, 2 * MAX_EVENTS, N_CHANGE)
-    changed, m = take2(i, m, 2 * MAX_EVENTS, 2)
+    changed, m = take2(i, m, 2 * MAX_EVENTS, N_CHANGED)
     cell, m = take(i, m, 1)
     return Report(tracked, level, band, raised, flag, change, changed, cell), at, m
 
