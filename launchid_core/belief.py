@@ -45,10 +45,11 @@ def view_belief(f, at, i, m, q, nodes):
 
 @inner
 def profile_at(belief, cell, t):
-    """(a6, k1) of the profile at t; `cell` (1,) remembers the last cell (bisection when t left it)."""
+    """(a6, k1) of the profile at t, the first node's at a t that is no number; `cell` (1,) remembers the last cell
+    (bisection when t left it)."""
     time = belief.time
     last = time.shape[0] - 1
-    if t <= time[0]:
+    if not t > time[0]:
         return belief.a6[0], belief.k1[0]
     if t >= time[last]:
         return belief.a6[last], belief.k1[last]

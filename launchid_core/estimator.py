@@ -39,11 +39,13 @@ class Estimator:
 
     def _compile(self) -> None:
         """Compile (or load from the cache) both kernels, then refuse to compile in flight: an int is cast."""
+        kernels = [kernel for kernel in (self._step, st.report_filtered) if hasattr(kernel, "disable_compile")]
+        for kernel in kernels:
+            kernel.disable_compile(False)
         self.update(Sample(NAN, NAN, NAN, NAN))
         self._report()
-        for kernel in (self._step, st.report_filtered):
-            if hasattr(kernel, "disable_compile") and kernel.signatures:
-                kernel.disable_compile()
+        for kernel in kernels:
+            kernel.disable_compile(True)
         self.reset()
 
     def __getstate__(self) -> dict[str, object]:
