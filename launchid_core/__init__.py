@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from .kernels import compiled
     from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .model import Model
-    from .port import Call, Given, Port, port_of
+    from .port import Port, port_of
     from .uncertainty import BANDS, EDGES
 
 __version__ = "0.1.0"
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Call", "Change", "Config",
-           "Estimate", "EstimateStatus", "Estimator", "Given", "Level", "Model", "Port", "Sample", "Status",
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config",
+           "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
            "parse_term", "polynomial", "port_of", "term_name"]
 

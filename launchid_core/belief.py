@@ -4,11 +4,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import inner, shared
+from .library import CODE_LENGTH
+from .memory import take, take2
+from .model import N_NOISES
 
 # constant (f8)
 FREQUENCY, DAMPING, DELAY, PERIOD, SATURATION = range(5)  # SATURATION: end stops of theta, theta_dot, beta
 N_CONSTANTS = SATURATION + 3
+# term (i8)
+AT_THETA, AT_BETA = range(2)
+# a relative deviation from the nominal
+A6, K1 = range(2)
 
 
 class Belief(NamedTuple):
@@ -23,12 +30,26 @@ class Belief(NamedTuple):
     term: np.ndarray       # (2,) int64 places of theta and beta among them
 
 
-@kernel
+@shared
+def view_belief(f, at, i, m, q, nodes):
+    """Cut it from floats f at `at` and integers i at `m` for q terms, `nodes` nodes; returns (it, next at, next m)."""
+    time, at = take(f, at, nodes)
+    a6, at = take(f, at, nodes)
+    k1, at = take(f, at, nodes)
+    constant, at = take(f, at, N_CONSTANTS)
+    variance, at = take(f, at, N_NOISES)
+    codes, m = take2(i, m, q, CODE_LENGTH)
+    term, m = take(i, m, 2)
+    return Belief(time, a6, k1, constant, variance, codes, term), at, m
+
+
+@inner
 def profile_at(belief, cell, t):
-    """(a6, k1) of the profile at t; `cell` (1,) remembers the last cell (bisection when t left it)."""
+    """(a6, k1) of the profile at t, the first node's at a t that is no number; `cell` (1,) remembers the last cell
+    (bisection when t left it)."""
     time = belief.time
     last = time.shape[0] - 1
-    if t <= time[0]:
+    if not t > time[0]:
         return belief.a6[0], belief.k1[0]
     if t >= time[last]:
         return belief.a6[last], belief.k1[last]

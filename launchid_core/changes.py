@@ -16,11 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import kernel
+from .belief import A6, K1
+from .kernels import inner, once, shared
 from .memory import take, take2, take3
+from .predictor import N_STATES
+from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
 
 ONSETS = 24         # blocks looked back: 2.4 s at 0.1 s
-OFFSET = 4          # states
 JUMP_STD = 0.4      # relative: a jump worth an alarm, one sigma
 DRIFT = 0.02        # relative per sqrt(s): what the deviations may do beside the jump
 THRESHOLD = 12.0    # nats; see benchmarks/changes.py: at most one false alarm in 10 h
@@ -34,6 +36,9 @@ K1_JUMP, BOTH_JUMP = range(2)
  E_ALARM, E_FINAL) = range(11)
 N_EVENT = 11
 
+# covariance (f8) of an onset's tracker
+AA, AK, KK = range(3)
+
 # counts (i8)
 NEXT, KEPT, EVENTS, SINCE = range(4)
 N_COUNTS = 4
@@ -45,61 +50,59 @@ class Watch(NamedTuple):
     mean: np.ndarray        # (ONSETS, 2, 2) deviations by onset, kind, parameter
     covariance: np.ndarray  # (ONSETS, 2, 3)
     factor: np.ndarray      # (ONSETS, 2) log Bayes factors
-    before: np.ndarray      # (ONSETS, 5) tracked belief before each onset
+    before: np.ndarray      # (ONSETS, N_BELIEF) tracked belief before each onset
     start: np.ndarray       # (ONSETS,) s
     carried: np.ndarray     # (ONSETS, 4, 2) sensitivities at each onset, carried to the current block's start
-    row: np.ndarray         # (8,) scratch
     counts: np.ndarray      # (N_COUNTS,) int64
     event: np.ndarray       # (MAX_EVENTS, N_EVENT)
-    reference: np.ndarray   # (5,) belief before the last change
+    reference: np.ndarray   # (N_BELIEF,) belief before the last change
 
 
-@kernel
-def view_watch(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+@shared
+def view_watch(f, at, i, m):
+    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
     mean, at = take3(f, at, ONSETS, 2, 2)
     covariance, at = take3(f, at, ONSETS, 2, 3)
     factor, at = take2(f, at, ONSETS, 2)
-    before, at = take2(f, at, ONSETS, 5)
+    before, at = take2(f, at, ONSETS, N_BELIEF)
     start, at = take(f, at, ONSETS)
-    carried, at = take3(f, at, ONSETS, OFFSET, 2)
-    row, at = take(f, at, 2 * OFFSET)
+    carried, at = take3(f, at, ONSETS, N_STATES, 2)
     counts, m = take(i, m, N_COUNTS)
     event, at = take2(f, at, MAX_EVENTS, N_EVENT)
-    reference, at = take(f, at, 5)
-    return Watch(mean, covariance, factor, before, start, carried, row, counts, event, reference), at, m
+    reference, at = take(f, at, N_BELIEF)
+    return Watch(mean, covariance, factor, before, start, carried, counts, event, reference), at, m
 
 
-@kernel
+@once
 def measure(mean, covariance, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one onset; returns (variance, e^2/variance)."""
-    c0, c1, c2 = covariance[0], covariance[1], covariance[2]
+    c0, c1, c2 = covariance[AA], covariance[AK], covariance[KK]
     y0, y1 = c0 * h0 + c1 * h1, c1 * h0 + c2 * h1
     variance = h0 * y0 + h1 * y1 + 1.0
-    e = z - h0 * mean[0] - h1 * mean[1]
-    mean[0] += y0 / variance * e
-    mean[1] += y1 / variance * e
-    covariance[0] = c0 - y0 * y0 / variance
-    covariance[1] = c1 - y0 * y1 / variance
-    covariance[2] = c2 - y1 * y1 / variance
+    e = z - h0 * mean[A6] - h1 * mean[K1]
+    mean[A6] += y0 / variance * e
+    mean[K1] += y1 / variance * e
+    covariance[AA] = c0 - y0 * y0 / variance
+    covariance[AK] = c1 - y0 * y1 / variance
+    covariance[KK] = c2 - y1 * y1 / variance
     return variance, e * e / variance
 
 
-@kernel
+@once
 def open_onset(state, belief, s_start, t):
     """A block began at t with sensitivities s_start (4, 2): a change may have begun with it."""
     slot = state.counts[NEXT]
-    for i in range(OFFSET):
+    for i in range(N_STATES):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
     jump = JUMP_STD * JUMP_STD
-    for k in range(5):
+    for k in range(N_BELIEF):
         state.before[slot, k] = belief[k]
     for kind in range(2):
-        state.mean[slot, kind, 0], state.mean[slot, kind, 1] = belief[0], belief[1]
-        state.covariance[slot, kind, 0] = belief[2] + (jump if kind == BOTH_JUMP else 0.0)
-        state.covariance[slot, kind, 1] = belief[3]
-        state.covariance[slot, kind, 2] = belief[4] + jump
+        state.mean[slot, kind, A6], state.mean[slot, kind, K1] = belief[MEAN_A6], belief[MEAN_K1]
+        state.covariance[slot, kind, AA] = belief[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+        state.covariance[slot, kind, AK] = belief[COV]
+        state.covariance[slot, kind, KK] = belief[VAR_K1] + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
     state.counts[NEXT] = (slot + 1) % ONSETS
@@ -107,7 +110,7 @@ def open_onset(state, belief, s_start, t):
     state.counts[SINCE] += 1
 
 
-@kernel
+@once
 def follow_onset(state, slot, kind, pair, dt):
     """Give a block to one onset's tracker; returns its log predictive density.
 
@@ -115,40 +118,41 @@ def follow_onset(state, slot, kind, pair, dt):
     so the offset -carried d, which leads there, is subtracted from the terms' columns.
     """
     mean, covariance = state.mean[slot, kind], state.covariance[slot, kind]
-    covariance[0] += DRIFT * DRIFT * dt
-    covariance[2] += DRIFT * DRIFT * dt
+    covariance[AA] += DRIFT * DRIFT * dt
+    covariance[KK] += DRIFT * DRIFT * dt
     carried, before = state.carried[slot], state.before[slot]
     volume, square = 1.0, 0.0
-    for i in range(OFFSET + 2):
+    for i in range(N_STATES + 2):
         past_a = past_k = 0.0
-        for k in range(i, OFFSET):
-            past_a += pair[i, k] * carried[k, 0]
-            past_k += pair[i, k] * carried[k, 1]
-        z = pair[i, OFFSET + 2] - past_a * before[0] - past_k * before[1]
-        variance, share = measure(mean, covariance, pair[i, OFFSET] - past_a, pair[i, OFFSET + 1] - past_k, z)
+        for k in range(i, N_STATES):
+            past_a += pair[i, k] * carried[k, A6]
+            past_k += pair[i, k] * carried[k, K1]
+        z = pair[i, N_STATES + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
+        variance, share = measure(mean, covariance, pair[i, N_STATES] - past_a, pair[i, N_STATES + 1] - past_k, z)
         volume *= variance
         square += share
     return -0.5 * (math.log(volume) + square)
 
 
-@kernel
-def carry_onset(state, slot, transition):
-    """Carry the sensitivities of an onset over the block.  transition (4, >=4) in."""
+@once
+def carry_onset(state, column, slot, transition):
+    """Carry the sensitivities of an onset over the block.  column (4,) scratch;  transition (4, >=4) in."""
     carried = state.carried[slot]
     for j in range(2):
-        for i in range(OFFSET):
+        for i in range(N_STATES):
             value = 0.0
-            for k in range(OFFSET):
+            for k in range(N_STATES):
                 value += transition[i, k] * carried[k, j]
-            state.row[i] = value
-        for i in range(OFFSET):
-            carried[i, j] = state.row[i]
+            column[i] = value
+        for i in range(N_STATES):
+            carried[i, j] = column[i]
 
 
-@kernel
-def follow_onsets(state, pair, transition, dt, still):
+@once
+def follow_onsets(state, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
+    column (4,) scratch
     pair (7, 7) in square-root information: offset at the block's start, a6, k1, right-hand side
     transition (4, >=4) in of the offset over the block
     dt [s];  still: log density of the block without a jump
@@ -160,11 +164,11 @@ def follow_onsets(state, pair, transition, dt, still):
             state.factor[slot, kind] += follow_onset(state, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
                 best, best_slot, best_kind = state.factor[slot, kind], slot, kind
-        carry_onset(state, slot, transition)
+        carry_onset(state, column, slot, transition)
     return best, best_slot, best_kind
 
 
-@kernel
+@once
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
@@ -180,9 +184,9 @@ def onset_time(state, kind, best, dt):
     return reference + mean, math.sqrt(max(square / norm - mean * mean, 0.0) + dt * dt / 12.0)
 
 
-@kernel
+@once
 def raise_alarm(state, slot, kind, best, dt, t_now, after):
-    """Record an event and forget the onsets.  after (5,) out: the belief to restart the tracker with.
+    """Record an event and forget the onsets.  after (N_BELIEF,) out: the belief to restart the tracker with.
 
     Its mean is the onset's estimate, its variance the jump's again: the onset lies somewhere in its block, so what the
     first tenths of a second say of the size is biased.  An alarm while the last event's size is open belongs to it.
@@ -192,16 +196,16 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     open_event = state.counts[EVENTS] > 0 and last[E_FINAL] == 0.0
     before = state.before[slot]
     jump = JUMP_STD * JUMP_STD
-    after[0], after[1] = state.mean[slot, kind, 0], state.mean[slot, kind, 1]
-    after[2] = before[2] + (jump if kind == BOTH_JUMP else 0.0)
-    after[3] = before[3]
-    after[4] = before[4] + jump
+    after[MEAN_A6], after[MEAN_K1] = state.mean[slot, kind, A6], state.mean[slot, kind, K1]
+    after[VAR_A6] = before[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+    after[COV] = before[COV]
+    after[VAR_K1] = before[VAR_K1] + jump
     state.counts[KEPT] = 0
     if open_event:
         last[E_KIND] = max(last[E_KIND], float(kind))
         size_event(state, last, after)
         return
-    for i in range(5):
+    for i in range(N_BELIEF):
         state.reference[i] = before[i]
     event = state.event[state.counts[EVENTS] % MAX_EVENTS]
     event[:] = 0.0
@@ -211,16 +215,16 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     state.counts[SINCE] = (state.counts[NEXT] - slot) % ONSETS
 
 
-@kernel
+@inner
 def size_event(state, event, belief):
     """Before, after and the variance of the jump, relative to the nominal."""
-    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[0], state.reference[1]
-    event[E_A6_AFTER], event[E_K1_AFTER] = belief[0], belief[1]
-    event[E_A6_VARIANCE] = state.reference[2] + belief[2]
-    event[E_K1_VARIANCE] = state.reference[4] + belief[4]
+    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[MEAN_A6], state.reference[MEAN_K1]
+    event[E_A6_AFTER], event[E_K1_AFTER] = belief[MEAN_A6], belief[MEAN_K1]
+    event[E_A6_VARIANCE] = state.reference[VAR_A6] + belief[VAR_A6]
+    event[E_K1_VARIANCE] = state.reference[VAR_K1] + belief[VAR_K1]
 
 
-@kernel
+@once
 def settle_event(state, belief):
     """SETTLE blocks after its onset, an event's size becomes final."""
     if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:

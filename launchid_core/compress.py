@@ -5,7 +5,7 @@ The generator is Park & Miller's minimal standard (Comm. ACM 31, 1988; multiplie
 draws the same rows.  Assumption: sub-sampling needs no better generator.
 """
 
-from .kernels import kernel
+from .kernels import once
 
 MULTIPLIER = 48271
 MODULUS = 2147483647
@@ -19,7 +19,7 @@ def first_state(seed: int) -> int:
     return x
 
 
-@kernel
+@once
 def choose_rows(usable, n, p, random, kept):
     """Selection sampling (Knuth, TAOCP 2, 3.4.2, algorithm S): `p` of the usable rows, in order.
 

@@ -10,12 +10,12 @@ Stencils chosen to avoid the jumps (essentially non-oscillatory) were tried: no
 more supports found on clean data, and up to twice the error under noise.
 """
 
-from .kernels import kernel
+from .kernels import inner, once
 
 STENCIL = 5
 
 
-@kernel
+@once
 def mark_segments(time, n, max_gap, segment):
     """Number the gap-free pieces of a window.
 
@@ -32,7 +32,7 @@ def mark_segments(time, n, max_gap, segment):
     return number
 
 
-@kernel
+@once
 def newton_slope(time, x, first, points, at):
     """Slope at time[at] of the polynomial through `points` (2..5) rows from `first` on.
 
@@ -67,7 +67,7 @@ def newton_slope(time, x, first, points, at):
     return slope
 
 
-@kernel
+@inner
 def differentiate(time, x, n, segment, slope):
     """Derivative of x at every row of a window.
 

@@ -1,19 +1,30 @@
-"""The one decorator of every compiled function in this package, and what makes the simulator's.
+"""The decorators of every compiled function in this package, why they are as they are, and what makes the simulator's.
+
+``kernel``   an entry, called from Python (`step`, `report`)
+``inner``    called by kernels only: without the wrapper that Python would need it compiles in half the time; a test
+             that wants to call one compiles its own (`tests/compiled.py`)
+``once``     an inner one with a single caller, into which the compiler is told to put it: no machine code of its own
+``merged``   an inner one that numba itself puts into its caller, for the thin layers on the way to the work, each of
+             which would otherwise hold all of it again; nothing in it may depend on a part being None
+``shared``   plain Python when Python calls it, compiled into the kernels that call it: what cuts memory, what restarts
 
 Choices, each with its reason:
 
-* kept on disk: a flight host must not compile twice (`kernel_cache`: where, and when it is compiled anew).
-* ``error_model="numpy"``: a division by zero gives inf or NaN, which a status
-  reports; the default would raise inside the flight loop.
+* ``error_model="numpy"``: a division by zero gives inf or NaN, which a status reports; the default would raise inside
+  the flight loop.
 * ``nogil=True``: two estimators may run in two threads.
-* no ``fastmath``: sums keep their order, so the same input gives the same bits
-  on every machine, un-jitted, and in a C port.
+* ``_nrt=False``: without numba's run time nothing can be allocated: a kernel that would does not compile.  Nor are
+  the references of arrays counted, which costs time in flight and, more, in compilation.
+* kept on disk: a flight host must not compile twice (`kernel_cache`: where, and when it is compiled anew).
+* no ``fastmath``: sums keep their order, so the same input gives the same bits on every machine, un-jitted, and in a
+  C port.
 """
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 from .kernel_cache import keep
 
@@ -21,7 +32,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(**choices: Any) -> Callable[[Function], Function]:
-    """A decorator of kernels with the choices above and these."""
+    """A decorator of kernels that are kept on disk, with the choices above and these."""
     jit = numba.njit(error_model="numpy", nogil=True, **choices)
 
     def decorate(function: Function) -> Function:
@@ -31,4 +42,10 @@ def compiled(**choices: Any) -> Callable[[Function], Function]:
     return decorate
 
 
-kernel = compiled()
+_NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+kernel = compiled(_nrt=False)
+inner = compiled(_nrt=False, **_NO_WRAPPERS)
+once = compiled(_nrt=False, forceinline=True, **_NO_WRAPPERS)
+merged = numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
+shared: Callable[[Function], Function] = register_jitable(error_model="numpy", _nrt=False)

@@ -19,7 +19,7 @@ import re
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import inner, once
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
 N_VARIABLES = 4
@@ -142,7 +142,7 @@ def centred_variables(codes: np.ndarray) -> np.ndarray:
 BINOMIAL = np.array([[math.comb(n, k) for k in range(MAX_POWER + 1)] for n in range(MAX_POWER + 1)], dtype=np.float64)
 
 
-@kernel
+@once
 def function_value(function, x):
     """Value of function number `function` (index into FUNCTIONS) at x; 1 for none, sign(0) = 0."""
     if function == 1:
@@ -154,7 +154,7 @@ def function_value(function, x):
     return 1.0
 
 
-@kernel
+@inner
 def library_row(codes, raw, z, powers, row):
     """One row of the standardised library matrix Phi_std.
 
@@ -176,7 +176,7 @@ def library_row(codes, raw, z, powers, row):
         row[j] = value
 
 
-@kernel
+@once
 def raw_from_standard(codes, centre, scale, tt):
     """T of Phi_raw = Phi_std T, by the binomial theorem.
 

@@ -14,12 +14,12 @@ import math
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import inner, once
 
 EPS = np.finfo(np.float64).eps
 
 
-@kernel
+@inner
 def dot(a, b, start, stop):
     """sum a[i]*b[i], i in start..stop-1, in four interleaved partial sums (fixed order: same bits everywhere)."""
     s0 = 0.0
@@ -38,7 +38,7 @@ def dot(a, b, start, stop):
     return (s0 + s1) + (s2 + s3)
 
 
-@kernel
+@inner
 def scale_columns(at, norms):
     """Divide every column by its 2-norm; a zero column (or one that is not finite) keeps its values, norm 1.
 
@@ -61,7 +61,7 @@ def scale_columns(at, norms):
             norms[j] = largest * norm
 
 
-@kernel
+@once
 def swap_columns(at, order, j, k):
     """Exchange columns j and k of A and their entries in `order`."""
     if j == k:
@@ -76,7 +76,7 @@ def swap_columns(at, order, j, k):
     order[k] = number
 
 
-@kernel
+@once
 def largest_column(at, k):
     """Index and squared norm of the column with the largest part below row k, among columns k.. ."""
     best = k
@@ -88,7 +88,7 @@ def largest_column(at, k):
     return best, best_square
 
 
-@kernel
+@inner
 def qr_factor(at, order, tau, tolerance):
     """A P = Q R in place; returns the numerical rank.
 
@@ -127,7 +127,7 @@ def qr_factor(at, order, tau, tolerance):
     return min(n, m)
 
 
-@kernel
+@inner
 def apply_q_transposed(at, tau, rank, y):
     """y <- Q' y for the factor made by `qr_factor`.  y (m,) inout."""
     m = at.shape[1]
@@ -139,7 +139,7 @@ def apply_q_transposed(at, tau, rank, y):
             y[i] -= s * v[i]
 
 
-@kernel
+@inner
 def solve_triangle(at, n, y, x):
     """Back substitution R x = y[:n] with R in at[j, :j+1].  x (n,) out, in pivoted order."""
     for k in range(n - 1, -1, -1):
@@ -149,7 +149,7 @@ def solve_triangle(at, n, y, x):
         x[k] = s / at[k, k]
 
 
-@kernel
+@once
 def invert_triangle(at, n, inverse):
     """inverse (n, n) out: inverse[i, j] = (R^-1)[i, j], R in at[j, :j+1] (pivoted order)."""
     for j in range(n):
@@ -163,7 +163,7 @@ def invert_triangle(at, n, inverse):
             inverse[i, j] = s / at[i, i]
 
 
-@kernel
+@once
 def pivot_ratio(at, rank):
     """First pivot over last: a lower bound of the condition number, within a small factor in practice."""
     if rank == 0:
@@ -171,31 +171,7 @@ def pivot_ratio(at, rank):
     return abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
 
 
-@kernel
-def least_squares(at, y, order, tau, norms, z, x, tolerance):
-    """min |A x - y|_2 with column scaling; returns the numerical rank (x is NaN unless it is full).
-
-    at    (n, m)  inout  columns of A; destroyed
-    y     (m,)    inout  right-hand side; out: Q' y
-    order (n,)    scratch int64
-    tau, norms, z (n,) scratch
-    x     (n,)    out
-    """
-    n = at.shape[0]
-    scale_columns(at, norms)
-    rank = qr_factor(at, order, tau, tolerance)
-    if rank < n:
-        for j in range(n):
-            x[j] = np.nan
-        return rank
-    apply_q_transposed(at, tau, n, y)
-    solve_triangle(at, n, y, z)
-    for k in range(n):
-        x[order[k]] = z[k] / norms[order[k]]
-    return rank
-
-
-@kernel
+@inner
 def absorb_rows(r, rt, k):
     """Triangle of [R; rows]: adds k rows of data to a square-root information matrix, by Householder.
 

@@ -1,25 +1,41 @@
 """The filtered formulation, block by block: predict, gather, track, watch, relinearise.
 
-`take_samples` is called by the estimator whenever BLOCK samples are waiting in
-the ring or a window closed, so the cost of a call into compiled code is shared.
+A sample's way: gate and ring (`ring.push`) -> once BLOCK samples wait, or a window closed: `predictor` and `filtered`
+make rows of them -> `tracker` -> `changes` -> `structure` -> window and noise levels -> linearisation.  So the cost of
+a block's algebra is shared by its samples.
+
+Three kinds of memory, apart: `Fixed`, `State`, `Work`.  Parts that a configuration does without (the structure of
+many terms, the uncertainty level) are None, and are not compiled.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .belief import N_CONSTANTS, Belief, profile_at
-from .changes import NEXT, ONSETS, THRESHOLD, Watch, follow_onsets, open_onset, raise_alarm, settle_event, view_watch
+from . import ring as rb
+from .belief import A6, AT_BETA, AT_THETA, K1, Belief, profile_at, view_belief
+from .changes import (
+    NEXT,
+    ONSETS,
+    THRESHOLD,
+    Watch,
+    follow_onsets,
+    open_onset,
+    raise_alarm,
+    settle_event,
+    view_watch,
+)
 from .filtered import (
     BLOCK,
-    GAP,
+    CORR,
+    GAPS,
     LEVEL_PRIOR,
-    LOW_INFORMATION,
-    N_OFFSET,
-    NUMERICS,
-    OK,
-    SHORT,
+    ROWS,
+    SAMPLES,
+    STD_A6,
+    STD_K1,
     Accumulator,
+    AccumulatorWork,
     absorb_block,
     advance_psi,
     begin_block,
@@ -31,269 +47,312 @@ from .filtered import (
     take_sample,
     update_levels,
     view_accumulator,
+    view_accumulator_work,
 )
-from .kernels import kernel
-from .library import CODE_LENGTH
-from .memory import take, take2
-from .model import N_NOISES
+from .kernels import inner, merged, once, shared
+from .memory import take
 from .predictor import (
-    MAX_OUTLIERS,
+    LAST,
+    N_STATES,
+    RUNNING,
     Filter,
     FilterWork,
+    begins_anew,
     view_filter,
     view_filter_work,
 )
-from .ring import HEAD
-from .sparse import SparseWork, view_sparse
-from .structure import PRIOR, absorb_structure, select_terms
-from .tracker import FIRST_STD, MEMBERS, Bank, restart_bank, track, view_bank
-from .tracker import MEMORY as TRACK_MEMORY
-from .window import A6, A6_BOUND, A6_STD, ATTITUDE, CONDITION, CORRELATION, GAPS, K1, K1_BOUND, K1_STD, STATUS, USED
+from .report import report_changes, report_level, report_tracked
+from .status import EstimateStatus
+from .structure import PRIOR, Learner, absorb_structure, select_terms
+from .tracker import (
+    COV,
+    FIRST_STD,
+    MEAN_A6,
+    MEAN_K1,
+    MEMORY,
+    VAR_A6,
+    VAR_K1,
+    Bank,
+    BankWork,
+    restart_bank,
+    track,
+    view_bank,
+    view_bank_work,
+)
+from .uncertainty import close_range, watch_range
+from .window import (
+    ATTITUDE,
+    GAPS_SEEN,
+    O_A6,
+    O_A6_BOUND,
+    O_A6_STD,
+    O_CONDITION,
+    O_CORRELATION,
+    O_K1,
+    O_K1_BOUND,
+    O_K1_STD,
+    STATUS,
+    USED,
+    Outcome,
+    clear_outcome,
+    view_outcome,
+)
 
-ROOM = 60000         # numbers: more than any library's state needs; only counted, then allocated exactly
 NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
 
+# option (i8)
+ESTIMATE_LEVELS, ENOUGH = range(2)  # follow the noise levels; samples below which a window is SHORT
+N_OPTIONS = 2
 
-class Learner(NamedTuple):
-    """Structure over many windows, and its scratch."""
-
-    r: np.ndarray            # (q+1, q+1)
-    active: np.ndarray       # (q,) int64, 1 for the terms believed to be there
-    held: np.ndarray         # (q,) int64 scratch
-    mt: np.ndarray           # (q, q)
-    y: np.ndarray            # (q,)
-    coefficient: np.ndarray  # (q,)
-    columns: np.ndarray      # (4 + q + 1,) int64
-    deviation: np.ndarray    # (3,)
-    belief: np.ndarray       # (5,)
-    span: np.ndarray         # (2,) first stamp of the block [s]; the alarm's threshold [nats]
-    option: np.ndarray       # (2,) int64: estimate the noise levels; learn the structure
-    sparse: SparseWork
+OK = int(EstimateStatus.OK)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+NUMERICS = int(EstimateStatus.NUMERICS)
+SHORT = int(EstimateStatus.SHORT)
+GAP = int(EstimateStatus.GAP)
 
 
-@kernel
-def view_learner(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    r, at = take2(f, at, q + 1, q + 1)
-    active, m = take(i, m, q)
-    held, m = take(i, m, q)
-    mt, at = take2(f, at, q, q)
-    y, at = take(f, at, q)
-    coefficient, at = take(f, at, q)
-    columns, m = take(i, m, 5 + q)
-    deviation, at = take(f, at, 3)
-    belief, at = take(f, at, 5)
-    span, at = take(f, at, 2)
-    option, m = take(i, m, 2)
-    sparse, at, m = view_sparse(f, at, i, m, q)
-    return Learner(r, active, held, mt, y, coefficient, columns, deviation, belief, span, option, sparse), at, m
+class Fixed(NamedTuple):
+    """Never changes in flight."""
 
-
-class Onboard(NamedTuple):
-    """All of the filtered formulation."""
-
+    limits: np.ndarray  # (N_LIMITS,) of the gate and the windows
     belief: Belief
+    option: np.ndarray  # (N_OPTIONS,) int64
+
+
+class State(NamedTuple):
+    """What persists between samples."""
+
+    clock: np.ndarray   # (N_CLOCK,)
+    count: np.ndarray   # (N_COUNT,) int64
+    ring: np.ndarray    # (m + 1, 6)
+    outcome: Outcome
     filter: Filter
-    work: FilterWork
     acc: Accumulator
     bank: Bank
     watch: Watch
-    learner: Learner
+    active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
 
 
-@kernel
-def view_onboard(f, i, q, nodes):
-    """Cut everything from floats f and integers i, for q terms and `nodes` nodes; returns (it, floats, integers)"""
-    at, m = 0, 0
-    time, at = take(f, at, nodes)
-    a6, at = take(f, at, nodes)
-    k1, at = take(f, at, nodes)
-    constant, at = take(f, at, N_CONSTANTS)
-    variance, at = take(f, at, N_NOISES)
-    codes, m = take2(i, m, q, CODE_LENGTH)
-    term, m = take(i, m, 2)
+class Work(NamedTuple):
+    """Meaningless between samples."""
+
+    filter: FilterWork
+    acc: AccumulatorWork
+    bank: BankWork
+
+
+@shared
+def view_fixed(f, at, i, m, q, nodes):
+    """Cut it from floats f at `at` and integers i at `m` for q terms, `nodes` nodes; returns (it, next at, next m)."""
+    limits, at = take(f, at, rb.N_LIMITS)
+    belief, at, m = view_belief(f, at, i, m, q, nodes)
+    option, m = take(i, m, N_OPTIONS)
+    return Fixed(limits, belief, option), at, m
+
+
+@shared
+def view_state(f, at, i, m, q, rows):
+    """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
+    clock, count, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    outcome, at, m = view_outcome(f, at, i, m, q)
     fil, at, m = view_filter(f, at, i, m, q)
-    work, at, m = view_filter_work(f, at, i, m, q)
     acc, at, m = view_accumulator(f, at, i, m, q)
-    bank, at, m = view_bank(f, at, i, m, q)
-    watch, at, m = view_watch(f, at, i, m, q)
-    learner, at, m = view_learner(f, at, i, m, q)
-    return Onboard(Belief(time, a6, k1, constant, variance, codes, term), fil, work, acc, bank, watch, learner), at, m
+    bank, at, m = view_bank(f, at, i, m)
+    watch, at, m = view_watch(f, at, i, m)
+    active, m = take(i, m, q)
+    return State(clock, count, ring, outcome, fil, acc, bank, watch, active), at, m
 
 
-class Store(NamedTuple):
-    """The memory of the filtered formulation, as it crosses into compiled code."""
-
-    floats: np.ndarray
-    integers: np.ndarray
-    terms: int
-    nodes: int
-
-
-def new_store(belief: Belief, estimate_noise: bool) -> tuple[Store, Onboard]:
-    """Allocate for a belief; returns the memory and its named parts."""
-    q, nodes = len(belief.codes), len(belief.time)
-    floats, integers = np.zeros(ROOM + 3 * nodes), np.zeros(ROOM, np.int64)
-    _, at, m = view_onboard(floats, integers, q, nodes)
-    store = Store(np.zeros(at), np.zeros(m, np.int64), q, nodes)
-    ob, _, _ = view_onboard(*store)
-    for part, given in zip(ob.belief, belief, strict=True):
-        part[...] = given
-    ob.bank.member[...] = MEMBERS
-    ob.learner.option[...] = int(estimate_noise), int(q > 2)
-    ob.learner.span[1] = THRESHOLD
-    restart(*store)
-    return store, ob
+@shared
+def view_work(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    fil, at, m = view_filter_work(f, at, i, m, q)
+    acc, at, m = view_accumulator_work(f, at, i, m, q)
+    bank, at, m = view_bank_work(f, at, i, m)
+    return Work(fil, acc, bank), at, m
 
 
-@kernel
-def restart(f, i, q, nodes):
-    """Forget everything learned in flight."""
-    ob, _, _ = view_onboard(f, i, q, nodes)
-    fil, acc = ob.filter, ob.acc
-    fil.time[:] = 0.0
-    fil.p_bar[:] = 0.0
-    fil.level[:] = 0.0
-    fil.step[:] = 0.0
-    fil.s[:, :] = 0.0
-    acc.score[:] = 0.0
-    acc.information[:, :] = 0.0
-    acc.level_information[:, :] = 0.0
-    for k in range(acc.level_information.shape[0]):
-        acc.level_information[k, k] = LEVEL_PRIOR
-    acc.counts[:] = 0
+def restart(state: State, learner: Learner | None) -> None:
+    """What is not zero before the first sample."""
+    acc, bank = state.acc, state.bank
+    np.fill_diagonal(acc.level_information, LEVEL_PRIOR)
     start_window(acc)
-    ob.bank.evidence[:] = 0.0
-    restart_bank(ob.bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
-    ob.watch.counts[:] = 0
-    ob.bank.weight[:] = 1.0 / ob.bank.weight.shape[0]
-    ob.learner.r[:, :] = 0.0
-    for j in range(ob.learner.active.shape[0]):
-        ob.learner.r[j, j] = PRIOR
-        ob.learner.active[j] = 1
+    bank.weight[...] = 1.0 / len(bank.weight)
+    restart_bank(bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
+    state.active[...] = 1
+    if learner is not None:
+        np.fill_diagonal(learner.r[:-1, :-1], PRIOR)
 
 
-@kernel
-def watch_block(ob, dt, t_end):
+@inner
+def watch_block(fixed, state, work, dt, t_end):
     """Track the block and look for a sudden change; returns True if the alarm was raised."""
-    acc, learn, bank, belief = ob.acc, ob.learner, ob.bank, ob.learner.belief
-    open_onset(ob.watch, bank.total, acc.s_start, learn.span[0])
-    still = track(bank, TRACK_MEMORY, dt, acc.block) - 0.5 * acc.block[2, 2] * acc.block[2, 2]
-    factor, slot, kind = follow_onsets(ob.watch, acc.pair, ob.filter.s, dt, still)
-    if not factor > learn.span[1]:
-        settle_event(ob.watch, bank.total)
+    acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
+    open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
+    block = work.acc.block
+    still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
+    factor, slot, kind = follow_onsets(state.watch, work.acc.column, work.acc.pair, fil.s, dt, still)
+    if not factor > THRESHOLD:
+        settle_event(state.watch, bank.total)
         return False
-    before = ob.watch.before[slot]
-    blocks = (ob.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
-    raise_alarm(ob.watch, slot, kind, factor, dt, t_end, belief)
-    jump(ob.belief, ob.filter, ob.watch.carried[slot], blocks, before[0], before[1], belief[0], belief[1])
-    restart_bank(bank, belief[0], belief[1], belief[2], belief[3], belief[4])
+    before = state.watch.before[slot]
+    blocks = (state.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
+    raise_alarm(state.watch, slot, kind, factor, dt, t_end, belief)
+    jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
+         belief[MEAN_A6], belief[MEAN_K1])
+    restart_bank(bank, belief[MEAN_A6], belief[MEAN_K1], belief[VAR_A6], belief[COV], belief[VAR_K1])
     return True
 
 
-@kernel
-def close_block(ob, t_end, period):
+@inner
+def close_block(fixed, state, work, learner, learning, period):
     """Use the rows gathered: tracker, change detection, structure, window, noise levels, linearisation."""
-    acc, learn = ob.acc, ob.learner
-    if acc.counts[0] == 0:
+    acc, fil, belief = state.acc, state.filter, fixed.belief
+    if acc.counts[ROWS] == 0:
         return
-    dt = t_end - learn.span[0] + period
-    reduce_block(acc, ob.belief.term[0], ob.belief.term[1])
-    advance_psi(ob.filter, acc)
-    alarm = watch_block(ob, dt, t_end)
+    t_end = fil.time[LAST]
+    dt = t_end - acc.start[0] + period
+    reduce_block(acc, work.acc, belief.term[AT_THETA], belief.term[AT_BETA])
+    advance_psi(fil, acc, work.acc)
+    alarm = watch_block(fixed, state, work, dt, t_end)
     if alarm:  # the window begins again, and nothing of this block is noise or structure
         start_window(acc)
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
     else:
-        if learn.option[1] == 1:
-            absorb_structure(learn.r, acc.triangle, N_OFFSET, acc.scratch, dt)
-        absorb_block(acc)
-        if learn.option[0] == 1:
-            update_levels(ob.filter, acc)
-        quickest = ob.bank.mean.shape[0] - 1  # so that a drift does not pass for noise
-        relinearise(ob.belief, ob.filter, ob.bank.mean[quickest, 0], ob.bank.mean[quickest, 1])
-    acc.counts[0] = 0
-    begin_block(ob.belief, ob.filter, acc)
+        if learner is not None:
+            absorb_structure(learner.r, work.acc.triangle, N_STATES, work.acc.scratch, dt)
+        absorb_block(acc, work.acc)
+        if fixed.option[ESTIMATE_LEVELS] == 1:
+            update_levels(fil, acc, work.acc)
+        quickest = state.bank.mean.shape[0] - 1  # so that a drift does not pass for noise
+        relinearise(belief, fil, state.bank.mean[quickest, A6], state.bank.mean[quickest, K1])
+    acc.counts[ROWS] = 0
+    begin_block(belief, fil, acc)
 
 
-@kernel
-def take_samples(f, i, q, nodes, ring, count, waiting, spare, flush, max_gap, period):
-    """Take the `waiting` newest samples of the ring but for the newest `spare`, oldest first.
+@merged
+def take_samples(fixed, state, work, learner, learning, spare, flush):
+    """Take the samples that wait in the ring but for the newest `spare`, oldest first.
 
-    A gap or a full block of rows closes the block, and so does the last sample if `flush` is 1 (a window closed).
+    A gap or a full block of rows closes the block, and so does the last sample if `flush` (a window closed).
     """
-    ob, _, _ = view_onboard(f, i, q, nodes)
-    capacity = ring.shape[0]
-    acc = ob.acc
-    for back in range(waiting, spare, -1):
-        row = ring[(count[HEAD] - back) % capacity]
-        worst = max(ob.filter.outliers[0], ob.filter.outliers[1], ob.filter.outliers[2])
-        gap = ob.filter.time[1] == 1.0 and (worst >= MAX_OUTLIERS or not 0.0 < row[0] - ob.filter.time[0] <= max_gap)
-        if gap or acc.counts[0] > 3 * (BLOCK - 1):
-            close_block(ob, ob.filter.time[0], period)
-        if acc.counts[0] == 0:
-            ob.learner.span[0] = row[0]
-            if gap or ob.filter.time[1] == 0.0:
-                begin_block(ob.belief, ob.filter, acc)
-        take_sample(ob.belief, ob.filter, ob.work, acc, row, max_gap)
-    if flush == 1 or acc.counts[0] > 3 * (BLOCK - 1):
-        close_block(ob, ob.filter.time[0], period)
+    acc, fil, belief = state.acc, state.filter, fixed.belief
+    capacity = state.ring.shape[0]
+    max_gap, period = fixed.limits[rb.MAX_GAP], fixed.limits[rb.PERIOD]
+    for back in range(state.count[rb.WAITING], spare, -1):
+        row = state.ring[(state.count[rb.HEAD] - back) % capacity]
+        anew = begins_anew(fil, row[rb.T], max_gap)
+        if (anew and fil.time[RUNNING] == 1.0) or acc.counts[ROWS] > 3 * (BLOCK - 1):
+            close_block(fixed, state, work, learner, learning, period)
+        if acc.counts[ROWS] == 0:
+            acc.start[0] = row[rb.T]
+            if anew:
+                begin_block(belief, fil, acc)
+        take_sample(belief, fil, work.filter, acc, row, max_gap)
+    if flush or acc.counts[ROWS] > 3 * (BLOCK - 1):
+        close_block(fixed, state, work, learner, learning, period)
+    state.count[rb.WAITING] = spare
 
 
-@kernel
-def close_filtered(f, i, q, nodes, out, t_centre, enough):
-    """Close the window, its last block being closed: its own estimate into `out`, and begin the next one.
+@inner
+def learn_terms(belief, state, coefficient, learner, learning):
+    """Which of many terms there are, if the configuration learns it."""
+    if learner is not None:
+        select_terms(learner.r, belief.term[AT_THETA], belief.term[AT_BETA], state.active, coefficient, learning)
 
-    out  Outcome;  t_centre [s];  enough: samples below which a window is SHORT
-    """
-    ob, _, _ = view_onboard(f, i, q, nodes)
-    acc, learn = ob.acc, ob.learner
-    theta, beta = ob.belief.term[0], ob.belief.term[1]
-    if learn.option[1] == 1:
-        select_terms(learn.r, theta, beta, learn.active, learn.held, learn.mt, learn.y, learn.coefficient, learn.sparse)
-    out.number[:] = np.nan
-    out.xi[:, :] = np.nan
-    out.support[:, :] = False
-    out.flag[USED] = acc.counts[1]
-    out.flag[GAPS] = acc.counts[2]
-    if acc.counts[1] < enough:
-        out.flag[STATUS] = GAP if acc.counts[2] > 0 else SHORT
+
+@merged
+def close_filtered(fixed, state, work, learner, learning):
+    """Close the window, its last block being closed: its own estimate into the outcome, and begin the next one."""
+    acc, out, belief = state.acc, state.outcome, fixed.belief
+    learn_terms(belief, state, work.acc.coefficient, learner, learning)
+    clear_outcome(out, OK)
+    out.flag[USED] = acc.counts[SAMPLES]
+    out.flag[GAPS_SEEN] = acc.counts[GAPS]
+    if acc.counts[SAMPLES] < fixed.option[ENOUGH]:
+        out.flag[STATUS] = GAP if acc.counts[GAPS] > 0 else SHORT
     else:
-        solve_window(ob.belief, acc, learn.active, learn.columns, learn.coefficient, learn.deviation)
-        out.flag[STATUS] = report_filtered(ob, out, t_centre)
+        solve_window(belief, acc, work.acc, state.active)
+        t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
+        out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
     start_window(acc)
 
 
-@kernel
-def report_filtered(ob, out, t_centre):
+@inner
+def report_filtered(belief, state, work, t_centre):
     """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
-    learn = ob.learner
-    theta, beta = ob.belief.term[0], ob.belief.term[1]
-    std_a, std_k = learn.deviation[0], learn.deviation[1]
-    a6, k1 = profile_at(ob.belief, ob.filter.cell, t_centre)
-    out.number[A6_BOUND], out.number[K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
-    correlation = learn.deviation[2]
-    out.number[CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
+    out, coefficient = state.outcome, work.coefficient
+    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
+    std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
+    a6, k1 = profile_at(belief, state.filter.cell, t_centre)
+    out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
+    out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
     if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
         return LOW_INFORMATION
-    for j in range(learn.coefficient.shape[0]):
-        out.xi[j, ATTITUDE] = learn.coefficient[j]
-        out.support[j, ATTITUDE] = learn.active[j] == 1
-    out.xi[theta, ATTITUDE] = a6 * (1.0 + learn.coefficient[theta]) if learn.active[theta] else 0.0
-    out.xi[beta, ATTITUDE] = k1 * (1.0 + learn.coefficient[beta]) if learn.active[beta] else 0.0
-    out.number[A6], out.number[K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
-    out.number[A6_STD], out.number[K1_STD] = out.number[A6_BOUND], out.number[K1_BOUND]
-    out.number[CORRELATION] = correlation * (1.0 if a6 * k1 > 0.0 else -1.0)
-    if not np.isfinite(out.number[A6] + out.number[K1]):
+    for j in range(coefficient.shape[0]):
+        out.xi[j, ATTITUDE] = coefficient[j]
+        out.support[j, ATTITUDE] = state.active[j]
+    out.xi[theta, ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
+    out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
+    out.number[O_CORRELATION] = correlation * (1.0 if a6 * k1 > 0.0 else -1.0)
+    if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
         return NUMERICS
     return OK
 
 
-@kernel
-def abandon_window(f, i, q, nodes):
+@once
+def abandon_window(state):
     """The clock was set back: the window is given up and the next one begins."""
-    ob, _, _ = view_onboard(f, i, q, nodes)
-    ob.acc.counts[0] = 0
-    ob.filter.time[1] = 0.0
-    start_window(ob.acc)
+    state.acc.counts[ROWS] = 0
+    state.filter.time[RUNNING] = 0.0
+    start_window(state.acc)
+
+
+@inner
+def follow_range(fixed, state, sigma, gauge, complete):
+    """The uncertainty level after a block, if the configuration has one."""
+    if gauge is not None:
+        total, watch, clock = state.bank.total, state.watch, state.clock
+        watch_range(sigma, gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
+        if complete:
+            close_range(sigma, gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
+
+
+@merged
+def follow(fixed, state, work, learner, learning, sigma, gauge, code):
+    """A sample was accepted with this status: use what waits, if it is enough."""
+    count = state.count
+    complete, reset = code == rb.WINDOW_COMPLETE, code == rb.CLOCK_RESET
+    count[rb.WAITING] += 1
+    if count[rb.WAITING] < BLOCK and not complete and not reset:
+        return
+    spare = count[rb.CLOSED_BACK] if complete else int(reset)
+    take_samples(fixed, state, work, learner, learning, spare, complete)
+    if complete:
+        close_filtered(fixed, state, work, learner, learning)
+        count[rb.ESTIMATES] = 1
+    elif reset:
+        abandon_window(state)
+    follow_range(fixed, state, sigma, gauge, complete)
+
+
+@merged
+def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
+                    beta_cmd):
+    """Take one sample; returns its Status."""
+    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    if code >= 0:
+        follow(fixed, state, work, learner, learning, sigma, gauge, code)
+    return code
+
+
+@merged
+def report_now(fixed, state, gauge, rep):
+    """Everything that leaves beside the outcome, as of now."""
+    t_end = state.clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
+    report_tracked(fixed.belief, state.bank.total, t_end, rep)
+    report_changes(fixed.belief, state.watch, rep)
+    report_level(gauge, rep)

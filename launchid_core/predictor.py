@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import DAMPING, DELAY, FREQUENCY, PERIOD, profile_at
-from .kernels import kernel
+from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, PERIOD, profile_at
+from .kernels import inner, once, shared
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .memory import take, take2, take3
 from .model import N_NOISES
@@ -37,6 +37,12 @@ START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
 MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
+
+# time (f8)
+LAST, RUNNING = range(2)  # stamp of the last sample [s]; 1 if there was one in this segment
+# note (i8): what the filter did of its own accord since the start
+OUTLIERS, RESTARTS, LEVEL_CLAMPS = range(3)
+N_NOTES = 3
 
 # step (f8): constants of one time step
 STEP = 0
@@ -58,10 +64,11 @@ class Filter(NamedTuple):
     sx: np.ndarray         # (4, 5) derivative of x for the levels
     sp: np.ndarray         # (5, 4, 4) derivative of p for the levels
     command: np.ndarray    # (MAX_DELAY_SAMPLES,) past commands, newest first
-    time: np.ndarray       # (2,) last stamp [s]; 1 if running
+    time: np.ndarray       # (2,) LAST, RUNNING
     step: np.ndarray       # (N_STEP,) constants of the last time step
     cell: np.ndarray       # (1,) int64 cell of the profile
     outliers: np.ndarray   # (3,) int64 measurements in a row that each channel's gate refused
+    note: np.ndarray       # (N_NOTES,) int64 counters
 
 
 class FilterWork(NamedTuple):
@@ -82,7 +89,7 @@ class FilterWork(NamedTuple):
     dv: np.ndarray         # (5,) relative derivative of its variance for them
 
 
-@kernel
+@shared
 def view_filter(f, at, i, m, q):
     """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
     x, at = take(f, at, N_STATES)
@@ -97,10 +104,11 @@ def view_filter(f, at, i, m, q):
     step, at = take(f, at, N_STEP)
     cell, m = take(i, m, 1)
     outliers, m = take(i, m, N_CHANNELS)
-    return Filter(x, p, s, p_bar, level, sx, sp, command, time, step, cell, outliers), at, m
+    note, m = take(i, m, N_NOTES)
+    return Filter(x, p, s, p_bar, level, sx, sp, command, time, step, cell, outliers, note), at, m
 
 
-@kernel
+@shared
 def view_filter_work(f, at, i, m, q):
     """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
     transition, at = take2(f, at, N_STATES, N_STATES)
@@ -119,7 +127,7 @@ def view_filter_work(f, at, i, m, q):
     return FilterWork(transition, matrix, column, gain, slope, taylor, raw, powers, row, drive, out, de, dv), at, m
 
 
-@kernel
+@once
 def set_step(constant, h, work, step):
     """Constants of a time step h [s]: exp of (double integral, integral, beta, beta_dot, u) by its Taylor series.
 
@@ -154,7 +162,7 @@ def set_step(constant, h, work, step):
         step[J2 + j] = total[0, 2 + j]
 
 
-@kernel
+@once
 def start_segment(belief, fil, t, theta, theta_dot, beta):
     """Begin at a sample with nothing known of before: state from it, sensitivities afresh."""
     fil.x[0] = theta
@@ -177,11 +185,11 @@ def start_segment(belief, fil, t, theta, theta_dot, beta):
         fil.s[i, i] = 1.0
     fil.command[:] = np.nan
     fil.outliers[:] = 0
-    fil.time[0] = t
-    fil.time[1] = 1.0
+    fil.time[LAST] = t
+    fil.time[RUNNING] = 1.0
 
 
-@kernel
+@once
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
     steps = constant[DELAY] / constant[PERIOD]
@@ -193,7 +201,7 @@ def delayed_input(constant, fil):
     return (1.0 - share) * newer + share * fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
 
 
-@kernel
+@once
 def take_command(constant, fil, command):
     """Shift a command into the history (only as far as the delay needs)."""
     depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
@@ -202,7 +210,7 @@ def take_command(constant, fil, command):
     fil.command[0] = command
 
 
-@kernel
+@once
 def drive_terms(belief, fil, work, a6, k1, u):
     """Effect of a unit of each term's coefficient on theta and theta_dot over the step.
 
@@ -219,14 +227,14 @@ def drive_terms(belief, fil, work, a6, k1, u):
     for j in range(belief.codes.shape[0]):
         work.drive[0, j] = 0.5 * h * h * work.row[j]
         work.drive[1, j] = h * work.row[j]
-    theta, beta = belief.term[0], belief.term[1]
+    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     work.drive[0, theta] = a6 * h * h * (0.5 * x[0] + h / 6.0 * x[1])
     work.drive[1, theta] = a6 * h * (x[0] + 0.5 * h * x[1])
     work.drive[0, beta] = k1 * (fil.step[J2] * x[2] + fil.step[J2 + 1] * x[3] + fil.step[J2 + 2] * u)
     work.drive[1, beta] = k1 * (fil.step[J1] * x[2] + fil.step[J1 + 1] * x[3] + fil.step[J1 + 2] * u)
 
 
-@kernel
+@once
 def fill_transition(fil, f, a6, k1):
     """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here."""
     h = fil.step[STEP]
@@ -240,7 +248,7 @@ def fill_transition(fil, f, a6, k1):
     f[3, 2], f[3, 3] = fil.step[PHI + 2], fil.step[PHI + 3]
 
 
-@kernel
+@inner
 def congruence(f, p, work):
     """p <- F p F' for symmetric p, F block upper triangular (its lower left 2x2 is zero)."""
     m = work
@@ -256,7 +264,7 @@ def congruence(f, p, work):
         p[i, 3] = m[i, 2] * f[3, 2] + m[i, 3] * f[3, 3]
 
 
-@kernel
+@inner
 def carry(f, s):
     """s <- F s, column by column.  s (4, n) inout."""
     for j in range(s.shape[1]):
@@ -267,21 +275,21 @@ def carry(f, s):
         s[3, j] = f[3, 2] * y2 + f[3, 3] * y3
 
 
-@kernel
+@inner
 def predict(belief, fil, work, t):
     """Time update from the last stamp to t."""
-    h = t - fil.time[0]
+    h = t - fil.time[LAST]
     if abs(h - fil.step[STEP]) > SAME_STEP * h:
         set_step(belief.constant, h, work, fil.step)
-    a6, k1 = profile_at(belief, fil.cell, fil.time[0] + 0.5 * h)
+    a6, k1 = profile_at(belief, fil.cell, fil.time[LAST] + 0.5 * h)
     u = delayed_input(belief.constant, fil)
     command_variance = belief.variance[3] * np.exp(2.0 * fil.level[3])
     if np.isnan(u):
         u = fil.x[2]
         command_variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
     drive_terms(belief, fil, work, a6, k1, u)
-    a6 *= 1.0 + fil.p_bar[0]
-    k1 *= 1.0 + fil.p_bar[1]
+    a6 *= 1.0 + fil.p_bar[A6]
+    k1 *= 1.0 + fil.p_bar[K1]
     f = work.transition
     fill_transition(fil, f, a6, k1)
     x = fil.x
@@ -300,10 +308,10 @@ def predict(belief, fil, work, t):
     for k in range(N_NOISES):
         congruence(f, fil.sp[k], work.matrix)
     add_process_noise(fil, b0, b1, b2, b3, command_variance, belief.variance[4] * np.exp(2.0 * fil.level[4]))
-    fil.time[0] = t
+    fil.time[LAST] = t
 
 
-@kernel
+@once
 def add_process_noise(fil, b0, b1, b2, b3, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
     h = fil.step[STEP]
@@ -321,16 +329,24 @@ def add_process_noise(fil, b0, b1, b2, b3, command_variance, acceleration_varian
             fil.sp[4, i, j] += 2.0 * q
 
 
-@kernel
+@once
 def is_outlier(fil, channel, z, r):
     """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
     e = z - fil.x[channel]
     outlier = e * e > OUTLIER * OUTLIER * (fil.p[channel, channel] + r)
     fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
+    fil.note[OUTLIERS] += int(outlier)
     return outlier
 
 
-@kernel
+@inner
+def begins_anew(fil, t, max_gap):
+    """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
+    lost = max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
+    return lost or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
+
+
+@once
 def correct_level(fil, work, k, channel, ds, e, variance):
     """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it."""
     sp = fil.sp[k]
@@ -346,7 +362,7 @@ def correct_level(fil, work, k, channel, ds, e, variance):
         sp[i, 3] -= d * work.column[3] + g * y3
 
 
-@kernel
+@inner
 def correct(fil, work, channel, z, r, score, information):
     """Scalar measurement update of one channel; returns (innovation, its variance), sensitivities in work.out.
 

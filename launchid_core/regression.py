@@ -8,39 +8,41 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
   Messenger & Bortz, Multiscale Model. Simul. 19, 2021, with a step as test function.
 """
 
+from typing import NamedTuple
 
 import numpy as np
 
+from . import ring as rb
 from .compress import choose_rows
 from .derivative import differentiate, mark_segments
-from .kernels import kernel
-from .library import N_VARIABLES, TAU, library_row, raw_from_standard
+from .kernels import inner, once, shared
+from .library import CODE_LENGTH, MAX_POWER, N_VARIABLES, TAU, library_row, raw_from_standard
 from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
-from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T, copy_window
-from .sparse import covariance_entry, invert_active, sparse_solve
+from .memory import take, take2
+from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
+from .sparse import SparseWork, covariance_entry, invert_active, sparse_solve, view_sparse
 from .status import EstimateStatus
 from .window import (
-    A6,
-    A6_DOT,
-    A6_STD,
     ATTITUDE,
-    CONDITION,
-    CORRELATION,
     EQUATIONS,
-    GAPS,
-    K1,
-    K1_DOT,
-    K1_STD,
-    KEEP,
-    MEASURED,
-    SOLVER,
-    STATUS,
-    TERM_A6,
-    TERM_A6_DOT,
-    TERM_K1,
-    TERM_K1_DOT,
+    GAPS_SEEN,
+    O_A6,
+    O_A6_DOT,
+    O_A6_STD,
+    O_CONDITION,
+    O_CORRELATION,
+    O_K1,
+    O_K1_DOT,
+    O_K1_STD,
     USED,
+    Outcome,
+    clear_outcome,
+    view_outcome,
 )
+
+# plan (i8): what is fixed at construction
+KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, ENOUGH = range(8)
+N_PLAN = 8
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 STILL = 64.0 * EPS        # a variable that moves less than this of its size does not move
@@ -53,16 +55,107 @@ SATURATED = int(EstimateStatus.SATURATED)
 NUMERICS = int(EstimateStatus.NUMERICS)
 
 
-@kernel
-def clear_outcome(out, status):
-    """No estimate, for the reason `status`."""
-    out.number[:] = np.nan
-    out.xi[:, :] = np.nan
-    out.support[:, :] = False
-    out.flag[STATUS] = status
+class Fixed(NamedTuple):
+    """Never changes in flight."""
+
+    limits: np.ndarray      # (N_LIMITS,) of the gate and the windows
+    codes: np.ndarray       # (q, 6) int64 terms
+    centred: np.ndarray     # (4,) int64 variables that may be centred
+    plan: np.ndarray        # (N_PLAN,) int64
+    threshold: np.ndarray   # (1,) raw units
+    saturation: np.ndarray  # (6,) end stops by ring column
 
 
-@kernel
+class State(NamedTuple):
+    """What persists between samples."""
+
+    clock: np.ndarray       # (N_CLOCK,)
+    count: np.ndarray       # (N_COUNT,) int64
+    ring: np.ndarray        # (m + 1, 6)
+    outcome: Outcome
+    random: np.ndarray      # (1,) int64 generator of the row choice
+
+
+class Work(NamedTuple):
+    """Scratch of a window's close."""
+
+    signal: np.ndarray      # (6, m) samples by column
+    slope: np.ndarray       # (3, m) derivatives of theta, theta_dot, beta
+    segment: np.ndarray     # (m,) int64
+    usable: np.ndarray      # (m,) int64
+    kept: np.ndarray        # (m,) int64
+    phi: np.ndarray         # (q*p,) library columns one after the other
+    target: np.ndarray      # (3*p,)
+    centre: np.ndarray      # (4,)
+    scale: np.ndarray       # (4,)
+    raw: np.ndarray         # (4,)
+    z: np.ndarray           # (4,)
+    powers: np.ndarray      # (4, MAX_POWER + 1)
+    row: np.ndarray         # (q,)
+    previous: np.ndarray    # (q,)
+    running: np.ndarray     # (q,)
+    order: np.ndarray       # (q,) int64
+    tau: np.ndarray         # (q,)
+    norms: np.ndarray       # (q,)
+    tt: np.ndarray          # (q, q)
+    mt: np.ndarray          # (q, q)
+    xi: np.ndarray          # (q,)
+    active: np.ndarray      # (q,) int64
+    sparse: SparseWork
+
+
+@shared
+def view_fixed(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    limits, at = take(f, at, rb.N_LIMITS)
+    codes, m = take2(i, m, q, CODE_LENGTH)
+    centred, m = take(i, m, N_VARIABLES)
+    plan, m = take(i, m, N_PLAN)
+    threshold, at = take(f, at, 1)
+    saturation, at = take(f, at, rb.N_COLUMNS)
+    return Fixed(limits, codes, centred, plan, threshold, saturation), at, m
+
+
+@shared
+def view_state(f, at, i, m, q, rows):
+    """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
+    clock, count, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    outcome, at, m = view_outcome(f, at, i, m, q)
+    random, m = take(i, m, 1)
+    return State(clock, count, ring, outcome, random), at, m
+
+
+@shared
+def view_work(f, at, i, m, q, rows, p):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, p of `rows` kept; returns (it, next at, next m)."""
+    signal, at = take2(f, at, rb.N_COLUMNS, rows)
+    slope, at = take2(f, at, EQUATIONS, rows)
+    segment, m = take(i, m, rows)
+    usable, m = take(i, m, rows)
+    kept, m = take(i, m, rows)
+    phi, at = take(f, at, q * p)
+    target, at = take(f, at, EQUATIONS * p)
+    centre, at = take(f, at, N_VARIABLES)
+    scale, at = take(f, at, N_VARIABLES)
+    raw, at = take(f, at, N_VARIABLES)
+    z, at = take(f, at, N_VARIABLES)
+    powers, at = take2(f, at, N_VARIABLES, MAX_POWER + 1)
+    row, at = take(f, at, q)
+    previous, at = take(f, at, q)
+    running, at = take(f, at, q)
+    order, m = take(i, m, q)
+    tau, at = take(f, at, q)
+    norms, at = take(f, at, q)
+    tt, at = take2(f, at, q, q)
+    mt, at = take2(f, at, q, q)
+    xi, at = take(f, at, q)
+    active, m = take(i, m, q)
+    sparse, at, m = view_sparse(f, at, i, m, q)
+    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, powers, row, previous,
+                running, order, tau, norms, tt, mt, xi, active, sparse), at, m
+
+
+@once
 def fill_rate(work, n):
     """Difference theta where theta_dot was not measured."""
     missing = False
@@ -75,7 +168,7 @@ def fill_rate(work, n):
                 work.signal[THETA_DOT, i] = work.slope[0, i]
 
 
-@kernel
+@once
 def fill_slopes(work, n, measured):
     """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1."""
     for i in range(n):
@@ -86,7 +179,7 @@ def fill_slopes(work, n, measured):
     differentiate(work.signal[T], work.signal[BETA], n, work.segment, work.slope[2])
 
 
-@kernel
+@inner
 def state_at(work, i, t_centre, x):
     """theta, theta_dot, beta, tau of row i into x (4,)."""
     x[0] = work.signal[THETA, i]
@@ -95,7 +188,7 @@ def state_at(work, i, t_centre, x):
     x[TAU] = work.signal[T, i] - t_centre
 
 
-@kernel
+@inner
 def standardise(work, centred, count, t_centre):
     """Mean and root mean square deviation of each variable over the kept rows (centre 0 where not `centred`)."""
     for v in range(N_VARIABLES):
@@ -120,7 +213,7 @@ def standardise(work, centred, count, t_centre):
             work.scale[v] = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
 
 
-@kernel
+@inner
 def standard_row(work, codes, i, t_centre):
     """Row i of Phi_std into work.row."""
     state_at(work, i, t_centre, work.raw)
@@ -129,30 +222,30 @@ def standard_row(work, codes, i, t_centre):
     library_row(codes, work.raw, work.z, work.powers, work.row)
 
 
-@kernel
-def pointwise_rows(plan, work, count, t_centre):
+@once
+def pointwise_rows(codes, work, count, t_centre):
     """Library columns and derivative targets at the kept rows."""
-    q = plan.codes.shape[0]
+    q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
     for r in range(count):
         i = work.kept[r]
-        standard_row(work, plan.codes, i, t_centre)
+        standard_row(work, codes, i, t_centre)
         for j in range(q):
             phi[j, r] = work.row[j]
         for e in range(EQUATIONS):
             target[e, r] = work.slope[e, i]
 
 
-@kernel
-def integral_rows(plan, work, n, count, t_centre):
+@once
+def integral_rows(codes, work, n, count, t_centre):
     """Running integrals (trapezoid) of the library columns, and the states, at the kept rows."""
-    q = plan.codes.shape[0]
+    q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
     r = 0
     for i in range(n):
-        standard_row(work, plan.codes, i, t_centre)
+        standard_row(work, codes, i, t_centre)
         if i == 0 or work.segment[i] != work.segment[i - 1]:
             work.running[:] = 0.0
         else:
@@ -170,7 +263,7 @@ def integral_rows(plan, work, n, count, t_centre):
             r += 1
 
 
-@kernel
+@inner
 def centre_segments(columns, work, count):
     """Subtract from each column its mean over every gap-free piece; returns the number of pieces."""
     pieces = 0
@@ -190,7 +283,7 @@ def centre_segments(columns, work, count):
     return pieces
 
 
-@kernel
+@once
 def reduce_library(work, at, q):
     """M with Phi_raw = Q M from the factor of the scaled Phi_std: column i of M into work.mt[i]."""
     for i in range(q):
@@ -202,7 +295,7 @@ def reduce_library(work, at, q):
             work.mt[i, r] = value
 
 
-@kernel
+@once
 def residual_square(work, y, q, count):
     """|y - M xi|^2 over the whole window, y being Q' times the target."""
     square = 0.0
@@ -216,7 +309,7 @@ def residual_square(work, y, q, count):
     return square
 
 
-@kernel
+@inner
 def position(active, term):
     """Place of `term` among the active ones, -1 if it is not one (or the library lacks it)."""
     if term < 0 or not active[term]:
@@ -228,20 +321,20 @@ def position(active, term):
     return place
 
 
-@kernel
+@inner
 def coefficient(work, term):
     """Coefficient of a term; NaN if the library lacks it."""
     return work.xi[term] if term >= 0 else np.nan
 
 
-@kernel
+@once
 def report_attitude(plan, work, out, square, freedom):
     """a6, k1, slopes, standard deviations and correlation from the theta_ddot equation just solved."""
-    a6, k1 = plan.plan[TERM_A6], plan.plan[TERM_K1]
-    out.number[A6] = coefficient(work, a6)
-    out.number[K1] = coefficient(work, k1)
-    out.number[A6_DOT] = coefficient(work, plan.plan[TERM_A6_DOT])
-    out.number[K1_DOT] = coefficient(work, plan.plan[TERM_K1_DOT])
+    a6, k1 = plan[TERM_A6], plan[TERM_K1]
+    out.number[O_A6] = coefficient(work, a6)
+    out.number[O_K1] = coefficient(work, k1)
+    out.number[O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
+    out.number[O_K1_DOT] = coefficient(work, plan[TERM_K1_DOT])
     size = 0
     for j in range(work.active.shape[0]):
         if work.active[j]:
@@ -252,105 +345,124 @@ def report_attitude(plan, work, out, square, freedom):
     invert_active(work.sparse, size)
     at_a6, at_k1 = position(work.active, a6), position(work.active, k1)
     if at_a6 >= 0:
-        out.number[A6_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_a6, at_a6))
+        out.number[O_A6_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_a6, at_a6))
     if at_k1 >= 0:
-        out.number[K1_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_k1, at_k1))
+        out.number[O_K1_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_k1, at_k1))
     if at_a6 >= 0 and at_k1 >= 0:
         product = covariance_entry(work.sparse, at_a6, at_a6) * covariance_entry(work.sparse, at_k1, at_k1)
-        out.number[CORRELATION] = covariance_entry(work.sparse, at_a6, at_k1) / np.sqrt(product)
+        out.number[O_CORRELATION] = covariance_entry(work.sparse, at_a6, at_k1) / np.sqrt(product)
 
 
-@kernel
-def regress(plan, work, out, count, pieces):
+@inner
+def regress(fixed, work, out, count, pieces):
     """Factor the library, solve the three equations, fill the outcome; returns its status.
 
     Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
     """
-    q = plan.codes.shape[0]
+    q = fixed.codes.shape[0]
     at = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
     scale_columns(at, work.norms)
     rank = qr_factor(at, work.order, work.tau, RANK_TOLERANCE)
     if rank < q:
         return RANK
-    out.number[CONDITION] = pivot_ratio(at, rank)
-    raw_from_standard(plan.codes, work.centre, work.scale, work.tt)
+    out.number[O_CONDITION] = pivot_ratio(at, rank)
+    raw_from_standard(fixed.codes, work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
     for e in range(EQUATIONS):
         y = target[e]
         apply_q_transposed(at, work.tau, q, y)
-        passes = sparse_solve(plan.plan[SOLVER], work.mt, y[:q], plan.threshold[0], work.xi, work.active, work.sparse)
+        passes = sparse_solve(fixed.plan[SOLVER], work.mt, y[:q], fixed.threshold[0], work.xi, work.active, work.sparse)
         if passes < 0 and e == ATTITUDE:
             return RANK
         for j in range(q):
             if passes > 0 and not np.isfinite(work.xi[j]):
                 return NUMERICS
             out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
-            out.support[j, e] = work.active[j] and passes > 0
+            out.support[j, e] = int(work.active[j] == 1 and passes > 0)
         if e == ATTITUDE:
-            report_attitude(plan, work, out, residual_square(work, y, q, count), count - pieces)
+            report_attitude(fixed.plan, work, out, residual_square(work, y, q, count), count - pieces)
     return OK
 
 
-@kernel
+@inner
 def choose_window_rows(plan, work, random, n, saturated, gaps):
     """Choose the rows to keep among the usable ones; returns (rows kept, OK or the reason why they are too few)."""
-    p = plan.plan[KEEP]
-    kept = choose_rows(work.usable, n, p, random, work.kept)
-    enough = max(plan.codes.shape[0] + 2, (p + 1) // 2)
-    if kept >= enough:
+    kept = choose_rows(work.usable, n, plan[KEEP], random, work.kept)
+    if kept >= plan[ENOUGH]:
         return kept, OK
-    if kept + saturated >= enough:
+    if kept + saturated >= plan[ENOUGH]:
         return kept, SATURATED
     return kept, GAP if gaps > 0 else SHORT
 
 
-@kernel
-def close_pointwise(plan, work, out, ring, count, random, t_centre):
-    """Estimate from the window that just closed, formulations `measured` and `difference`.
-
-    plan, work, out  Plan in, Work scratch, Outcome out
-    ring   (m + 1, 6) in
-    count  (N_COUNT,) in    int64
-    random (1,)       inout int64 generator state
-    t_centre [s]            the window's centre
-    """
-    clear_outcome(out, OK)
-    n, saturated = copy_window(ring, count, plan.saturation, work.signal)
-    gaps = mark_segments(work.signal[T], n, plan.max_gap[0], work.segment)
+@inner
+def open_close(fixed, state, work):
+    """The closed window's samples, theta_dot filled in; returns (how many, left out as saturated, gaps)."""
+    clear_outcome(state.outcome, OK)
+    n, saturated = rb.copy_window(state.ring, state.count, fixed.saturation, work.signal)
+    gaps = mark_segments(work.signal[rb.T], n, fixed.limits[rb.MAX_GAP], work.segment)
     fill_rate(work, n)
-    fill_slopes(work, n, plan.plan[MEASURED])
+    return n, saturated, gaps
+
+
+@inner
+def end_close(state, status, kept, gaps):
+    """The outcome's flags; a window that failed says only why."""
+    if status != OK:
+        clear_outcome(state.outcome, status)
+    state.outcome.flag[USED] = kept
+    state.outcome.flag[GAPS_SEEN] = gaps
+    state.count[rb.ESTIMATES] = 1
+
+
+@once
+def close_pointwise(fixed, state, work):
+    """Estimate from the window that just closed, formulations `measured` and `difference`."""
+    n, saturated, gaps = open_close(fixed, state, work)
+    fill_slopes(work, n, fixed.plan[MEASURED])
     for i in range(n):
         work.usable[i] = int(np.isfinite(work.slope[0, i] + work.slope[1, i] + work.slope[2, i]))
-    kept, status = choose_window_rows(plan, work, random, n, saturated, gaps)
+    kept, status = choose_window_rows(fixed.plan, work, state.random, n, saturated, gaps)
     if status == OK:
-        standardise(work, plan.centred, kept, t_centre)
-        pointwise_rows(plan, work, kept, t_centre)
-        status = regress(plan, work, out, kept, 0)
-    if status != OK:
-        clear_outcome(out, status)
-    out.flag[USED] = kept
-    out.flag[GAPS] = gaps
+        t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
+        standardise(work, fixed.centred, kept, t_centre)
+        pointwise_rows(fixed.codes, work, kept, t_centre)
+        status = regress(fixed, work, state.outcome, kept, 0)
+    end_close(state, status, kept, gaps)
 
 
-@kernel
-def close_integral(plan, work, out, ring, count, random, t_centre):
-    """Estimate from the window that just closed, formulation `integral`; arguments as `close_pointwise`."""
-    clear_outcome(out, OK)
-    q = plan.codes.shape[0]
-    n, saturated = copy_window(ring, count, plan.saturation, work.signal)
-    gaps = mark_segments(work.signal[T], n, plan.max_gap[0], work.segment)
-    fill_rate(work, n)
+@once
+def close_integral(fixed, state, work):
+    """Estimate from the window that just closed, formulation `integral`."""
+    n, saturated, gaps = open_close(fixed, state, work)
+    q = fixed.codes.shape[0]
     for i in range(n):
         work.usable[i] = int(np.isfinite(work.signal[THETA_DOT, i]))
-    kept, status = choose_window_rows(plan, work, random, n, saturated, gaps)
+    kept, status = choose_window_rows(fixed.plan, work, state.random, n, saturated, gaps)
     if status == OK:
-        standardise(work, plan.centred, kept, t_centre)
-        integral_rows(plan, work, n, kept, t_centre)
+        t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
+        standardise(work, fixed.centred, kept, t_centre)
+        integral_rows(fixed.codes, work, n, kept, t_centre)
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
         centre_segments(work.target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), work, kept)
-        status = regress(plan, work, out, kept, pieces)
-    if status != OK:
-        clear_outcome(out, status)
-    out.flag[USED] = kept
-    out.flag[GAPS] = gaps
+        status = regress(fixed, work, state.outcome, kept, pieces)
+    end_close(state, status, kept, gaps)
+
+
+@once
+def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+    """Take one sample; returns its Status."""
+    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    if code == rb.WINDOW_COMPLETE:
+        close_pointwise(fixed, state, work)
+    return code
+
+
+@once
+def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+    """Take one sample; returns its Status."""
+    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    if code == rb.WINDOW_COMPLETE:
+        close_integral(fixed, state, work)
+    return code

@@ -8,7 +8,8 @@ newest m + 1 samples: a full window and the one that may come after it.
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import inner, once, shared
+from .memory import take, take2
 from .status import Status
 
 # columns of the ring
@@ -25,8 +26,9 @@ T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED = range(4)  # T_CLOSED: t_start of the wi
 N_CLOCK = 4
 
 # count (i8)
-HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS = range(8)
-COUNT_FIRST = 8  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
+HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES = range(10)
+# WAITING: samples in the ring that the filter has not taken; ESTIMATES: 1 once a window has closed
+COUNT_FIRST = 10  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
 N_STATUS = int(Status.CLOCK_RESET) - int(Status.BUSY) + 1
 N_COUNT = COUNT_FIRST + N_STATUS
 
@@ -45,7 +47,16 @@ SAME_INSTANT = 1.0e-6   # periods: stamps closer than this are one instant (roun
 RESET_COUNT = 5         # consecutive stamps that agree on an earlier clock before it is believed
 
 
-@kernel
+@shared
+def view_ring(f, at, i, m, rows):
+    """Cut clock, count and a ring for windows of `rows`; returns (clock, count, ring, next at, next m)."""
+    clock, at = take(f, at, N_CLOCK)
+    count, m = take(i, m, N_COUNT)
+    ring, at = take2(f, at, rows + 1, N_COLUMNS)
+    return clock, count, ring, at, m
+
+
+@once
 def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """ACCEPTED, NONFINITE or RANGE for the values of one sample (NaN passes in the optional channels)."""
     if not (np.isfinite(t) and np.isfinite(theta) and np.isfinite(beta)):
@@ -61,7 +72,7 @@ def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     return ACCEPTED
 
 
-@kernel
+@once
 def judge_time(limits, clock, count, t):
     """ACCEPTED, AFTER_GAP, CLOCK_RESET, DT_ZERO or DT_NEGATIVE for a stamp; follows an earlier clock's stamps."""
     if count[STARTED] == 0:
@@ -79,7 +90,7 @@ def judge_time(limits, clock, count, t):
     return CLOCK_RESET if count[CANDIDATES] >= RESET_COUNT else DT_NEGATIVE
 
 
-@kernel
+@once
 def start_clock(clock, count, t):
     """Begin window 0 at t."""
     clock[T_FIRST] = t
@@ -90,7 +101,7 @@ def start_clock(clock, count, t):
     count[CANDIDATES] = 0
 
 
-@kernel
+@inner
 def close_window(limits, clock, count, back):
     """Mark the rows of the current window as closed; `back` of the newest ring rows are not its own."""
     clock[T_CLOSED] = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
@@ -99,7 +110,7 @@ def close_window(limits, clock, count, back):
     count[ROWS] = 0
 
 
-@kernel
+@once
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
     slack = SAME_INSTANT * limits[PERIOD]
@@ -112,7 +123,7 @@ def seek_window(limits, clock, count, t):
     return closed
 
 
-@kernel
+@inner
 def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """Take one sample; returns its Status.
 
@@ -158,7 +169,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     return code
 
 
-@kernel
+@once
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import kernel
+from .kernels import inner, once, shared
 from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .memory import take, take2
 
@@ -43,7 +43,7 @@ class SparseWork(NamedTuple):
     inverse: np.ndarray   # (q, q)
 
 
-@kernel
+@shared
 def view_sparse(f, at, i, m, q):
     """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
     columns, at = take(f, at, 2 * q * q)
@@ -60,13 +60,7 @@ def view_sparse(f, at, i, m, q):
     return SparseWork(columns, order, tau, norms, right, solution, places, scaled, weight, auxiliary, inverse), at, m
 
 
-def sparse_work(q: int) -> SparseWork:
-    """Allocate the scratch for q terms."""
-    work: SparseWork = view_sparse(np.zeros(4 * q * q + 7 * q), 0, np.zeros(2 * q, np.int64), 0, q)[0]
-    return work
-
-
-@kernel
+@inner
 def solve_active(mt, y, active, xi, work):
     """Least squares on the active columns: xi there, 0 elsewhere; returns their rank deficiency (0 is good).
 
@@ -98,7 +92,7 @@ def solve_active(mt, y, active, xi, work):
     return 0
 
 
-@kernel
+@inner
 def covariance_entry(work, a, b):
     """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S."""
     n = 0.0
@@ -117,7 +111,7 @@ def covariance_entry(work, a, b):
     return n / (work.norms[a] * work.norms[b])
 
 
-@kernel
+@inner
 def invert_active(work, n):
     """Inverse of the active factor's triangle into work.inverse, zero-padded beyond n (for `covariance_entry`)."""
     for i in range(work.inverse.shape[0]):
@@ -127,7 +121,7 @@ def invert_active(work, n):
     invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse)
 
 
-@kernel
+@once
 def cut_below(xi, active, threshold):
     """Deactivate active terms with |xi| < threshold; returns how many."""
     cut = 0
@@ -139,7 +133,7 @@ def cut_below(xi, active, threshold):
     return cut
 
 
-@kernel
+@once
 def solve_stls(mt, y, threshold, xi, active, work):
     """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
 
@@ -154,7 +148,7 @@ def solve_stls(mt, y, threshold, xi, active, work):
     return mt.shape[0] + 1
 
 
-@kernel
+@once
 def solve_ssr(mt, y, threshold, xi, active, work):
     """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
 
@@ -174,7 +168,7 @@ def solve_ssr(mt, y, threshold, xi, active, work):
     return mt.shape[0] + 1
 
 
-@kernel
+@inner
 def load_scaled(mt, work):
     """Columns of M, scaled to unit norm, into work.scaled with their norms in work.weight."""
     q = mt.shape[0]
@@ -184,7 +178,7 @@ def load_scaled(mt, work):
     scale_columns(work.scaled, work.weight)
 
 
-@kernel
+@once
 def solve_lasso(mt, y, threshold, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
@@ -220,7 +214,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
     return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
 
 
-@kernel
+@once
 def solve_sr3(mt, y, threshold, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
@@ -258,7 +252,7 @@ def solve_sr3(mt, y, threshold, xi, active, work):
     return -1 if solve_active(mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
 
-@kernel
+@once
 def sparse_solve(solver, mt, y, threshold, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == STLS:

@@ -7,10 +7,14 @@ leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL.
 """
 
 import math
+from typing import NamedTuple
 
-from .kernels import kernel
+import numpy as np
+
+from .kernels import inner, once, shared
 from .linsolve import absorb_rows
-from .sparse import covariance_entry, invert_active, solve_active
+from .memory import take, take2
+from .sparse import SparseWork, covariance_entry, invert_active, solve_active, view_sparse
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
 LEAVE = 3.5
@@ -19,7 +23,39 @@ MEMORY = 9.5      # s: forgetting of 0.9 per second
 PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
 
 
-@kernel
+class Learner(NamedTuple):
+    """Structure over many windows: what persists."""
+
+    r: np.ndarray       # (q+1, q+1) square-root information, right-hand side last
+
+
+class Learning(NamedTuple):
+    """Its scratch."""
+
+    held: np.ndarray    # (q,) int64
+    mt: np.ndarray      # (q, q)
+    y: np.ndarray       # (q,)
+    sparse: SparseWork
+
+
+@shared
+def view_learner(f, at, i, m, q):
+    """Cut it from floats f at `at` for q terms; returns (it, next at, next m)."""
+    r, at = take2(f, at, q + 1, q + 1)
+    return Learner(r), at, m
+
+
+@shared
+def view_learning(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    held, m = take(i, m, q)
+    mt, at = take2(f, at, q, q)
+    y, at = take(f, at, q)
+    sparse, at, m = view_sparse(f, at, i, m, q)
+    return Learning(held, mt, y, sparse), at, m
+
+
+@once
 def absorb_structure(r, triangle, first, scratch, dt):
     """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle.
 
@@ -37,7 +73,7 @@ def absorb_structure(r, triangle, first, scratch, dt):
     absorb_rows(r, copy, rows)
 
 
-@kernel
+@once
 def weakest(active, held, theta, beta, coefficient, work):
     """The active term whose t-value falls furthest below its limit; -1 if none does."""
     size = 0
@@ -60,30 +96,30 @@ def weakest(active, held, theta, beta, coefficient, work):
     return worst
 
 
-@kernel
-def select_terms(r, theta, beta, active, held, mt, y, coefficient, work):
+@inner
+def select_terms(r, theta, beta, active, coefficient, work):
     """Terms of theta_ddot that the accumulated information supports.
 
     r      (q+1, q+1) in   square-root information, right-hand side last, theta's and beta's columns relative
-    active (q,) inout      bool: terms believed so far; out: terms believed now
-    held   (q,) scratch    bool
-    mt (q, q), y (q,), coefficient (q,) scratch;  work SparseWork
+    active (q,) inout      int64, 1 for the terms believed so far; out: believed now
+    coefficient (q,) out   of the last solve;  work Learning
     Returns how many terms changed.
     """
     q = active.shape[0]
+    held, mt, y = work.held, work.mt, work.y
     for j in range(q):
         held[j] = active[j]
-        active[j] = True
+        active[j] = 1
         for i in range(q):
             mt[j, i] = r[i, j]
         y[j] = r[j, q] + r[j, theta] + r[j, beta]  # whole coefficients, not deviations from the nominal
     for _ in range(q):
-        if solve_active(mt, y, active, coefficient, work) > 0:
+        if solve_active(mt, y, active, coefficient, work.sparse) > 0:
             break
-        worst = weakest(active, held, theta, beta, coefficient, work)
+        worst = weakest(active, held, theta, beta, coefficient, work.sparse)
         if worst < 0:
             break
-        active[worst] = False
+        active[worst] = 0
         coefficient[worst] = 0.0
     changed = 0
     for j in range(q):

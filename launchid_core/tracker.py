@@ -17,16 +17,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .kernels import kernel
+from .belief import A6, K1
+from .kernels import inner, once, shared
 from .memory import take, take2, take3
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
 DRIFTING = (0.003, 0.01)   # 10 % with a period of 60 s has slopes of 0.0074, root mean square
-MEMBERS = (STEADY, DRIFTING)
+MEMBERS = np.array([STEADY, DRIFTING])
+WALK, SLOPE = range(2)
 SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
 MEMORY = 30.0              # s over which the members are judged
 FIRST_STD = 0.5            # relative: what is known of the deviations before the first sample
+
+
+# a belief (f8): relative deviations of a6, k1, their variances and covariance
+MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
+N_BELIEF = 5
 
 
 class Bank(NamedTuple):
@@ -35,29 +42,38 @@ class Bank(NamedTuple):
     mean: np.ndarray        # (b, 4)
     covariance: np.ndarray  # (b, 4, 4)
     evidence: np.ndarray    # (b,) forgotten sum of log predictive densities
-    total: np.ndarray       # (5,) mean a6, mean k1, covariance aa, ak, kk of the mixture
+    total: np.ndarray       # (N_BELIEF,) of the mixture
     weight: np.ndarray      # (b,)
+
+
+class BankWork(NamedTuple):
+    """Scratch of the tracker."""
+
     density: np.ndarray     # (b,) log predictive densities of the last block
-    column: np.ndarray      # (4,) scratch
-    member: np.ndarray      # (b, 2) random walk, slope
+    column: np.ndarray      # (4,)
 
 
-@kernel
-def view_bank(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+@shared
+def view_bank(f, at, i, m):
+    """Cut it from floats f at `at`; returns (it, next at, next m)."""
     b = len(MEMBERS)
     mean, at = take2(f, at, b, 4)
     covariance, at = take3(f, at, b, 4, 4)
     evidence, at = take(f, at, b)
-    total, at = take(f, at, 5)
+    total, at = take(f, at, N_BELIEF)
     weight, at = take(f, at, b)
-    density, at = take(f, at, b)
+    return Bank(mean, covariance, evidence, total, weight), at, m
+
+
+@shared
+def view_bank_work(f, at, i, m):
+    """Cut it from floats f at `at`; returns (it, next at, next m)."""
+    density, at = take(f, at, len(MEMBERS))
     column, at = take(f, at, 4)
-    member, at = take2(f, at, b, 2)
-    return Bank(mean, covariance, evidence, total, weight, density, column, member), at, m
+    return BankWork(density, column), at, m
 
 
-@kernel
+@shared
 def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
     """Every member believes the same; the members' evidence stays."""
     for i in range(state.mean.shape[0]):
@@ -67,11 +83,11 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
         state.covariance[i, 0, 0], state.covariance[i, 1, 1] = v_aa, v_kk
         state.covariance[i, 0, 1], state.covariance[i, 1, 0] = v_ak, v_ak
         for k in range(2, 4):
-            state.covariance[i, k, k] = state.member[i, 1] * state.member[i, 1]
+            state.covariance[i, k, k] = MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
     mix(state)
 
 
-@kernel
+@once
 def move(mean, covariance, walk, slope, dt):
     """Time update of one member over dt [s]."""
     keep = math.exp(-dt / SLOPE_TIME)
@@ -91,7 +107,7 @@ def move(mean, covariance, walk, slope, dt):
         covariance[2 + i, 2 + i] += slope * slope * (1.0 - keep * keep)
 
 
-@kernel
+@inner
 def absorb(mean, covariance, column, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
     for i in range(4):
@@ -106,7 +122,7 @@ def absorb(mean, covariance, column, h0, h1, z):
     return -0.5 * (math.log(variance) + e * e / variance)
 
 
-@kernel
+@shared
 def mix(state):
     """Mean and covariance of the weighted members into `total`."""
     b = state.mean.shape[0]
@@ -121,20 +137,20 @@ def mix(state):
     total[:] = 0.0
     for i in range(b):
         state.weight[i] /= norm
-        total[0] += state.weight[i] * state.mean[i, 0]
-        total[1] += state.weight[i] * state.mean[i, 1]
+        total[MEAN_A6] += state.weight[i] * state.mean[i, A6]
+        total[MEAN_K1] += state.weight[i] * state.mean[i, K1]
     for i in range(b):
-        w, d0, d1 = state.weight[i], state.mean[i, 0] - total[0], state.mean[i, 1] - total[1]
-        total[2] += w * (state.covariance[i, 0, 0] + d0 * d0)
-        total[3] += w * (state.covariance[i, 0, 1] + d0 * d1)
-        total[4] += w * (state.covariance[i, 1, 1] + d1 * d1)
+        w, d0, d1 = state.weight[i], state.mean[i, A6] - total[MEAN_A6], state.mean[i, K1] - total[MEAN_K1]
+        total[VAR_A6] += w * (state.covariance[i, A6, A6] + d0 * d0)
+        total[COV] += w * (state.covariance[i, A6, K1] + d0 * d1)
+        total[VAR_K1] += w * (state.covariance[i, K1, K1] + d1 * d1)
 
 
-@kernel
-def track(state, memory, dt, block):
+@once
+def track(state, work, memory, dt, block):
     """Follow one block.
 
-    state  inout
+    state  inout;  work  scratch
     memory [s]  in
     dt     [s]  in   time the block spans
     block  (3, 3) in its square-root information about (a6, k1), right-hand side last
@@ -144,14 +160,14 @@ def track(state, memory, dt, block):
     best = -np.inf
     for i in range(state.mean.shape[0]):
         mean, covariance = state.mean[i], state.covariance[i]
-        move(mean, covariance, state.member[i, 0], state.member[i, 1], dt)
-        density = absorb(mean, covariance, state.column, block[0, 0], block[0, 1], block[0, 2])
-        density += absorb(mean, covariance, state.column, 0.0, block[1, 1], block[1, 2])
+        move(mean, covariance, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
+        density = absorb(mean, covariance, work.column, block[0, 0], block[0, 1], block[0, 2])
+        density += absorb(mean, covariance, work.column, 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density
-        state.density[i] = density
+        work.density[i] = density
         best = max(best, density)
     total = 0.0
     for i in range(state.mean.shape[0]):
-        total += state.weight[i] * math.exp(state.density[i] - best)
+        total += state.weight[i] * math.exp(work.density[i] - best)
     mix(state)
     return best + math.log(total)

@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import profile_at
+from .belief import A6, K1, profile_at
 from .changes import E_TIME, EVENTS, MAX_EVENTS
-from .kernels import kernel
+from .kernels import inner, once, shared
 from .memory import take, take2
+from .tracker import MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 BANDS = ("0-30", "30-60", "60-100", "out")  # per cent of |sigma|
 UNDECIDED = "undecided"
@@ -38,12 +39,17 @@ RAISED, KNOWN_INSIDE = range(2)
 N_FLAGS = 2
 
 
-class Gauge(NamedTuple):
-    """State; rows and pairs are (a6, k1).  `time`, `a6`, `k1` are sigma's profile, fixed at construction."""
+class Sigma(NamedTuple):
+    """The range sigma, fixed at construction."""
 
     time: np.ndarray         # (n,) s
     a6: np.ndarray           # (n,)
     k1: np.ndarray           # (n,)
+
+
+class Gauge(NamedTuple):
+    """State; rows and pairs are (a6, k1)."""
+
     delta: np.ndarray        # (2,)
     delta_std: np.ndarray    # (2,)
     probability: np.ndarray  # (2, 4) of BANDS
@@ -54,69 +60,49 @@ class Gauge(NamedTuple):
     cell: np.ndarray         # (1,) int64 of the profile
 
 
-@kernel
-def view_gauge(f, i, n):
-    """Cut it from floats f and integers i for n nodes of sigma's profile; returns (it, floats, integers)."""
-    time, at = take(f, 0, n)
+@shared
+def view_sigma(f, at, i, m, n):
+    """Cut it from floats f at `at` for n nodes; returns (it, next at, next m)."""
+    time, at = take(f, at, n)
     a6, at = take(f, at, n)
     k1, at = take(f, at, n)
+    return Sigma(time, a6, k1), at, m
+
+
+@shared
+def view_gauge(f, at, i, m):
+    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
     delta, at = take(f, at, 2)
     delta_std, at = take(f, at, 2)
     probability, at = take2(f, at, 2, OUT + 1)
     since, at = take(f, at, 2)
-    band, m = take(i, 0, 2)
+    band, m = take(i, m, 2)
     flag, m = take2(i, m, 2, N_FLAGS)
     events, m = take(i, m, 1)
     cell, m = take(i, m, 1)
-    return Gauge(time, a6, k1, delta, delta_std, probability, since, band, flag, events, cell), at, m
+    return Gauge(delta, delta_std, probability, since, band, flag, events, cell), at, m
 
 
-class GaugeStore(NamedTuple):
-    """The memory of a gauge, as it crosses into compiled code."""
-
-    floats: np.ndarray
-    integers: np.ndarray
-    nodes: int
-
-
-def new_gauge(time: tuple[float, ...], a6: tuple[float, ...], k1: tuple[float, ...]) -> tuple[GaugeStore, Gauge]:
-    """Allocate for sigma's profile (time [s]); returns the memory and its named parts."""
-    n = len(time)
-    _, at, m = view_gauge(np.zeros(3 * n + 32), np.zeros(32, np.int64), n)
-    store = GaugeStore(np.zeros(at), np.zeros(m, np.int64), n)
-    gauge, _, _ = view_gauge(*store)
-    gauge.time[:], gauge.a6[:], gauge.k1[:] = time, a6, k1
-    restart_gauge(*store)
-    return store, gauge
+def restart_gauge(gauge: Gauge) -> None:
+    """What is not zero before the first sample."""
+    for array in (gauge.delta, gauge.delta_std, gauge.probability, gauge.since):
+        array[...] = np.nan
+    gauge.band[...] = NO_BAND
 
 
-@kernel
-def restart_gauge(f, i, n):
-    """Forget the flight; sigma stays."""
-    gauge, _, _ = view_gauge(f, i, n)
-    gauge.delta[:] = np.nan
-    gauge.delta_std[:] = np.nan
-    gauge.probability[:, :] = np.nan
-    gauge.since[:] = np.nan
-    gauge.band[:] = NO_BAND
-    gauge.flag[:, :] = 0
-    gauge.events[0] = 0
-    gauge.cell[0] = 0
-
-
-@kernel
+@inner
 def below(edge, mean, std):
     """Probability that a normal is below `edge`."""
     return 0.5 * math.erfc((mean - edge) / (std * math.sqrt(2.0)))
 
 
-@kernel
+@inner
 def inside(edge, mean, std):
     """Probability that a normal is within +-edge."""
     return below(edge, mean, std) - below(-edge, mean, std)
 
 
-@kernel
+@inner
 def judge(gauge, p, mean, std, t, t_first, onset):
     """The sequential alarm of parameter p.
 
@@ -141,29 +127,28 @@ def judge(gauge, p, mean, std, t, t_first, onset):
         flag[RAISED] = 1
 
 
-@kernel
-def watch_range(f, i, n, total, now, t_first, counts, event):
+@once
+def watch_range(sigma, gauge, total, now, t_first, counts, event):
     """Look at the tracked estimate: the alarm of both parameters.
 
-    f, i, n       inout  memory of the gauge
-    total (5,)    in     tracked a6, k1 (relative deviations), variances and covariance aa, ak, kk
-    now (>=1,)    in     [s] time of the tracked estimate first
+    sigma, gauge  in, inout
+    total (5,)    in     tracked belief of the relative deviations
+    now           in     [s] time of the tracked estimate
     t_first       in     [s] the first sample
     counts, event in     of `changes.Watch`
     """
-    gauge, _, _ = view_gauge(f, i, n)
-    if not np.isfinite(total[0] + total[1]):
+    if not np.isfinite(total[MEAN_A6] + total[MEAN_K1]):
         return
     onset = np.inf
     if counts[EVENTS] > gauge.events[0]:
         onset = event[(counts[EVENTS] - 1) % MAX_EVENTS, E_TIME]
     gauge.events[0] = counts[EVENTS]
-    sigma_a6, sigma_k1 = profile_at(gauge, gauge.cell, now[0])
-    judge(gauge, 0, total[0] / sigma_a6, math.sqrt(total[2]) / sigma_a6, now[0], t_first, onset)
-    judge(gauge, 1, total[1] / sigma_k1, math.sqrt(total[4]) / sigma_k1, now[0], t_first, onset)
+    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, now)
+    judge(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6, now, t_first, onset)
+    judge(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1, now, t_first, onset)
 
 
-@kernel
+@inner
 def weigh_bands(gauge, p, mean, std):
     """Probabilities of the bands of parameter p, and the band if one is decided; `out` also wants the alarm."""
     gauge.delta[p], gauge.delta_std[p] = mean, std
@@ -182,10 +167,9 @@ def weigh_bands(gauge, p, mean, std):
         gauge.band[p] = OUT
 
 
-@kernel
-def close_range(f, i, n, total, t_end):
+@once
+def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
-    gauge, _, _ = view_gauge(f, i, n)
-    sigma_a6, sigma_k1 = profile_at(gauge, gauge.cell, t_end)
-    weigh_bands(gauge, 0, total[0] / sigma_a6, math.sqrt(total[2]) / sigma_a6)
-    weigh_bands(gauge, 1, total[1] / sigma_k1, math.sqrt(total[4]) / sigma_k1)
+    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, t_end)
+    weigh_bands(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6)
+    weigh_bands(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1)

@@ -1,64 +1,21 @@
-"""The arrays of a window's close: what is fixed, scratch, and the result."""
+"""What a window's close leaves behind."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .library import N_VARIABLES
-from .ring import N_COLUMNS
-from .sparse import SparseWork, sparse_work
+from .kernels import shared
+from .memory import take, take2
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 ATTITUDE = 1   # the equation that a6 and k1 live in
 
-# plan (i8): what is fixed at construction
-KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED = range(7)
-N_PLAN = 7
-
 # number (f8) of an outcome
-A6, K1, A6_STD, K1_STD, CORRELATION, A6_DOT, K1_DOT, A6_BOUND, K1_BOUND, CONDITION = range(10)
+O_A6, O_K1, O_A6_STD, O_K1_STD, O_CORRELATION, O_A6_DOT, O_K1_DOT, O_A6_BOUND, O_K1_BOUND, O_CONDITION = range(10)
 N_NUMBERS = 10
-# flag (i8) of an outcome
-STATUS, USED, GAPS = range(3)
+# flag (i8) of an outcome: an EstimateStatus, rows used, gaps inside the window
+STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3
-
-class Plan(NamedTuple):
-    """Fixed at construction."""
-
-    codes: np.ndarray       # (q, 6) int64 terms
-    centred: np.ndarray     # (4,) int64 variables that may be centred
-    plan: np.ndarray        # (N_PLAN,) int64
-    threshold: np.ndarray   # (1,) raw units
-    max_gap: np.ndarray     # (1,) s
-    saturation: np.ndarray  # (6,) end stops by ring column
-
-
-class Work(NamedTuple):
-    """Scratch of a window's close; meaningless on return."""
-
-    signal: np.ndarray      # (6, m) samples by column
-    slope: np.ndarray       # (3, m) derivatives of theta, theta_dot, beta
-    segment: np.ndarray     # (m,) int64
-    usable: np.ndarray      # (m,) int64
-    kept: np.ndarray        # (m,) int64
-    phi: np.ndarray         # (q*p,) library columns one after the other
-    target: np.ndarray      # (3*p,)
-    centre: np.ndarray      # (4,)
-    scale: np.ndarray       # (4,)
-    raw: np.ndarray         # (4,)
-    z: np.ndarray           # (4,)
-    powers: np.ndarray      # (4, MAX_POWER + 1)
-    row: np.ndarray         # (q,)
-    previous: np.ndarray    # (q,)
-    running: np.ndarray     # (q,)
-    order: np.ndarray       # (q,) int64
-    tau: np.ndarray         # (q,)
-    norms: np.ndarray       # (q,)
-    tt: np.ndarray          # (q, q)
-    mt: np.ndarray          # (q, q)
-    xi: np.ndarray          # (q,)
-    active: np.ndarray      # (q,) bool
-    sparse: SparseWork
 
 
 class Outcome(NamedTuple):
@@ -67,24 +24,23 @@ class Outcome(NamedTuple):
     number: np.ndarray   # (N_NUMBERS,)
     flag: np.ndarray     # (N_FLAGS,) int64
     xi: np.ndarray       # (q, 3)
-    support: np.ndarray  # (q, 3) bool
+    support: np.ndarray  # (q, 3) int64, 1: active
 
 
-def regression_work(m: int, p: int, q: int, powers: int) -> Work:
-    """Allocate the scratch for windows of m rows, p kept, q terms."""
-    def floats(*shape: int) -> np.ndarray:
-        return np.zeros(shape)
-
-    def integers(*shape: int) -> np.ndarray:
-        return np.zeros(shape, np.int64)
-
-    return Work(floats(N_COLUMNS, m), floats(EQUATIONS, m), integers(m), integers(m), integers(m),
-                floats(q * p), floats(EQUATIONS * p), floats(4), floats(4), floats(4), floats(4),
-                floats(N_VARIABLES, powers), floats(q), floats(q), floats(q), integers(q), floats(q), floats(q),
-                floats(q, q), floats(q, q), floats(q), np.zeros(q, np.bool_), sparse_work(q))
+@shared
+def view_outcome(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    number, at = take(f, at, N_NUMBERS)
+    flag, m = take(i, m, N_FLAGS)
+    xi, at = take2(f, at, q, EQUATIONS)
+    support, m = take2(i, m, q, EQUATIONS)
+    return Outcome(number, flag, xi, support), at, m
 
 
-def outcome(q: int) -> Outcome:
-    """Allocate the result for q terms."""
-    return Outcome(np.full(N_NUMBERS, np.nan), np.zeros(N_FLAGS, np.int64),
-                   np.full((q, EQUATIONS), np.nan), np.zeros((q, EQUATIONS), np.bool_))
+@shared
+def clear_outcome(out, status):
+    """No estimate, for the reason `status`."""
+    out.number[:] = np.nan
+    out.xi[:, :] = np.nan
+    out.support[:, :] = 0
+    out.flag[STATUS] = status

@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid_core.compress import MODULUS, MULTIPLIER, choose_rows, first_state
+from launchid_core import compress
+from launchid_core.compress import MODULUS, MULTIPLIER, first_state
+
+choose_rows = compiled(compress.choose_rows)
 
 seeds = st.integers(0, 2**40)
 

@@ -6,11 +6,12 @@ import tomllib
 
 import numpy as np
 import pytest
+from compiled import compiled
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from launchid_core import LIBRARIES
-from launchid_core.library import library_row, term_codes
+from launchid_core import LIBRARIES, library
+from launchid_core.library import term_codes
 from sim.cli import main
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
 from sim.effects import actuator as fx_actuator
@@ -215,7 +216,7 @@ def test_missing_term_is_the_library_s_term(name):
     table = pack([effect("missing_term", term=name, coefficient=-2.5)], 0.001)
     for state in np.random.default_rng(0).uniform(-1, 1, (20, 3)):
         raw = np.array([*state, 0.0])
-        library_row(code, raw, raw, np.zeros((4, 6)), row)
+        compiled(library.library_row)(code, raw, raw, np.zeros((4, 6)), row)
         assert missing_term(-2.5, table.plant, 0, *state) == pytest.approx(-2.5 * row[0], rel=1e-15)
 
 

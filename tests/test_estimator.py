@@ -15,9 +15,9 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
 
-from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status
-from launchid_core import regression as rg
+from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
 from launchid_core import ring as rb
+from launchid_core import step as st
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -472,8 +472,8 @@ def test_spike_is_rejected_and_leaves_nothing_behind(channel, exponent, sign, at
         assert hit.update(sample) is clean.update(sample)
         if hit.estimate() is not None:
             assert bits(hit.estimate()) == bits(clean.estimate())
-    assert hit._ring.tobytes() == clean._ring.tobytes()
-    assert hit._clock.tobytes() == clean._clock.tobytes()
+    assert hit._parts.state.ring.tobytes() == clean._parts.state.ring.tobytes()
+    assert hit._parts.state.clock.tobytes() == clean._parts.state.clock.tobytes()
 
 
 def transformed(samples: list[Sample], change: Callable[[Sample], Sample]) -> list[Sample]:
@@ -548,7 +548,7 @@ def test_time_in_other_units_scales_a6_and_k1_by_its_square(time):
 @pytest.mark.parametrize("kind", [int, bool, np.float32, np.int8, np.float64])
 def test_no_kernel_compiles_after_construction(kind):
     estimator = Estimator(config_of("integral", 64))
-    kernels = (estimator._push, estimator._close)
+    kernels = (estimator._step,)
     before = [len(kernel.signatures) for kernel in kernels]
     for k, sample in enumerate(flight(2.0, -7.0, 128)):
         mixed = [kind(k)] + [kind(x) for x in sample[1:4]] if kind in (int, bool, np.int8) and k == 64 else \
@@ -558,27 +558,12 @@ def test_no_kernel_compiles_after_construction(kind):
     assert [len(kernel.signatures) for kernel in kernels] == before
 
 
-def fly_windows(windows, rows, limits, clock, count, ring, samples, plan, work, out, random):
-    """Push and close in one compiled loop: what the host's loop does, without its boundary."""
-    closed = 0
-    for k in range(windows * rows):
-        s = samples[k % rows]
-        code = rb.push(limits, clock, count, ring, k * limits[rb.PERIOD], s[1], s[2], s[3], s[4], s[5])
-        if code == rb.WINDOW_COMPLETE:
-            CLOSE(plan, work, out, ring, count, random, clock[rb.T_CLOSED])
-            closed += 1
-    return closed
-
-
 def allocating(n):
     """The positive control: an array per pass."""
     total = 0.0
     for k in range(n):
         total += np.full(3 + k % 2, 1.0).sum()
     return total
-
-
-CLOSE = rg.close_pointwise
 
 
 @pytest.fixture
@@ -608,43 +593,50 @@ def test_positive_control_allocates_with_every_pass(allocations):
     assert many - few >= 990
 
 
+def test_a_kernel_that_allocates_does_not_compile():
+    """Without numba's run time: what the decorators of `launchid_core.kernels` rest on."""
+    if JIT:
+        with pytest.raises(Exception, match="NRT"):
+            kernels.kernel(allocating)(1)
+
+
+def flown_by(step, options: tuple):
+    """A compiled loop: what the host's loop does, without its boundary."""
+    def fly(f, i, n, samples, period):
+        closed = 0
+        for k in range(n):
+            s = samples[k % samples.shape[0]]
+            code = step(f, i, *options, k * period, s[1], s[2], s[3], s[4], s[5])
+            closed += int(code == rb.WINDOW_COMPLETE)
+        return closed
+
+    return numba.njit(error_model="numpy")(fly)
+
+
+FLIGHTS = {"measured": flown_by(st.step_pointwise, ()), "difference": flown_by(st.step_pointwise, ()),
+           "integral": flown_by(st.step_integral, ()), "filtered": flown_by(st.step_filtered, (None, None)),
+           "structured": flown_by(st.step_filtered, (1, 1))}  # lazily: nothing compiles before the first call
+
+
 @pytest.mark.parametrize(("formulation", "library", "solver"), [
     ("measured", "quadratic", "stls"), ("difference", "lpv", "sr3"), ("difference", "quadratic+sin", "ssr"),
-    ("measured", "linear", "lasso")])
-def test_pointwise_flight_allocates_nothing(allocations, formulation, library, solver):
-    run_allocation_test(allocations, formulation, library, solver, COMPILED[0])
-
-
-@pytest.mark.parametrize(("library", "solver"), [("quadratic", "stls"), ("linear", "sr3")])
-def test_integral_flight_allocates_nothing(allocations, library, solver):
-    run_allocation_test(allocations, "integral", library, solver, COMPILED[1])
-
-
-def compiled_flights() -> tuple:
-    """`fly_windows` for either close kernel (a compiled function binds its globals when it compiles)."""
-    flights = []
-    for close in (rg.close_pointwise, rg.close_integral):
-        scope = {**globals(), "CLOSE": close}
-        plain = type(fly_windows)(fly_windows.__code__, scope, "fly_windows")
-        flights.append(numba.njit(error_model="numpy")(plain))
-    return tuple(flights)
-
-
-COMPILED = compiled_flights()  # lazily: nothing compiles before the first call
-
-
-def run_allocation_test(allocations, formulation, library, solver, fly) -> None:
-    rows = 32
-    estimator = Estimator(config_of(formulation, rows, library=library, solver=solver))
+    ("measured", "linear", "lasso"), ("integral", "quadratic", "stls"), ("integral", "linear", "sr3"),
+    ("filtered", "rigid-body", "stls"), ("structured", "quadratic", "stls")])
+def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
+    rows, filtered = 32, formulation in ("filtered", "structured")
+    model = onboard_model(load_nominal("constant"))
+    if formulation == "structured":
+        model = dataclasses.replace(model, sigma_t=(0.0,), sigma_a6=(0.25,), sigma_k1=(0.25,))
+    config = config_of("filtered" if filtered else formulation, rows, library=library, solver=solver,
+                       model=model if filtered else None)
+    estimator, fly = Estimator(config), FLIGHTS[formulation]
     samples = np.array([s._replace(beta_cmd=s.beta) for s in jagged(rows)])
 
     def windows(n: int) -> int:
         estimator.reset()
-        used, closed = allocations(fly, n, rows, estimator._limits, estimator._clock, estimator._count,
-                                   estimator._ring, samples, estimator._plan, estimator._work, estimator._outcome,
-                                   estimator._random)
+        used, closed = allocations(fly, *estimator._block, n * rows, samples, config.sample_period)
         assert closed == n
-        assert estimator._outcome.flag[rg.STATUS] == EstimateStatus.OK
+        assert filtered or estimator.estimate().status == EstimateStatus.OK
         return used
 
     windows(1)  # compiles

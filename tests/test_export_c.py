@@ -427,8 +427,7 @@ def test_a_strict_array_refuses_an_index_from_the_end():
                                   "integral-lasso"])
 def test_no_kernel_counts_an_index_from_the_end(name):
     e = Estimator(CONFIGS[name])
-    for part in ("_limits", "_clock", "_count", "_ring", "_random", "_plan", "_outcome", "_work", "_memory", "_range"):
-        setattr(e, part, strict(getattr(e, part)))
+    e._block = strict(e._block)
     many = name == "filtered-range"
     for sample in [*flight()[1900:2250 if many else 1950], *hostile(143, 300 if many else 60)]:
         e.update(sample)

@@ -6,16 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from launchid_core import Config, Estimator, Sample, Status
-from launchid_core.belief import Belief, profile_at
-from launchid_core.filtered import take_sample
-from launchid_core.library import term_codes
-from launchid_core.linsolve import absorb_rows
-from launchid_core.onboard import new_store
-from launchid_core.predictor import fill_transition, set_step
+from launchid_core import Config, Estimator, Sample, Status, linsolve
+from launchid_core import belief as bl
+from launchid_core import filtered as fl
+from launchid_core import predictor as pr
+from launchid_core.assembly import allocate
 from sim.bound import flight_bound
 from sim.flight import fly_whole
 from sim.identify import onboard_model, run
@@ -27,11 +26,14 @@ linalg = pytest.importorskip("scipy.linalg")
 PERIOD = 0.01
 
 
-def believed(noises: tuple[float, ...] = (3.5e-4, 5.2e-4, 3.5e-4, 7e-4, 8.7e-4)) -> Belief:
-    """The constant nominal, as the kernels read it."""
-    constant = np.array([50.0, 0.7, 0.0, PERIOD, np.inf, np.inf, np.inf])
-    return Belief(np.zeros(1), np.array([2.0]), np.array([-7.0]), constant,
-                  np.array(noises) ** 2, term_codes(("theta", "beta")), np.array([0, 1]))
+absorb_rows, fill_transition, profile_at, set_step, take_sample = map(compiled, (
+    linsolve.absorb_rows, pr.fill_transition, bl.profile_at, pr.set_step, fl.take_sample))
+
+
+def parts(noise: str = "estimated"):
+    """Memory of the constant nominal's filter: belief, filter, its scratch, accumulator."""
+    _, cut = allocate(filtered(load_nominal("constant"), noise=noise))
+    return cut.fixed.belief, cut.state.filter, cut.work.filter, cut.state.acc
 
 
 def system(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
@@ -51,14 +53,14 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 
 
 def test_one_step_is_the_matrix_exponential():
-    _, ob = new_store(believed(), True)
-    set_step(ob.belief.constant, PERIOD, ob.work, ob.filter.step)
-    fill_transition(ob.filter, ob.work.transition, 2.0, -7.0)
+    belief, fil, work, _ = parts()
+    set_step(belief.constant, PERIOD, work, fil.step)
+    fill_transition(fil, work.transition, 2.0, -7.0)
     exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
     left_out = 2.0 * PERIOD**2 / 6.0  # of the nozzle's effect: a6 h^2/6, as `fill_transition` says
-    assert np.allclose(ob.work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
-    assert np.allclose(ob.work.transition[:, :2], exact[:, :2], rtol=1e-8, atol=1e-12)
-    assert np.allclose(ob.work.transition[2:, 2:], exact[2:, 2:], rtol=1e-9)
+    assert np.allclose(work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
+    assert np.allclose(work.transition[:, :2], exact[:, :2], rtol=1e-8, atol=1e-12)
+    assert np.allclose(work.transition[2:, 2:], exact[2:, 2:], rtol=1e-9)
 
 
 @given(seed=hs.integers(0, 10_000), k=hs.integers(1, 30), n=hs.integers(1, 8))
@@ -74,7 +76,7 @@ def test_absorbed_rows_keep_the_sum_of_squares(seed, k, n):
 
 def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
     """Log-likelihood of a Kalman filter written with numpy and scipy, started as `start_segment` starts."""
-    variance = believed().variance * np.exp(2.0 * levels)
+    variance = parts()[0].variance * np.exp(2.0 * levels)
     f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
     x = np.array([rows[0, 1], rows[0, 2], rows[0, 3], 0.0])
     p = np.diag([*variance[:3], 0.25])
@@ -98,15 +100,15 @@ def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
 def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood(seed):
     rows = rows_of(seed, 40)
     levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3])
-    _, ob = new_store(believed(), True)
-    ob.filter.level[...] = levels
+    belief, fil, work, acc = parts()
+    fil.level[...] = levels
     for row in rows:
-        take_sample(ob.belief, ob.filter, ob.work, ob.acc, row, 0.015)
-        ob.acc.counts[0] = 0
+        take_sample(belief, fil, work, acc, row, 0.015)
+        acc.counts[fl.ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
               for unit in np.eye(5)]
-    assert np.allclose(ob.acc.score, slopes, rtol=2e-4, atol=2e-3)
+    assert np.allclose(acc.score, slopes, rtol=2e-4, atol=2e-3)
 
 
 def test_innovations_are_linear_in_the_parameters():
@@ -120,15 +122,15 @@ def test_innovations_are_linear_in_the_parameters():
     rows = rows_of(3, 900, quiet)[600:]
     results = []
     for shift in (0.0, 1e-3):
-        _, ob = new_store(believed(), False)
-        ob.filter.p_bar[...] = shift, -shift
+        belief, fil, work, acc = parts("declared")
+        fil.p_bar[...] = shift, -shift
         out = []
         for row in rows:
-            take_sample(ob.belief, ob.filter, ob.work, ob.acc, row, 0.015)
-            k = ob.acc.counts[0]
-            h_theta, h_beta, target = (ob.acc.rows[j, :k].copy() for j in (4, 5, 6))
-            out.append((h_theta, h_beta, target - h_theta * ob.filter.p_bar[0] - h_beta * ob.filter.p_bar[1]))
-            ob.acc.counts[0] = 0
+            take_sample(belief, fil, work, acc, row, 0.015)
+            k = acc.counts[fl.ROWS]
+            h_theta, h_beta, target = (acc.rows[j, :k].copy() for j in (4, 5, 6))
+            out.append((h_theta, h_beta, target - h_theta * fil.p_bar[0] - h_beta * fil.p_bar[1]))
+            acc.counts[fl.ROWS] = 0
         results.append(out)
     base = np.array([np.concatenate([block[j] for block in results[0]]) for j in range(3)])
     moved = np.array([np.concatenate([block[j] for block in results[1]]) for j in range(3)])
@@ -137,7 +139,7 @@ def test_innovations_are_linear_in_the_parameters():
 
 
 def test_profile_is_linear_between_nodes_and_held_beyond():
-    belief = believed()._replace(time=np.array([0.0, 1.0, 3.0]), a6=np.array([1.0, 2.0, 0.0]),
+    belief = parts()[0]._replace(time=np.array([0.0, 1.0, 3.0]), a6=np.array([1.0, 2.0, 0.0]),
                                  k1=np.array([-1.0, -2.0, -8.0]))
     cell = np.zeros(1, np.int64)
     for t in (-1.0, 0.0, 0.25, 1.0, 2.5, 3.0, 9.0, 0.1):

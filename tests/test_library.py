@@ -5,9 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
+from launchid_core import library
 from launchid_core.library import (
     FUNCTIONS,
     LIBRARIES,
@@ -18,15 +20,15 @@ from launchid_core.library import (
     VARIABLES,
     centred_variables,
     default_threshold,
-    function_value,
-    library_row,
     library_terms,
     parse_term,
     polynomial,
-    raw_from_standard,
     term_codes,
     term_name,
 )
+
+function_value, library_row, raw_from_standard = map(compiled, (
+    library.function_value, library.library_row, library.raw_from_standard))
 
 EPS = np.finfo(np.float64).eps
 powers = st.tuples(*[st.integers(0, MAX_POWER)] * N_VARIABLES)

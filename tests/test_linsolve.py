@@ -5,21 +5,17 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
 
-from launchid_core.linsolve import (
-    EPS,
-    apply_q_transposed,
-    dot,
-    invert_triangle,
-    least_squares,
-    pivot_ratio,
-    qr_factor,
-    scale_columns,
-    solve_triangle,
-)
+from launchid_core import linsolve
+from launchid_core.linsolve import EPS
+
+apply_q_transposed, dot, invert_triangle, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
+    linsolve.apply_q_transposed, linsolve.dot, linsolve.invert_triangle, linsolve.pivot_ratio, linsolve.qr_factor,
+    linsolve.scale_columns, linsolve.solve_triangle))
 
 RANK_TOLERANCE = 1.0e-12
 seeds = st.integers(0, 2**32 - 1)
@@ -27,10 +23,14 @@ seeds = st.integers(0, 2**32 - 1)
 
 def fit(at, y, tolerance=RANK_TOLERANCE):
     """(x, rank) of min |A x - y|, the inputs left alone."""
-    n = at.shape[0]
-    x = np.zeros(n)
-    rank = least_squares(np.array(at, dtype=float), np.array(y, dtype=float), np.zeros(n, np.int64), np.zeros(n),
-                         np.zeros(n), np.zeros(n), x, tolerance)
+    at, y, n = np.array(at, dtype=float), np.array(y, dtype=float), at.shape[0]
+    order, tau, norms, z, x = np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.nan)
+    scale_columns(at, norms)
+    rank = qr_factor(at, order, tau, tolerance)
+    if rank == n:
+        apply_q_transposed(at, tau, n, y)
+        solve_triangle(at, n, y, z)
+        x[order] = z / norms[order]
     return x, rank
 
 

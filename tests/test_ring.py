@@ -8,12 +8,14 @@ import math
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core import ring as rb
+from launchid_core.memory import named_arrays
 
 TICK = 1.0 / 1024.0
 PERIOD = 16              # ticks
@@ -36,9 +38,7 @@ def values(k: int) -> dict[str, float]:
 
 def arrays(estimator: Estimator) -> dict[str, np.ndarray]:
     """Everything that an estimator remembers from one sample to the next."""
-    out = estimator._outcome
-    return {"clock": estimator._clock, "count": estimator._count, "ring": estimator._ring,
-            "random": estimator._random, "number": out.number, "flag": out.flag, "xi": out.xi, "support": out.support}
+    return dict(named_arrays(estimator._parts.state))
 
 
 def snapshot(estimator: Estimator) -> dict[str, np.ndarray]:
@@ -46,9 +46,9 @@ def snapshot(estimator: Estimator) -> dict[str, np.ndarray]:
 
 
 def addresses(estimator: Estimator) -> list[int]:
-    work = [a for a in estimator._work if isinstance(a, np.ndarray)]
-    return [a.__array_interface__["data"][0] for a in
-            (*arrays(estimator).values(), estimator._limits, *work, *estimator._work.sparse, *estimator._plan)]
+    parts = estimator._parts
+    return [a.__array_interface__["data"][0] for part in (parts.fixed, parts.state, parts.work)
+            for _, a in named_arrays(part)]
 
 
 def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimator: Estimator, status: Status) -> None:
@@ -56,8 +56,8 @@ def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimato
     before = {name: array.copy() for name, array in before.items()}
     before["count"][rb.COUNT_FIRST + status - Status.BUSY] += 1
     if status == Status.DT_NEGATIVE:
-        before["count"][rb.CANDIDATES] = estimator._count[rb.CANDIDATES]
-        before["clock"][rb.T_CANDIDATE] = estimator._clock[rb.T_CANDIDATE]
+        before["count"][rb.CANDIDATES] = estimator._parts.state.count[rb.CANDIDATES]
+        before["clock"][rb.T_CANDIDATE] = estimator._parts.state.clock[rb.T_CANDIDATE]
     for name, array in arrays(estimator).items():
         assert array.tobytes() == before[name].tobytes(), name
 
@@ -65,7 +65,8 @@ def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimato
 def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
-    n, left_out = rb.copy_window(estimator._ring, estimator._count, np.full(rb.N_COLUMNS, INF), signal)
+    state = estimator._parts.state
+    n, left_out = compiled(rb.copy_window)(state.ring, state.count, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 
@@ -370,8 +371,8 @@ def test_log_with_repeated_or_late_stamps_gives_the_result_without_them(status):
         assert dirty.update(sample._replace(t=sample.t - shift, theta=0.5)) is status
         assert clean.estimate() is dirty.estimate() or np.array_equal(clean.estimate().xi, dirty.estimate().xi,
                                                                       equal_nan=True)
-    assert clean._outcome.number.tobytes() == dirty._outcome.number.tobytes()
-    assert clean._ring.tobytes() == dirty._ring.tobytes()
+    assert clean._parts.state.outcome.number.tobytes() == dirty._parts.state.outcome.number.tobytes()
+    assert clean._parts.state.ring.tobytes() == dirty._parts.state.ring.tobytes()
 
 
 # ---- re-entrancy
@@ -401,7 +402,7 @@ def test_update_from_within_update_is_busy():
     assert inner == [Status.BUSY]
     assert estimator.counts["BUSY"] == 1
     assert sum(estimator.counts.values()) == 2
-    assert estimator._ring[0, rb.T] == 0.0
+    assert estimator._parts.state.ring[0, rb.T] == 0.0
 
 
 @pytest.mark.parametrize("wrong", [("0", 0.1, 0.1, 0.1, 0.1, 0.1), (0.0, None, 0.1, 0.1, 0.1, 0.1), (0.0, 0.1, 0.1),

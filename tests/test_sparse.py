@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from launchid_core import sparse
 from launchid_core.sparse import (
     LASSO,
     LASSO_SWEEPS,
@@ -15,14 +17,22 @@ from launchid_core.sparse import (
     SR3_ITERATIONS,
     SSR,
     STLS,
-    covariance_entry,
-    invert_active,
-    sparse_solve,
-    sparse_work,
+    view_sparse,
 )
+
+covariance_entry, invert_active, sparse_solve = map(compiled, (
+    sparse.covariance_entry, sparse.invert_active, sparse.sparse_solve))
 
 EPS = np.finfo(np.float64).eps
 ALL = range(len(SOLVERS))
+
+
+def sparse_work(q):
+    """Scratch for q terms."""
+    work, _, _ = view_sparse(np.zeros(5 * q * q + 8 * q), 0, np.zeros(2 * q, np.int64), 0, q)
+    return work
+
+
 seeds = st.integers(0, 2**32 - 1)
 thresholds = st.sampled_from((0.0, 0.05, 0.2, 0.5, 1.0, 2.0))
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
@@ -40,15 +41,17 @@ class Range:
     """A gauge with constant sigma, fed by hand."""
 
     def __init__(self, sigma: float = SIGMA) -> None:
-        self.store, self.gauge = un.new_gauge((0.0,), (sigma,), (sigma,))
+        self.gauge, _, _ = un.view_gauge(np.zeros(14), 0, np.zeros(8, np.int64), 0)
+        un.restart_gauge(self.gauge)
+        self.range = un.Sigma(np.zeros(1), np.array([sigma]), np.array([sigma]))
         self.sigma = sigma
         self.counts, self.event = np.zeros(N_COUNTS, np.int64), np.zeros((MAX_EVENTS, N_EVENT))
 
     def see(self, t: float, delta: float, std: float) -> bool:
         """a6 of this delta at t; whether the alarm is raised.  k1 is known to be nominal."""
         total = np.array([self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8])
-        un.watch_range(*self.store, total, np.array([t]), 0.0, self.counts, self.event)
-        un.close_range(*self.store, total, t)
+        compiled(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
+        compiled(un.close_range)(self.range, self.gauge, total, t)
         assert self.gauge.flag[1, un.RAISED] == 0
         return bool(self.gauge.flag[0, un.RAISED])
 
@@ -178,7 +181,7 @@ def test_the_level_is_the_tracked_estimate_over_the_range(constant):
     again = pickle.loads(pickle.dumps(estimator))
     assert again.estimate().uncertainty == last
     estimator.reset()
-    assert estimator.estimate() is None and (estimator._gauge.flag == 0).all()
+    assert estimator.estimate() is None and (estimator._parts.gauge.flag == 0).all()
 
 
 def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
@@ -340,11 +343,11 @@ def test_the_same_without_the_compiler():
     assert said["0"] == said["1"] != ""
 
 
-def flown(n, f, i, nodes, total, now, counts, event):
+def flown(n, sigma, gauge, total, now, counts, event):
     """n blocks and windows."""
     for k in range(n):
-        un.watch_range(f, i, nodes, total, now, 0.0, counts, event)
-        un.close_range(f, i, nodes, total, float(k))
+        un.watch_range(sigma, gauge, total, now, 0.0, counts, event)
+        un.close_range(sigma, gauge, total, float(k))
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="numba's runtime allocates nothing to count")

@@ -9,7 +9,20 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from .inference import TESTS, Inference, indices, of_module, whole_number
-from .kinds import DIMENSIONS, FLOAT, TRUTH, Array, Kind, Several, Untranslatable, join, literal
+from .kinds import (
+    ABSENT,
+    DIMENSIONS,
+    FLOAT,
+    TRUTH,
+    Array,
+    Kind,
+    Several,
+    Struct,
+    Untranslatable,
+    join,
+    literal,
+    loosened,
+)
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -56,7 +69,7 @@ class Expressions:
             return f"({code})" if tightness > UNARY else code
         return self(node, tightness)
 
-    def list(self, nodes: Sequence[ast.expr]) -> str:
+    def listed(self, nodes: Sequence[ast.expr]) -> str:
         """Separated by commas."""
         return ", ".join(self(node) for node in nodes)
 
@@ -71,17 +84,41 @@ class Expressions:
     def _attribute(self, node: ast.Attribute) -> Code:
         if of_module(node):
             return CONSTANTS[node.attr], ATOM
-        return f"{self(node.value, ATOM)}.{node.attr}", ATOM
+        if self.kinds.of_neighbour(node):
+            module = self.kinds.globals[node.value.id].__name__  # type: ignore[attr-defined]
+            return self.unit.constant(module, node.attr, self.kinds.outside(node)), ATOM
+        kind = self.kinds.of(node)
+        if isinstance(kind, Struct):
+            return f"&{self.member(node)}", UNARY
+        pointer, extents = self.array(node)
+        assert isinstance(kind, Array)
+        return f"({kind.c}){{{pointer}, {', '.join(extents)}}}", ATOM
+
+    def member(self, node: ast.expr) -> str:
+        """C of a struct's member, or of a struct, as a place."""
+        assert isinstance(node, ast.Attribute)
+        base = node.value
+        return f"{word(base.id)}->{node.attr}" if isinstance(base, ast.Name) else f"{self.member(base)}.{node.attr}"
+
+    def array(self, node: ast.expr) -> tuple[str, list[str]]:
+        """C of an array's first number's address, and of its extents."""
+        kind = self.kinds.of(node)
+        assert isinstance(kind, Array)
+        if kind.extents:
+            pointer = self.member(node)
+            return f"({kind.element.c} *){pointer}" if kind.constant else pointer, [str(n) for n in kind.extents]
+        base = self(node, ATOM)
+        return f"{base}.p", [f"{base}.{d}" for d in DIMENSIONS[:kind.dimensions]]
 
     def _tuple(self, node: ast.Tuple) -> Code:
-        return f"({self.unit.c(self.kinds.of(node))}){{{self.list(node.elts)}}}", ATOM
+        return f"({self.unit.c(self.kinds.of(node))}){{{self.listed(node.elts)}}}", ATOM
 
     def _binop(self, node: ast.BinOp) -> Code:
         if isinstance(node.op, (ast.Mod, ast.FloorDiv)):
             if self.kinds.of(node) == FLOAT:
                 raise Untranslatable(f"{ast.unparse(node)}: expected integers")
             name = "modulo" if isinstance(node.op, ast.Mod) else "quotient"
-            return f"{name}({self.list([node.left, node.right])})", ATOM
+            return f"{name}({self.listed([node.left, node.right])})", ATOM
         if type(node.op) not in SYMBOLS:
             raise Untranslatable(f"{ast.unparse(node)}: expected one of + - * / // %")
         symbol, tightness = SYMBOLS[type(node.op)]
@@ -112,7 +149,7 @@ class Expressions:
 
     def _boolop(self, node: ast.BoolOp) -> Code:
         symbol, tightness = ("&&", AND) if isinstance(node.op, ast.And) else ("||", OR)
-        return f" {symbol} ".join(self(each, tightness + 1) for each in node.values), tightness
+        return f" {symbol} ".join(self(each, AND + 1) for each in node.values), tightness
 
     def _ifexp(self, node: ast.IfExp) -> Code:
         kind = self.kinds.of(node)
@@ -126,20 +163,19 @@ class Expressions:
         if isinstance(kind, Several):
             return self._of_several(node.value, at[0]), ATOM
         assert isinstance(kind, Array)
-        base = self(node.value, ATOM)
         if any(isinstance(each, ast.Slice) for each in at):
             return self.piece(node), ATOM
         if len(at) == kind.dimensions:
-            return f"{base}.p[{self.offset(node)}]", ATOM
+            base = self.member(node.value) if kind.extents else f"{self(node.value, ATOM)}.p"
+            return f"{base}[{self.offset(node)}]", ATOM
+        pointer, extents = self.array(node.value)
         rest = Array(kind.element, kind.dimensions - len(at))
-        extents = DIMENSIONS[len(at):kind.dimensions]
-        inner = " * ".join(f"{base}.{d}" for d in extents)
-        shape = ", ".join(f"{base}.{d}" for d in extents)
-        return f"({rest.c}){{{base}.p + {self._bracketed(self.offset(node))} * {inner}, {shape}}}", ATOM
+        inner, shape = " * ".join(extents[len(at):]), ", ".join(extents[len(at):])
+        return f"({rest.c}){{{pointer} + {self._bracketed(self.offset(node))} * {inner}, {shape}}}", ATOM
 
     def _of_several(self, value: ast.expr, at: ast.expr) -> str:
         if isinstance(value, ast.Attribute) and value.attr == "shape":
-            return f"{self(value.value, ATOM)}.{DIMENSIONS[whole_number(at)]}"
+            return self.array(value.value)[1][whole_number(at)]
         if isinstance(value, ast.Name) and value.id in self.arrays:
             return f"{word(value.id)}[{self(at)}]"
         if isinstance(value, ast.Name) and value.id not in self.kinds.names:
@@ -153,16 +189,16 @@ class Expressions:
 
     def offset(self, node: ast.Subscript) -> str:
         """Of an element, or of a row or layer in rows or layers, from the array's begin."""
-        base, code = self(node.value, ATOM), ""
-        for dimension, each in enumerate(indices(node)):
-            one = self._place(each, base, dimension)
-            code = f"{self._bracketed(code)} * {base}.{DIMENSIONS[dimension]} + {one}" if code else one
+        (_, extents), code = self.array(node.value), ""
+        for extent, each in zip(extents, indices(node), strict=False):
+            one = self._place(each, extent)
+            code = f"{self._bracketed(code)} * {extent} + {one}" if code else one
         return code
 
-    def _place(self, at: ast.expr, base: str, dimension: int) -> str:
+    def _place(self, at: ast.expr, extent: str) -> str:
         """An index; one that is written negative counts from the end."""
         if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub):
-            return f"{base}.{DIMENSIONS[dimension]} - {whole_number(at.operand)}"
+            return f"{extent} - {whole_number(at.operand)}"
         return self(at, SUM)
 
     def piece(self, node: ast.Subscript) -> str:
@@ -174,18 +210,18 @@ class Expressions:
 
     def _ends(self, node: ast.Subscript) -> tuple[str, str]:
         """Where a part of a vector begins, and how long it is."""
-        at, base = indices(node), self(node.value, ATOM)
+        at, (pointer, extents) = indices(node), self.array(node.value)
         if len(at) != 1 or not isinstance(at[0], ast.Slice) or at[0].step is not None:
             raise Untranslatable(f"{ast.unparse(node)}: expected a part of a vector")
         low, high = at[0].lower, at[0].upper
         for each in (low, high):
             refuse_negative(each)
-        end = f"{base}.n" if high is None else self(high, SUM)
+        end = extents[0] if high is None else self(high, SUM)
         if low is None:
-            return f"{base}.p", end
+            return pointer, end
         if isinstance(high, ast.BinOp) and isinstance(high.op, ast.Add) and ast.dump(high.left) == ast.dump(low):
-            return f"{base}.p + {self(low, SUM)}", self(high.right)
-        return f"{base}.p + {self(low, SUM)}", f"{end} - {self(low, PRODUCT)}"
+            return f"{pointer} + {self(low, SUM)}", self(high.right)
+        return f"{pointer} + {self(low, SUM)}", f"{end} - {self(low, PRODUCT)}"
 
     # ---- calls
 
@@ -194,21 +230,22 @@ class Expressions:
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self._reshaped(node, node.func.value), ATOM
         if name in TESTS:
-            return f"{name.removeprefix('np.')}({self.list(node.args)})", ATOM
+            return f"{name.removeprefix('np.')}({self.listed(node.args)})", ATOM
         if isinstance(node.func, ast.Attribute) and of_module(node.func):
             if node.func.attr not in FUNCTIONS:
                 raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
-            return f"{node.func.attr}({self.list(node.args)})", ATOM
+            return f"{node.func.attr}({self.listed(node.args)})", ATOM
         if name in ("int", "float"):
             return self._cast(node, "int64_t" if name == "int" else "double")
         if name == "len":
             return self._length(node.args[0]), ATOM
         if name in ("abs", "min", "max"):
             return self._extreme(name, node), ATOM
-        called, kinds = self.kinds.globals[name], [self.kinds.of(each) for each in node.args]
+        called, kinds = self.kinds.outside(node.func), [loosened(self.kinds.of(each)) for each in node.args]
         if isinstance(called, type):
-            return f"({self.unit.c(self.kinds.of(node))}){{{self.list(node.args)}}}", ATOM
-        return f"{self.unit.kernel(called, kinds).name}({self.list(node.args)})", ATOM
+            return f"({self.unit.c(self.kinds.of(node))}){{{self.listed(node.args)}}}", ATOM
+        given = [each for each, kind in zip(node.args, kinds, strict=True) if kind != ABSENT]
+        return f"{self.unit.kernel(called, kinds).name}({self.listed(given)})", ATOM
 
     def _cast(self, node: ast.Call, c: str) -> Code:
         argument = node.args[0]
@@ -221,7 +258,7 @@ class Expressions:
     def _length(self, node: ast.expr) -> str:
         if isinstance(node, ast.Name) and node.id not in self.kinds.names:
             return literal(len(self.kinds.globals[node.id]))
-        return f"{self(node, ATOM)}.n"
+        return self.array(node)[1][0]
 
     def _extreme(self, name: str, node: ast.Call) -> str:
         kind = self.kinds.of(node)
@@ -236,5 +273,5 @@ class Expressions:
     def _reshaped(self, node: ast.Call, inner: ast.expr) -> str:
         kind, shape = self.kinds.of(node), node.args[0]
         assert isinstance(kind, Array) and isinstance(shape, ast.Tuple)
-        begin = self._ends(inner)[0] if isinstance(inner, ast.Subscript) else f"{self(inner, ATOM)}.p"
-        return f"({kind.c}){{{begin}, {self.list(shape.elts)}}}"
+        begin = self._ends(inner)[0] if isinstance(inner, ast.Subscript) else self.array(inner)[0]
+        return f"({kind.c}){{{begin}, {self.listed(shape.elts)}}}"

@@ -1,10 +1,25 @@
 """Kinds of a kernel's names and expressions, from those of its arguments: what numba infers, where it matters."""
 
 import ast
+import inspect
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .kinds import FLOAT, INTEGER, NOTHING, TRUTH, Array, Kind, Several, Struct, Untranslatable, join, kind_of
+from .kinds import (
+    ABSENT,
+    FLOAT,
+    INTEGER,
+    NOTHING,
+    TRUTH,
+    Array,
+    Kind,
+    Several,
+    Struct,
+    Untranslatable,
+    join,
+    kind_of,
+    loosened,
+)
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -41,8 +56,7 @@ class Inference:
         self.result: Kind | None = None
         for _ in range(PASSES):
             before = dict(self.names), self.result
-            for statement in tree.body:
-                self._read(statement)
+            self._read_all(tree.body)
             if before == (self.names, self.result):
                 break
         else:
@@ -50,6 +64,29 @@ class Inference:
         self.result = self.result or NOTHING
 
     # ---- statements
+
+    def decided(self, test: ast.expr) -> bool | None:
+        """The answer of `x is None`, which is known before flight; None for every other test."""
+        if not (isinstance(test, ast.Compare) and isinstance(test.ops[0], (ast.Is, ast.IsNot))):
+            return None
+        return (self.of(test.left) == ABSENT) == isinstance(test.ops[0], ast.Is)
+
+    def alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
+        """Statements that can be reached: decided branches in their place, nothing after a return among them."""
+        found: list[ast.stmt] = []
+        for node in body:
+            answer = self.decided(node.test) if isinstance(node, ast.If) else None
+            if answer is None or not isinstance(node, ast.If):
+                found.append(node)
+            else:
+                found += self.alive(node.body if answer else node.orelse)
+            if found and isinstance(found[-1], ast.Return):
+                break
+        return found
+
+    def _read_all(self, body: list[ast.stmt]) -> None:
+        for statement in self.alive(body):
+            self._read(statement)
 
     def _read(self, node: ast.stmt) -> None:
         if isinstance(node, ast.Assign):
@@ -80,12 +117,12 @@ class Inference:
             for argument in node.iter.args:
                 self.of(argument)
             self._bind(node.target, INTEGER)
-        for statement in (*node.body, *node.orelse):
-            self._read(statement)
+        self._read_all(node.body)
+        self._read_all(node.orelse)
 
     def _bind(self, target: ast.expr, kind: Kind) -> None:
         if isinstance(target, ast.Name):
-            joined = join(self.names.get(target.id), kind)
+            joined = join(self.names.get(target.id), loosened(kind))
             assert joined is not None
             self.names[target.id] = joined
         elif isinstance(target, ast.Tuple):
@@ -109,9 +146,24 @@ class Inference:
     def _of_name(self, node: ast.Name) -> Kind:
         return self.names[node.id] if node.id in self.names else kind_of(self.globals[node.id])
 
+    def outside(self, node: ast.expr) -> Any:
+        """What a name, or a module's name, stands for in the kernel's module."""
+        if isinstance(node, ast.Attribute):
+            assert isinstance(node.value, ast.Name)
+            return getattr(self.globals[node.value.id], node.attr)
+        assert isinstance(node, ast.Name)
+        return self.globals[node.id]
+
+    def of_neighbour(self, node: ast.expr) -> bool:
+        """Whether an expression is a name of another module of the package (`rb.PERIOD`)."""
+        return (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+                and node.value.id not in self.names and inspect.ismodule(self.globals.get(node.value.id)))
+
     def _of_attribute(self, node: ast.Attribute) -> Kind:
         if of_module(node):
             return FLOAT
+        if self.of_neighbour(node):
+            return kind_of(self.outside(node))
         kind = self.of(node.value)
         if isinstance(kind, Array) and node.attr == "shape":
             return Several((INTEGER,) * kind.dimensions)
@@ -173,14 +225,14 @@ class Inference:
             return FLOAT
         if name in ("int", "len"):
             return INTEGER
-        kinds = tuple(self.of(argument) for argument in node.args)
+        kinds = tuple(loosened(self.of(argument)) for argument in node.args)
         if name in ("min", "max", "abs"):
             joined: Kind | None = None
             for kind in kinds:
                 joined = join(joined, kind)
             assert joined is not None
             return joined
-        called = self.globals[name]
+        called = self.outside(node.func)
         if isinstance(called, type):
             return Struct(called, kinds)
         result = self.unit.kernel(called, kinds).kinds.result

@@ -6,9 +6,9 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from .expressions import ATOM, ORDER, SYMBOLS, Expressions, word
+from .expressions import ORDER, SYMBOLS, Expressions, word
 from .inference import Inference, indices
-from .kinds import DIMENSIONS, FLOAT, Array, Kind, Scalar, Several, Untranslatable
+from .kinds import ABSENT, DIMENSIONS, Array, Kind, Scalar, Several, Struct, Untranslatable
 from .scopes import first_assignments
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ class Kernel:
         """Fill the function's lines; kernels that it calls are translated before."""
         try:
             self.kinds = Inference(self.unit, self.tree, self.around, self.arguments)
+            self.tree.body = self._alive(self.tree.body)
             self.local_arrays = self._local_arrays()
             self.first = first_assignments(self.tree)
             self.c = Expressions(self.unit, self.kinds, self.module, self.local_arrays)
@@ -48,17 +49,26 @@ class Kernel:
             raise Untranslatable(text if text.startswith("kernel ") else
                                  f"kernel {self.module}.{self.tree.name}: {text}") from None
 
+    def _alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
+        """Without what these arguments can never reach."""
+        kept = self.kinds.alive(body)
+        for node in kept:
+            for inner in ("body", "orelse"):
+                if hasattr(node, inner):
+                    setattr(node, inner, self._alive(getattr(node, inner)))
+        return kept
+
     def source(self) -> str:
         """The whole function."""
         about = ast.get_docstring(self.tree)
         comment = f"/* {about} */\n".replace("\n", "\n   ").rstrip(" ") if about else ""
         names = [argument.arg for argument in self.tree.args.args]
-        arguments = ", ".join(f"{self.unit.c(kind)} {word(name)}"
-                              for name, kind in zip(names, self.arguments, strict=True)) or "void"
+        given = {name: kind for name, kind in zip(names, self.arguments, strict=True) if kind != ABSENT}
+        arguments = ", ".join(f"{self.unit.c(kind)} {word(name)}" for name, kind in given.items()) or "void"
         result = self.kinds.result
         assert result is not None
         used = _names(self.tree.body, ast.Load) | _names(self.tree.body, ast.Store)
-        unused = [f"{INDENT}(void){word(name)};" for name in names if name not in used]
+        unused = [f"{INDENT}(void){word(name)};" for name in given if name not in used]
         body = "\n".join([*self._declarations(names), *unused, *self.lines])
         return f"{comment}static {self.unit.c(result)} {self.name}({arguments})\n{{\n{body}\n}}\n"
 
@@ -84,7 +94,7 @@ class Kernel:
         by_type: dict[str, list[str]] = {}
         for name, kind in self.kinds.names.items():
             if name not in left_out:
-                zero = "0" if kind == FLOAT or isinstance(kind, Scalar) else "{0}"
+                zero = "0" if isinstance(kind, (Scalar, Struct)) else "{0}"
                 by_type.setdefault(self.unit.c(kind), []).append(f"{word(name)} = {zero}")
         return [f"{INDENT}{c} {', '.join(names)};" for c, names in by_type.items()]
 
@@ -198,14 +208,13 @@ class Kernel:
         kind = self.kinds.names[target.id]
         if not isinstance(value, ast.Tuple) or not isinstance(kind, Several) or len(set(kind.kinds)) != 1:
             raise Untranslatable(f"{target.id}: expected a tuple of one kind where a variable indexes it")
-        self._line(depth, f"const {self.unit.c(kind.kinds[0])} {word(target.id)}[] = {{{self.c.list(value.elts)}}};")
+        self._line(depth, f"const {self.unit.c(kind.kinds[0])} {word(target.id)}[] = {{{self.c.listed(value.elts)}}};")
 
     def _unpack(self, target: ast.Tuple, node: ast.Assign, depth: int) -> None:
         """a, b = c, d: all of the right side before any of the left."""
         value = node.value
         if isinstance(value, ast.Attribute) and value.attr == "shape":
-            base = self.c(value.value, ATOM)
-            parts = [f"{base}.{d}" for d in DIMENSIONS[:len(target.elts)]]
+            parts = self.c.array(value.value)[1]
         elif isinstance(value, ast.Tuple):
             parts = self._at_once(target, value, depth)
         else:

@@ -1,11 +1,11 @@
 """What a value of a kernel may be, and its C type.
 
 A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
-struct) and, as results, plain tuples.
+struct, handed on by its address), None and, as results, plain tuples.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ class Scalar:
 
 
 FLOAT, INTEGER, TRUTH, NOTHING = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
+ABSENT = Scalar("absent")  # None: what depends on it is left out
 DIMENSIONS = "nmk"     # how the C structs call the extents of an array
 ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
 NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
@@ -29,10 +30,17 @@ NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatr
 
 @dataclass(frozen=True)
 class Array:
-    """A contiguous array."""
+    """A contiguous array; one with extents is a struct's own, and `constant` if nothing may write to it."""
 
     element: Scalar
     dimensions: int
+    extents: tuple[int, ...] = ()
+    constant: bool = False
+
+    @property
+    def loose(self) -> "Array":
+        """The same, of any extents: what functions take."""
+        return Array(self.element, self.dimensions)
 
     @property
     def c(self) -> str:
@@ -41,17 +49,19 @@ class Array:
 
 @dataclass(frozen=True)
 class Struct:
-    """A named tuple."""
+    """A named tuple; `constant` if nothing may write to it."""
 
     of: type
     kinds: "tuple[Kind, ...]"
+    constant: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
         return self.of._fields  # type: ignore[attr-defined, no-any-return]
 
     def field(self, name: str) -> "Kind":
-        return self.kinds[self.fields.index(name)]
+        kind = self.kinds[self.fields.index(name)]
+        return replace(kind, constant=self.constant) if isinstance(kind, (Array, Struct)) else kind
 
 
 @dataclass(frozen=True)
@@ -76,12 +86,32 @@ def kind_of(value: Any) -> Kind:
         return INTEGER
     if isinstance(value, (float, np.floating)):
         return FLOAT
+    if value is None:
+        return ABSENT
     if isinstance(value, np.ndarray) and value.dtype.kind in ELEMENTS and value.ndim <= len(DIMENSIONS):
         return Array(ELEMENTS[value.dtype.kind], value.ndim)
     if isinstance(value, tuple):
         kinds = tuple(kind_of(each) for each in value)
-        return Struct(type(value), kinds) if hasattr(value, "_fields") else Several(kinds)
+        return struct_of(value) if hasattr(value, "_fields") else Several(kinds)
     raise Untranslatable(f"a {type(value).__name__} in a kernel: expected a number, an array or a tuple of these")
+
+
+def struct_of(value: Any, constant: bool = False) -> Struct:
+    """Of a named tuple whose arrays are the struct's own."""
+    kinds = []
+    for each in value:
+        if isinstance(each, np.ndarray):
+            kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant))
+        else:
+            kinds.append(struct_of(each, constant))
+    return Struct(type(value), tuple(kinds), constant)
+
+
+def loosened(kind: Kind) -> Kind:
+    """As functions and variables have it."""
+    if isinstance(kind, Array):
+        return kind.loose
+    return Several(tuple(map(loosened, kind.kinds))) if isinstance(kind, Several) else kind
 
 
 def join(a: Kind | None, b: Kind | None) -> Kind | None:

@@ -1,29 +1,29 @@
-"""An estimator as two C files: its memory in one struct, its kernels, and the order in which they are called."""
+"""An estimator as C files: what is fixed, what persists and scratch as structs, and its two kernels."""
 
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 from typing import Any
 
 import numpy as np
 
-from launchid_core import EDGES, Call, Config, EstimateStatus, Estimator, Given, Port, Status, port_of
+from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
-from .expressions import word
-from .kinds import Array, kind_of, literal
+from .kinds import ABSENT, FLOAT, Kind, Struct, literal, struct_of
 from .unit import PACKAGE, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
-OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|CHANGES|FILTERED|UNCERTAINTY)_([A-Z0-9_]+)\b")
+OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|PREDICTOR)_([A-Z0-9_]+)\b")
+FIXED, STATE, WORK = "fixed", "state", "work"
 
 
 def c_files(config: Config) -> dict[str, str]:
-    """File name -> text of an estimator with this configuration."""
-    estimator = Estimator(config)
-    program = _Program(estimator, port_of(estimator))
+    """File name -> text of an estimator with this configuration.  Nothing is compiled for it."""
+    program = _Program(config, port_of(config))
     return {"launchid.h": program.header(), "launchid.c": program.source(), "replay.c": _template("replay.c", {})}
 
 
@@ -37,119 +37,115 @@ def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
 
 
 class _Program:
-    """One estimator's."""
+    """One configuration's."""
 
-    def __init__(self, estimator: Estimator, of: Port) -> None:
-        self.estimator, self.port, self.unit = estimator, of, Unit()
-        self.memory = of.state | of.scratch
-        self.calls = "\n".join(self._call(each) for each in of.calls)
+    def __init__(self, config: Config, port: Port) -> None:
+        self.config, self.port, self.unit = config, port, Unit()
+        self.there = {name: part for name, part in zip(port.parts._fields, port.parts, strict=True)
+                      if part is not None}
+        kinds: dict[str, Kind] = dict.fromkeys(port.parts._fields, ABSENT)
+        self.structs: dict[str, Struct] = {}
+        for name, part in self.there.items():
+            self.structs[name] = replace(struct_of(part), constant=port.kinds[name] == FIXED)
+            self.unit.struct(self.structs[name])
+        self.kinds = kinds | self.structs
+        self.update, self.report = self._call(port.update), self._call(port.report)
 
-    # ---- memory
+    def _of(self, kind: str) -> list[str]:
+        """Names of the parts that are fixed, persist or are scratch."""
+        return [name for name in self.there if self.port.kinds[name] == kind]
 
-    def _place(self, array: np.ndarray) -> str:
-        """C of an array's first number: in the memory, or a part of an array there."""
-        address = array.__array_interface__["data"][0]
-        for name, whole in (self.memory | self.port.constants).items():
-            offset = address - whole.__array_interface__["data"][0]
-            if 0 <= offset < max(whole.nbytes, 1):
-                begin = f"e->{name}" if name in self.memory else f"(void *){name.upper()}"
-                return f"{begin} + {offset // whole.itemsize}" if offset else begin
-        raise KeyError("an array of a call that the port does not name")
-
-    def _literal(self, value: Any) -> str:
-        """C of an argument."""
-        if isinstance(value, np.ndarray):
-            kind = kind_of(value)
-            assert isinstance(kind, Array)
-            return f"({kind.c}){{{self._place(value)}, {', '.join(map(str, value.shape))}}}"
-        if isinstance(value, tuple):
-            return f"({self.unit.c(kind_of(value))}){{{', '.join(self._literal(each) for each in value)}}}"
-        return literal(value)
-
-    def _call(self, call: Call) -> str:
-        """A function call_KERNEL(e, what is given) that knows the rest."""
-        kinds = [kind_of(each.like if isinstance(each, Given) else each) for each in call.arguments]
-        kernel = self.unit.kernel(call.kernel, kinds)
-        names = [word(argument.arg) for argument in kernel.tree.args.args]
-        given = [f"{self.unit.c(kind)} {name}" for name, kind, each in zip(names, kinds, call.arguments, strict=True)
-                 if isinstance(each, Given)]
-        arguments = [name if isinstance(each, Given) else self._literal(each)
-                     for name, each in zip(names, call.arguments, strict=True)]
-        result = self.unit.c(kernel.kinds.result or kinds[0])
-        joined = (",\n" + " " * (12 + len(kernel.name))).join(arguments)
-        return (f"static {result} call_{kernel.name}({', '.join(['launchid_estimator *e', *given])})\n{{\n"
-                f"    {'' if result == 'void' else 'return '}{kernel.name}({joined});\n}}\n")
-
-    def _fields(self) -> str:
-        """Of the struct."""
-        lines = []
-        for name, array in self.memory.items():
-            kind = kind_of(array)
-            assert isinstance(kind, Array)
-            shape = f"  /* {' x '.join(map(str, array.shape))} */" if array.ndim > 1 else ""
-            lines.append(f"    {kind.element.c} {name}[{max(array.size, 1)}];{shape}")
-        return "\n".join(lines)
+    def _call(self, function: Any) -> str:
+        """C of a call with the parts that the kernel takes, and a sample `s`."""
+        if function is None:
+            return ""
+        names = list(_arguments(function))
+        kinds = [self.kinds.get({"rep": "report"}.get(name, name), FLOAT) for name in names]
+        kernel = self.unit.kernel(function, kinds)
+        given = []
+        for name, kind in zip(names, kinds, strict=True):
+            part = {"rep": "report"}.get(name, name)
+            if part in self.there:
+                of = self.port.kinds[part]
+                given.append(f"&{part.upper()}" if of == FIXED else f"&{of}->{part}")
+            elif kind != ABSENT:
+                given.append(f"s->{name}")
+        return f"{kernel.name}({', '.join(given)})"
 
     def _initial(self) -> Iterator[str]:
         """Statements that set what is not zero after a reset."""
-        for name, array in self.port.state.items():
-            flat = array.ravel()
-            places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist():
-                yield f"    e->{name}[{k}] = {literal(flat[k])};\n"
+        for name in self._of(STATE):
+            for path, array in _arrays(self.there[name], name):
+                flat = array.ravel()
+                places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
+                for k in places.tolist():
+                    yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
     def _constants(self) -> str:
-        """Arrays that never change."""
-        lines = []
-        for name, array in self.port.constants.items():
-            kind = kind_of(array)
-            assert isinstance(kind, Array)
-            numbers = [literal(each) for each in array.ravel()]
-            rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
-            joined = ",\n    ".join(rows)
-            lines.append(f"static const {kind.element.c} {name.upper()}[{array.size}] = {{\n    {joined}}};\n")
-        return "\n".join(lines)
+        """Structs that never change."""
+        return "\n".join(f"static const {self.unit.struct(self.structs[name])} {name.upper()} = "
+                         f"{_initialiser(self.there[name])};\n" for name in self._of(FIXED))
 
     # ---- files
 
     def header(self) -> str:
         """launchid.h"""
-        config = self.estimator.config
+        config = self.config
         return _template("launchid.h", {
-            "formulation": config.formulation, "library": ", ".join(config.terms), "bytes": self._bytes(),
+            "formulation": config.formulation, "library": ", ".join(config.terms),
+            "state_bytes": self._bytes(STATE), "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
             "window": literal(config.window), "period": literal(config.sample_period), "terms": len(config.terms),
             "max_changes": _of_module("changes", "MAX_EVENTS"), "statuses": _enumeration(Status),
-            "estimate_statuses": _enumeration(EstimateStatus), "fields": self._fields(),
+            "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),
+            "state": self._members(STATE), "work": self._members(WORK),
             **{f"edge_{k}": literal(edge) for k, edge in enumerate(EDGES)}})
 
-    def _bytes(self) -> int:
-        """Of the struct's arrays, to 8 each."""
-        return sum(-(-array.nbytes // 8) * 8 for array in self.memory.values()) + 16
+    def _members(self, kind: str) -> str:
+        return "\n".join(f"    {self.unit.struct(self.structs[name])} {name};" for name in self._of(kind))
+
+    def _bytes(self, kind: str) -> int:
+        """Of the arrays."""
+        return sum(array.nbytes for name in self._of(kind) for _, array in _arrays(self.there[name], name))
 
     def source(self) -> str:
         """launchid.c"""
-        own = self._own()
+        own = "\n".join([
+            _template("report.c", {"report": self.report}) if self.port.report else _template("no_report.c", {}),
+            _template("estimator.c", {"initial": "".join(self._initial()), "update": self.update})])
         for module, name in OWN_CONSTANT.findall(own):
             self.unit.constant(f"{PACKAGE}.{module.lower()}", name, _of_module(module.lower(), name))
-        names = ",\n    ".join(f'"{term}"' for term in self.estimator.config.terms)
+        names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
         return "\n".join([
             _template("common.c", {}), f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",
-            "/* ---- choices */\n", self._constants(), "/* ---- kernels */\n", self.unit.source(),
-            "/* ---- the kernels' arguments */\n", self.calls, own])
+            "/* ---- choices */\n", self._constants(), "/* ---- kernels */\n", self.unit.source(), own])
 
-    def _own(self) -> str:
-        """What is not translated: the order of the calls, and the way out."""
-        called = [each.kernel.__name__ for each in self.port.calls]
-        end = _template("estimator.c", {"initial": "".join(self._initial())})
-        if self.estimator.config.formulation != "filtered":
-            close = next(name for name in called if name.startswith("close"))
-            return "\n".join([_template("no_range.c", {}), _template("regression.c", {"close": close}), end])
-        known = _template("known.c", {"known": literal(_of_module("estimator", "KNOWN")),
-                                      "first_std": literal(_of_module("tracker", "FIRST_STD"))})
-        has_range = "watch_range" in called
-        level = _template("range.c" if has_range else "no_range.c", {})
-        follow = _template("filtered.c", {"watch": "    watch(e, complete);\n" if has_range else ""})
-        return "\n".join([known, level, follow, end])
+
+def _arguments(function: Any) -> Iterator[str]:
+    """Names of a kernel's arguments."""
+    code = getattr(function, "py_func", function).__code__
+    yield from code.co_varnames[:code.co_argcount]
+
+
+def _arrays(value: Any, path: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Every array of a nest of named tuples, by its C path."""
+    if isinstance(value, np.ndarray):
+        yield path, value
+        return
+    for name, each in zip(value._fields, value, strict=True):
+        yield from _arrays(each, f"{path}.{name}")
+
+
+def _initialiser(value: Any, depth: int = 1) -> str:
+    """Of a constant struct."""
+    space, lines = "    " * depth, []
+    for name, each in zip(value._fields, value, strict=True):
+        if isinstance(each, np.ndarray):
+            numbers = [literal(x) for x in each.ravel()]
+            rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
+            lines.append(f"{space}.{name} = {{{f',{chr(10)}{space}    '.join(rows)}}}")
+        else:
+            lines.append(f"{space}.{name} = {_initialiser(each, depth + 1)}")
+    return "{\n" + ",\n".join(lines) + "}"
 
 
 def _of_module(module: str, name: str) -> Any:

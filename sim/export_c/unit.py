@@ -2,8 +2,10 @@
 
 import ast
 import inspect
+import math
 import sys
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -23,6 +25,7 @@ class Unit:
         self.order: list[Kernel] = []
         self.structs: dict[Kind, str] = {}
         self.declarations: list[str] = []
+        self.results: list[str] = []
         self.constants: dict[str, str] = {}
         self.named: dict[str, int] = {}
 
@@ -43,15 +46,30 @@ class Unit:
         """The C type of a kind; a struct is declared when first met."""
         if isinstance(kind, (Scalar, Array)):
             return kind.c
+        if isinstance(kind, Struct):
+            return f"{'const ' if kind.constant else ''}{self.struct(kind)} *"
         if kind not in self.structs:
-            fields = kind.fields if isinstance(kind, Struct) else [f"v{k}" for k in range(len(kind.kinds))]
-            body = "".join(f"    {self.c(each)} {name};\n" for name, each in zip(fields, kind.kinds, strict=True))
-            name = kind.of.__name__ if isinstance(kind, Struct) else f"Results{len(self.structs)}"
-            self.structs[kind] = name
-            about = (inspect.getdoc(kind.of) or "").split("\n")[0] if isinstance(kind, Struct) else ""
-            self.declarations.append(("/* " + about + " */\n" if about else "")
-                                     + f"typedef struct {{\n{body}}} {name};\n")
+            body = "".join(f"    {self.c(each)} v{k};\n" for k, each in enumerate(kind.kinds))
+            self.structs[kind] = f"Results{len(self.structs)}"
+            self.results.append(f"typedef struct {{\n{body}}} {self.structs[kind]};\n")
         return self.structs[kind]
+
+    def struct(self, kind: Struct) -> str:
+        """The C name of a named tuple's struct; it is declared when first met, in the header."""
+        key = replace(kind, constant=False)
+        if key not in self.structs:
+            body = "".join(f"    {self._field(name, each)}\n" for name, each in zip(kind.fields, kind.kinds, strict=True))
+            self.structs[key] = name = f"Launchid{kind.of.__name__}"
+            about = (inspect.getdoc(kind.of) or "").split("\n\n")[0].replace("\n", " ")
+            self.declarations.append(f"/* {about} */\ntypedef struct {{\n{body}}} {name};\n")
+        return self.structs[key]
+
+    def _field(self, name: str, kind: Kind) -> str:
+        if isinstance(kind, Array):
+            shape = f"  /* {' x '.join(map(str, kind.extents))} */" if kind.dimensions > 1 else ""
+            return f"{kind.element.c} {name}[{math.prod(kind.extents)}];{shape}"
+        assert isinstance(kind, Struct)
+        return f"{self.struct(kind)} {name};"
 
     def constant(self, module: str, name: str, value: Any) -> str:
         """The C name of a module's constant, MODULE_NAME."""
@@ -62,8 +80,8 @@ class Unit:
         return label
 
     def source(self) -> str:
-        """Constants, structs and functions."""
-        return "\n".join([*self.constants.values(), "", *self.declarations, *(made.source() for made in self.order)])
+        """Constants, structs of results and functions."""
+        return "\n".join([*self.constants.values(), "", *self.results, *(made.source() for made in self.order)])
 
 
 def _definition(label: str, value: Any) -> str:

@@ -1,57 +1,56 @@
-void launchid_reset(launchid_estimator *e)
+/* ---- the estimator */
+
+void launchid_state_reset(launchid_state *state)
 {
-    memset(e, 0, sizeof *e);
+    memset(state, 0, sizeof *state);
 $initial}
 
-launchid_status launchid_update(launchid_estimator *e, const launchid_sample *s)
+launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
-    if (e->busy) {
-        e->count[RING_COUNT_FIRST]++;
+    if (state->busy) {
+        state->state.count[RING_COUNT_FIRST]++;
         return LAUNCHID_BUSY;
     }
-    e->busy = true;
-    const int64_t code = call_push(e, s->t, s->theta, s->theta_dot, s->beta, s->theta_ddot, s->beta_cmd);
-    if (code >= 0) {
-        follow(e, code);
-    }
-    e->busy = false;
+    state->busy = true;
+    const int64_t code = $update;
+    state->busy = false;
     return (launchid_status)code;
 }
 
-bool launchid_get_estimate(launchid_estimator *e, launchid_estimate *estimate)
+bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchid_estimate *estimate)
 {
-    if (!e->has_estimate) {
+    if (state->state.count[RING_ESTIMATES] == 0) {
         return false;
     }
-    const double *number = e->outcome_number;
-    const int64_t status = e->outcome_flag[WINDOW_STATUS];
-    estimate->t_start = e->clock[RING_T_CLOSED];
+    const double *const number = state->state.outcome.number;
+    const int64_t *const flag = state->state.outcome.flag;
+    estimate->t_start = state->state.clock[RING_T_CLOSED];
     estimate->t_end = estimate->t_start + LAUNCHID_WINDOW;
-    estimate->valid = status == LAUNCHID_OK;
-    estimate->status = (launchid_estimate_status)status;
-    estimate->a6 = number[WINDOW_A6];
-    estimate->k1 = number[WINDOW_K1];
-    estimate->a6_std = number[WINDOW_A6_STD];
-    estimate->k1_std = number[WINDOW_K1_STD];
-    estimate->a6_k1_corr = number[WINDOW_CORRELATION];
-    estimate->a6_dot = number[WINDOW_A6_DOT];
-    estimate->k1_dot = number[WINDOW_K1_DOT];
-    estimate->a6_bound = number[WINDOW_A6_BOUND];
-    estimate->k1_bound = number[WINDOW_K1_BOUND];
-    estimate->condition = number[WINDOW_CONDITION];
+    estimate->valid = flag[WINDOW_STATUS] == LAUNCHID_OK;
+    estimate->status = (launchid_estimate_status)flag[WINDOW_STATUS];
+    estimate->a6 = number[WINDOW_O_A6];
+    estimate->k1 = number[WINDOW_O_K1];
+    estimate->a6_std = number[WINDOW_O_A6_STD];
+    estimate->k1_std = number[WINDOW_O_K1_STD];
+    estimate->a6_k1_corr = number[WINDOW_O_CORRELATION];
+    estimate->a6_dot = number[WINDOW_O_A6_DOT];
+    estimate->k1_dot = number[WINDOW_O_K1_DOT];
+    estimate->a6_bound = number[WINDOW_O_A6_BOUND];
+    estimate->k1_bound = number[WINDOW_O_K1_BOUND];
+    estimate->condition = number[WINDOW_O_CONDITION];
     for (int term = 0; term < LAUNCHID_TERMS; term++) {
         for (int equation = 0; equation < 3; equation++) {
-            estimate->xi[term][equation] = e->outcome_xi[term * 3 + equation];
-            estimate->support[term][equation] = e->outcome_support[term * 3 + equation];
+            estimate->xi[term][equation] = state->state.outcome.xi[term * 3 + equation];
+            estimate->support[term][equation] = state->state.outcome.support[term * 3 + equation] != 0;
         }
     }
-    estimate->rows = e->outcome_flag[WINDOW_USED];
-    estimate->gaps = e->outcome_flag[WINDOW_GAPS];
-    estimate->tracked = tracked(e, estimate->t_end);
+    estimate->rows = flag[WINDOW_USED];
+    estimate->gaps = flag[WINDOW_GAPS_SEEN];
+    report_into(state, work, estimate);
     return true;
 }
 
-int64_t launchid_count(const launchid_estimator *e, launchid_status status)
+int64_t launchid_state_count(const launchid_state *state, launchid_status status)
 {
-    return e->count[RING_COUNT_FIRST + status - RING_BUSY];
+    return state->state.count[RING_COUNT_FIRST + status - RING_BUSY];
 }

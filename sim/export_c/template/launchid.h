@@ -3,9 +3,9 @@
    Made by launchid from the kernels of its Python package: the same operations in the same order, so the same bits
    (IEEE 754 double precision, the same libm; compile with -ffp-contract=off, without -ffast-math).
 
-   All that persists is in `launchid_estimator`, which the caller owns: $bytes bytes; views of it are on the stack
-   (-fstack-usage tells how many bytes).  Nothing is allocated, no call waits, every loop has a bound; of other libraries
-   only libm, memset, memcpy and memmove are called.  One estimator belongs to one thread. */
+   What persists is a `launchid_state`, scratch a `launchid_work`, both owned by the caller, who may place them in
+   different memory.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset,
+   memcpy and memmove are called.  One state belongs to one thread. */
 
 #ifndef LAUNCHID_H
 #define LAUNCHID_H
@@ -75,29 +75,84 @@ typedef struct {
     bool final;
 } launchid_change;
 
-/* All that persists, and the scratch; its fields are the estimator's own. */
+/* ---- memory: what each array holds is said in the estimator's own sources.
+
+   For a window of LAUNCHID_WINDOW s, samples LAUNCHID_PERIOD s apart and LAUNCHID_TERMS terms: $state_bytes bytes that
+   persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c). */
+
+$structs
+/* What persists between samples. */
 typedef struct {
-$fields
-    int64_t waiting;
-    bool busy, has_estimate;
+$state
+    bool busy;
+} launchid_state;
+
+/* Scratch: meaningless between calls; several estimators that never run at once may share it. */
+typedef struct {
+$work
+} launchid_work;
+
+/* Both in one place, for hosts that have no reason to keep them apart. */
+typedef struct {
+    launchid_state state;
+    launchid_work work;
 } launchid_estimator;
 
-/* Forget everything; the first call an estimator gets. */
-void launchid_reset(launchid_estimator *e);
+/* ---- calls, with state and scratch wherever the caller put them */
+
+/* Forget everything; the first call a state gets. */
+void launchid_state_reset(launchid_state *state);
 
 /* Take one sample; never fails, whatever the numbers. */
-launchid_status launchid_update(launchid_estimator *e, const launchid_sample *sample);
+launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *sample);
 
 /* The estimate of the last window that closed; false before the first. */
-bool launchid_get_estimate(launchid_estimator *e, launchid_estimate *estimate);
+bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchid_estimate *estimate);
 
 /* Sudden changes, oldest first, into change[]; how many (at most 2 LAUNCHID_MAX_CHANGES).  `filtered`; else 0. */
-int64_t launchid_get_changes(launchid_estimator *e, launchid_change change[]);
+int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[]);
 
 /* The uncertainty level of a6 and k1 at t_end; false before the first window, without a range, or if nothing is known. */
-bool launchid_get_level(launchid_estimator *e, launchid_level *a6, launchid_level *k1);
+bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_level *a6, launchid_level *k1);
 
-/* How often `launchid_update` gave an answer. */
-int64_t launchid_count(const launchid_estimator *e, launchid_status status);
+/* How often `launchid_state_update` gave an answer. */
+int64_t launchid_state_count(const launchid_state *state, launchid_status status);
+
+/* Interventions of the filter since the reset: measurements left out as outliers, segments begun anew, steps of a noise
+   level cut short.  0 in the other formulations. */
+typedef struct {
+    int64_t outliers, restarts, level_clamps;
+} launchid_notes;
+
+launchid_notes launchid_state_notes(const launchid_state *state);
+
+/* ---- the same for an estimator in one place */
+
+static inline void launchid_reset(launchid_estimator *e) { launchid_state_reset(&e->state); }
+
+static inline launchid_status launchid_update(launchid_estimator *e, const launchid_sample *sample)
+{
+    return launchid_state_update(&e->state, &e->work, sample);
+}
+
+static inline bool launchid_get_estimate(launchid_estimator *e, launchid_estimate *estimate)
+{
+    return launchid_state_estimate(&e->state, &e->work, estimate);
+}
+
+static inline int64_t launchid_get_changes(launchid_estimator *e, launchid_change change[])
+{
+    return launchid_state_changes(&e->state, &e->work, change);
+}
+
+static inline bool launchid_get_level(launchid_estimator *e, launchid_level *a6, launchid_level *k1)
+{
+    return launchid_state_level(&e->state, &e->work, a6, k1);
+}
+
+static inline int64_t launchid_count(const launchid_estimator *e, launchid_status status)
+{
+    return launchid_state_count(&e->state, status);
+}
 
 #endif

@@ -1,0 +1,132 @@
+"""What leaves the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden changes."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .belief import A6, K1, profile_at
+from .changes import (
+    E_A6_BEFORE,
+    E_A6_VARIANCE,
+    E_ALARM,
+    E_FINAL,
+    E_K1_BEFORE,
+    E_K1_VARIANCE,
+    E_KIND,
+    E_TIME,
+    E_TIME_STD,
+    EVENTS,
+    K1_JUMP,
+    MAX_EVENTS,
+)
+from .kernels import inner, once, shared
+from .memory import take, take2
+from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
+from .uncertainty import OUT, RAISED
+
+KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
+
+# tracked (f8) of a report
+(TRACKED_A6, TRACKED_K1, TRACKED_A6_STD, TRACKED_K1_STD, TRACKED_CORRELATION) = range(5)
+N_TRACKED = 5
+# level (f8) of a report, a row a parameter; then the probabilities of the bands
+DELTA, DELTA_STD, OUT_SINCE, PROBABILITY = range(4)
+N_LEVEL = PROBABILITY + OUT + 1
+# flag (i8) of a report
+IS_TRACKED, HAS_LEVEL, CHANGES = range(3)  # tracked numbers are valid; and the level's; rows of `change`
+N_REPORT_FLAGS = 3
+# change (f8), a row a change;  changed (i8): parameter (A6 or K1), 1 if final
+(C_TIME, C_TIME_STD, C_BEFORE, C_AFTER, C_SIZE, C_SIZE_STD, C_ALARM) = range(7)
+N_CHANGE = 7
+C_PARAMETER, C_FINAL = range(2)
+N_CHANGED = 2
+
+
+class Report(NamedTuple):
+    """What leaves beside the outcome, as of now."""
+
+    tracked: np.ndarray  # (N_TRACKED,) 1/s^2 at t_end
+    level: np.ndarray    # (2, N_LEVEL) of a6 and of k1
+    band: np.ndarray     # (2,) int64 place in BANDS, or NO_BAND
+    raised: np.ndarray   # (2,) int64, 1 while the out-of-range alarm is
+    flag: np.ndarray     # (N_REPORT_FLAGS,) int64
+    change: np.ndarray   # (2 MAX_EVENTS, N_CHANGE), oldest first
+    changed: np.ndarray  # (2 MAX_EVENTS, 2) int64
+    cell: np.ndarray     # (1,) int64 scratch of the profile
+
+
+@shared
+def view_report(f, at, i, m):
+    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
+    tracked, at = take(f, at, N_TRACKED)
+    level, at = take2(f, at, 2, N_LEVEL)
+    band, m = take(i, m, 2)
+    raised, m = take(i, m, 2)
+    flag, m = take(i, m, N_REPORT_FLAGS)
+    change, at = take2(f, at, 2 * MAX_EVENTS, N_CHANGE)
+    changed, m = take2(i, m, 2 * MAX_EVENTS, N_CHANGED)
+    cell, m = take(i, m, 1)
+    return Report(tracked, level, band, raised, flag, change, changed, cell), at, m
+
+
+@once
+def report_tracked(belief, total, t_end, rep):
+    """The tracked estimate at t_end [s]: valid once a parameter is known better than before the first sample."""
+    rep.tracked[:] = np.nan
+    first = KNOWN * FIRST_STD
+    known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
+    rep.flag[IS_TRACKED] = int(known)
+    if not known:
+        return
+    a6, k1 = profile_at(belief, rep.cell, t_end)
+    rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
+    rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
+    rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])
+    rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[VAR_K1])
+    sign = -1.0 if a6 * k1 < 0.0 else 1.0
+    rep.tracked[TRACKED_CORRELATION] = sign * total[COV] / np.sqrt(total[VAR_A6] * total[VAR_K1])
+
+
+@once
+def report_level(gauge, rep):
+    """Where in its range each parameter is, if anything is known of them."""
+    rep.level[:, :] = np.nan
+    rep.flag[HAS_LEVEL] = 0
+    if gauge is None:
+        return
+    rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
+    for p in range(2):
+        rep.raised[p] = gauge.flag[p, RAISED]
+        rep.band[p] = gauge.band[p]
+        if rep.raised[p] == 1:
+            rep.level[p, OUT_SINCE] = gauge.since[p]
+        if rep.flag[HAS_LEVEL] == 1:
+            rep.level[p, DELTA], rep.level[p, DELTA_STD] = gauge.delta[p], gauge.delta_std[p]
+            for k in range(OUT + 1):
+                rep.level[p, PROBABILITY + k] = gauge.probability[p, k]
+
+
+@inner
+def report_change(event, of, nominal, variance, parameter, rep):
+    """One parameter's part in a sudden change.  of: where in `event` its value before stands, and its value after."""
+    k = rep.flag[CHANGES]
+    before, after = event[of], event[of + 1]
+    change = rep.change[k]
+    change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[E_TIME], event[E_TIME_STD], event[E_ALARM]
+    change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
+    change[C_SIZE], change[C_SIZE_STD] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
+    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[E_FINAL] != 0.0)
+    rep.flag[CHANGES] = k + 1
+
+
+@once
+def report_changes(belief, watch, rep):
+    """The last MAX_EVENTS sudden changes, oldest first; a change of both parameters is two rows."""
+    rep.flag[CHANGES] = 0
+    events = watch.counts[EVENTS]
+    for number in range(max(0, events - MAX_EVENTS), events):
+        event = watch.event[number % MAX_EVENTS]
+        a6, k1 = profile_at(belief, rep.cell, event[E_TIME])
+        if event[E_KIND] != K1_JUMP:
+            report_change(event, E_A6_BEFORE, a6, event[E_A6_VARIANCE], A6, rep)
+        report_change(event, E_K1_BEFORE, k1, event[E_K1_VARIANCE], K1, rep)

@@ -1,0 +1,55 @@
+/* ---- what leaves beside the window's outcome */
+
+static void report_into(launchid_state *state, launchid_work *work, launchid_estimate *estimate)
+{
+    const LaunchidReport *const rep = &work->report;
+    $report;
+    estimate->tracked = (launchid_tracked){
+        rep->flag[REPORT_IS_TRACKED] != 0, rep->tracked[REPORT_TRACKED_A6], rep->tracked[REPORT_TRACKED_K1],
+        rep->tracked[REPORT_TRACKED_A6_STD], rep->tracked[REPORT_TRACKED_K1_STD],
+        rep->tracked[REPORT_TRACKED_CORRELATION]};
+}
+
+int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])
+{
+    const LaunchidReport *const rep = &work->report;
+    $report;
+    for (int64_t k = 0; k < rep->flag[REPORT_CHANGES]; k++) {
+        const double *const of = rep->change + k * REPORT_N_CHANGE;
+        const int64_t *const kind = rep->changed + k * REPORT_N_CHANGED;
+        change[k] = (launchid_change){
+            kind[REPORT_C_PARAMETER] == 0 ? 'a' : 'k', of[REPORT_C_TIME], of[REPORT_C_TIME_STD], of[REPORT_C_BEFORE],
+            of[REPORT_C_AFTER], of[REPORT_C_SIZE], of[REPORT_C_SIZE_STD], of[REPORT_C_ALARM],
+            kind[REPORT_C_FINAL] != 0};
+    }
+    return rep->flag[REPORT_CHANGES];
+}
+
+static launchid_level level_of(const LaunchidReport *rep, int parameter)
+{
+    const double *const of = rep->level + parameter * REPORT_N_LEVEL;
+    launchid_level level = {of[REPORT_DELTA], of[REPORT_DELTA_STD], -1, {NAN, NAN, NAN, NAN},
+                            rep->raised[parameter] == 0, of[REPORT_OUT_SINCE]};
+    for (int k = 0; k < 4; k++) {
+        level.probability[k] = of[REPORT_PROBABILITY + k];
+    }
+    if (rep->flag[REPORT_HAS_LEVEL] != 0) {
+        level.band = rep->band[parameter];
+    }
+    return level;
+}
+
+bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_level *a6, launchid_level *k1)
+{
+    const LaunchidReport *const rep = &work->report;
+    $report;
+    *a6 = level_of(rep, 0);
+    *k1 = level_of(rep, 1);
+    return state->state.count[RING_ESTIMATES] != 0 && rep->flag[REPORT_HAS_LEVEL] != 0;
+}
+
+launchid_notes launchid_state_notes(const launchid_state *state)
+{
+    const int64_t *const note = state->state.filter.note;
+    return (launchid_notes){note[PREDICTOR_OUTLIERS], note[PREDICTOR_RESTARTS], note[PREDICTOR_LEVEL_CLAMPS]};
+}
