@@ -65,7 +65,7 @@ class Estimator:
     def update(self, sample: Sample) -> Status:
         """Take one sample (six floats in the order of `Sample`); never raises for any float."""
         if self._busy:
-            self._parts.state.count[rb.COUNT_FIRST] += 1  # Status.BUSY is the first counter
+            self._parts.state.counts[rb.COUNT_FIRST] += 1  # Status.BUSY is the first counter
             return Status.BUSY
         self._busy = True
         try:
@@ -83,7 +83,7 @@ class Estimator:
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
         state, report = self._parts.state, self._report()
-        if state.count[rb.ESTIMATES] == 0:
+        if state.counts[rb.ESTIMATES] == 0:
             return None
         outcome = state.outcome
         number = [float(x) for x in outcome.number]
@@ -130,7 +130,7 @@ class Estimator:
         after a gap or because the filter had lost the sensors; LEVEL_CLAMP, steps of a noise level cut short.
         """
         state = self._parts.state
-        found = {status.name: int(state.count[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
+        found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
         if isinstance(state, State):
             found |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
         return found

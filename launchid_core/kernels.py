@@ -28,12 +28,13 @@ from numba.extending import register_jitable
 
 from .kernel_cache import keep
 
+_numba: Any = numba  # some of the choices are not in its types
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(**choices: Any) -> Callable[[Function], Function]:
     """A decorator of kernels that are kept on disk, with the choices above and these."""
-    jit = numba.njit(error_model="numpy", nogil=True, **choices)
+    jit = _numba.njit(error_model="numpy", nogil=True, **choices)
 
     def decorate(function: Function) -> Function:
         made: Function = keep(jit(function))
@@ -47,5 +48,5 @@ _NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 kernel = compiled(_nrt=False)
 inner = compiled(_nrt=False, **_NO_WRAPPERS)
 once = compiled(_nrt=False, forceinline=True, **_NO_WRAPPERS)
-merged = numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
+merged = _numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
 shared: Callable[[Function], Function] = register_jitable(error_model="numpy", _nrt=False)

@@ -12,12 +12,14 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import extending
 from numba.core import cgutils, types
-from numba.extending import intrinsic, overload
 from numba.np.arrayobj import populate_array
 
+_extending: Any = extending  # typed by numba only in part
 
-@intrinsic  # type: ignore[misc]
+
+@_extending.intrinsic
 def _piece(typing, buffer, at, shape):
     """Array of this shape from `at` on; numba's own slices compile ten times as long."""
     made = types.Array(buffer.dtype, len(shape), "C")
@@ -53,17 +55,17 @@ def take3(buffer, at, n, m, k):
     return buffer[at:at + n * m * k].reshape((n, m, k)), at + n * m * k
 
 
-@overload(take, jit_options={"_nrt": False})
+@_extending.overload(take, jit_options={"_nrt": False})
 def _take(buffer, at, n):
     return lambda buffer, at, n: (_piece(buffer, at, (n,)), at + n)
 
 
-@overload(take2, jit_options={"_nrt": False})
+@_extending.overload(take2, jit_options={"_nrt": False})
 def _take2(buffer, at, n, m):
     return lambda buffer, at, n, m: (_piece(buffer, at, (n, m)), at + n * m)
 
 
-@overload(take3, jit_options={"_nrt": False})
+@_extending.overload(take3, jit_options={"_nrt": False})
 def _take3(buffer, at, n, m, k):
     return lambda buffer, at, n, m, k: (_piece(buffer, at, (n, m, k)), at + n * m * k)
 

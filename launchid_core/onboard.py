@@ -123,7 +123,7 @@ class State(NamedTuple):
     """What persists between samples."""
 
     clock: np.ndarray   # (N_CLOCK,)
-    count: np.ndarray   # (N_COUNT,) int64
+    counts: np.ndarray  # (N_COUNT,) int64
     ring: np.ndarray    # (m + 1, 6)
     outcome: Outcome
     filter: Filter
@@ -153,14 +153,14 @@ def view_fixed(f, at, i, m, q, nodes):
 @shared
 def view_state(f, at, i, m, q, rows):
     """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
-    clock, count, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
     fil, at, m = view_filter(f, at, i, m, q)
     acc, at, m = view_accumulator(f, at, i, m, q)
     bank, at, m = view_bank(f, at, i, m)
     watch, at, m = view_watch(f, at, i, m)
     active, m = take(i, m, q)
-    return State(clock, count, ring, outcome, fil, acc, bank, watch, active), at, m
+    return State(clock, counts, ring, outcome, fil, acc, bank, watch, active), at, m
 
 
 @shared
@@ -240,8 +240,8 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
     acc, fil, belief = state.acc, state.filter, fixed.belief
     capacity = state.ring.shape[0]
     max_gap, period = fixed.limits[rb.MAX_GAP], fixed.limits[rb.PERIOD]
-    for back in range(state.count[rb.WAITING], spare, -1):
-        row = state.ring[(state.count[rb.HEAD] - back) % capacity]
+    for back in range(state.counts[rb.WAITING], spare, -1):
+        row = state.ring[(state.counts[rb.HEAD] - back) % capacity]
         anew = begins_anew(fil, row[rb.T], max_gap)
         if (anew and fil.time[RUNNING] == 1.0) or acc.counts[ROWS] > 3 * (BLOCK - 1):
             close_block(fixed, state, work, learner, learning, period)
@@ -252,7 +252,7 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
         take_sample(belief, fil, work.filter, acc, row, max_gap)
     if flush or acc.counts[ROWS] > 3 * (BLOCK - 1):
         close_block(fixed, state, work, learner, learning, period)
-    state.count[rb.WAITING] = spare
+    state.counts[rb.WAITING] = spare
 
 
 @inner
@@ -324,16 +324,16 @@ def follow_range(fixed, state, sigma, gauge, complete):
 @merged
 def follow(fixed, state, work, learner, learning, sigma, gauge, code):
     """A sample was accepted with this status: use what waits, if it is enough."""
-    count = state.count
+    counts = state.counts
     complete, reset = code == rb.WINDOW_COMPLETE, code == rb.CLOCK_RESET
-    count[rb.WAITING] += 1
-    if count[rb.WAITING] < BLOCK and not complete and not reset:
+    counts[rb.WAITING] += 1
+    if counts[rb.WAITING] < BLOCK and not complete and not reset:
         return
-    spare = count[rb.CLOSED_BACK] if complete else int(reset)
+    spare = counts[rb.CLOSED_BACK] if complete else int(reset)
     take_samples(fixed, state, work, learner, learning, spare, complete)
     if complete:
         close_filtered(fixed, state, work, learner, learning)
-        count[rb.ESTIMATES] = 1
+        counts[rb.ESTIMATES] = 1
     elif reset:
         abandon_window(state)
     follow_range(fixed, state, sigma, gauge, complete)
@@ -343,7 +343,7 @@ def follow(fixed, state, work, learner, learning, sigma, gauge, code):
 def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
                     beta_cmd):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
     if code >= 0:
         follow(fixed, state, work, learner, learning, sigma, gauge, code)
     return code

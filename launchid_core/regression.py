@@ -70,7 +70,7 @@ class State(NamedTuple):
     """What persists between samples."""
 
     clock: np.ndarray       # (N_CLOCK,)
-    count: np.ndarray       # (N_COUNT,) int64
+    counts: np.ndarray      # (N_COUNT,) int64
     ring: np.ndarray        # (m + 1, 6)
     outcome: Outcome
     random: np.ndarray      # (1,) int64 generator of the row choice
@@ -119,10 +119,10 @@ def view_fixed(f, at, i, m, q):
 @shared
 def view_state(f, at, i, m, q, rows):
     """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
-    clock, count, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
     random, m = take(i, m, 1)
-    return State(clock, count, ring, outcome, random), at, m
+    return State(clock, counts, ring, outcome, random), at, m
 
 
 @shared
@@ -400,7 +400,7 @@ def choose_window_rows(plan, work, random, n, saturated, gaps):
 def open_close(fixed, state, work):
     """The closed window's samples, theta_dot filled in; returns (how many, left out as saturated, gaps)."""
     clear_outcome(state.outcome, OK)
-    n, saturated = rb.copy_window(state.ring, state.count, fixed.saturation, work.signal)
+    n, saturated = rb.copy_window(state.ring, state.counts, fixed.saturation, work.signal)
     gaps = mark_segments(work.signal[rb.T], n, fixed.limits[rb.MAX_GAP], work.segment)
     fill_rate(work, n)
     return n, saturated, gaps
@@ -413,7 +413,7 @@ def end_close(state, status, kept, gaps):
         clear_outcome(state.outcome, status)
     state.outcome.flag[USED] = kept
     state.outcome.flag[GAPS_SEEN] = gaps
-    state.count[rb.ESTIMATES] = 1
+    state.counts[rb.ESTIMATES] = 1
 
 
 @once
@@ -453,7 +453,7 @@ def close_integral(fixed, state, work):
 @once
 def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
     if code == rb.WINDOW_COMPLETE:
         close_pointwise(fixed, state, work)
     return code
@@ -462,7 +462,7 @@ def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, 
 @once
 def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.count, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
     if code == rb.WINDOW_COMPLETE:
         close_integral(fixed, state, work)
     return code

@@ -54,9 +54,9 @@ def addresses(estimator: Estimator) -> list[int]:
 def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimator: Estimator, status: Status) -> None:
     """Byte for byte; an earlier stamp is also followed by count[CANDIDATES] and clock[T_CANDIDATE]."""
     before = {name: array.copy() for name, array in before.items()}
-    before["count"][rb.COUNT_FIRST + status - Status.BUSY] += 1
+    before["counts"][rb.COUNT_FIRST + status - Status.BUSY] += 1
     if status == Status.DT_NEGATIVE:
-        before["count"][rb.CANDIDATES] = estimator._parts.state.count[rb.CANDIDATES]
+        before["counts"][rb.CANDIDATES] = estimator._parts.state.counts[rb.CANDIDATES]
         before["clock"][rb.T_CANDIDATE] = estimator._parts.state.clock[rb.T_CANDIDATE]
     for name, array in arrays(estimator).items():
         assert array.tobytes() == before[name].tobytes(), name
@@ -66,7 +66,7 @@ def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
     state = estimator._parts.state
-    n, left_out = compiled(rb.copy_window)(state.ring, state.count, np.full(rb.N_COLUMNS, INF), signal)
+    n, left_out = compiled(rb.copy_window)(state.ring, state.counts, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 

@@ -98,7 +98,7 @@ def kind_of(value: Any) -> Kind:
 
 def struct_of(value: Any, constant: bool = False) -> Struct:
     """Of a named tuple whose arrays are the struct's own."""
-    kinds = []
+    kinds: list[Kind] = []
     for each in value:
         if isinstance(each, np.ndarray):
             kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant))

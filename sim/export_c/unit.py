@@ -58,7 +58,8 @@ class Unit:
         """The C name of a named tuple's struct; it is declared when first met, in the header."""
         key = replace(kind, constant=False)
         if key not in self.structs:
-            body = "".join(f"    {self._field(name, each)}\n" for name, each in zip(kind.fields, kind.kinds, strict=True))
+            fields = zip(kind.fields, kind.kinds, strict=True)
+            body = "".join(f"    {self._field(name, each)}\n" for name, each in fields)
             self.structs[key] = name = f"Launchid{kind.of.__name__}"
             about = (inspect.getdoc(kind.of) or "").split("\n\n")[0].replace("\n", " ")
             self.declarations.append(f"/* {about} */\ntypedef struct {{\n{body}}} {name};\n")

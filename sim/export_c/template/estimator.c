@@ -8,7 +8,7 @@ $initial}
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
     if (state->busy) {
-        state->state.count[RING_COUNT_FIRST]++;
+        state->state.counts[RING_COUNT_FIRST]++;
         return LAUNCHID_BUSY;
     }
     state->busy = true;
@@ -19,7 +19,7 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
 
 bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchid_estimate *estimate)
 {
-    if (state->state.count[RING_ESTIMATES] == 0) {
+    if (state->state.counts[RING_ESTIMATES] == 0) {
         return false;
     }
     const double *const number = state->state.outcome.number;
@@ -52,5 +52,5 @@ bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchi
 
 int64_t launchid_state_count(const launchid_state *state, launchid_status status)
 {
-    return state->state.count[RING_COUNT_FIRST + status - RING_BUSY];
+    return state->state.counts[RING_COUNT_FIRST + status - RING_BUSY];
 }

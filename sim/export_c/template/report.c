@@ -45,7 +45,7 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
     $report;
     *a6 = level_of(rep, 0);
     *k1 = level_of(rep, 1);
-    return state->state.count[RING_ESTIMATES] != 0 && rep->flag[REPORT_HAS_LEVEL] != 0;
+    return state->state.counts[RING_ESTIMATES] != 0 && rep->flag[REPORT_HAS_LEVEL] != 0;
 }
 
 launchid_notes launchid_state_notes(const launchid_state *state)
