@@ -6,7 +6,7 @@ Nothing is contracted or reordered (compile with -ffp-contract=off); `min` and `
 
 import ast
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .inference import TESTS, Inference, indices, of_module, whole_number
 from .kinds import (
@@ -19,13 +19,11 @@ from .kinds import (
     Several,
     Struct,
     Untranslatable,
+    Whole,
     join,
     literal,
     loosened,
 )
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
 SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
@@ -51,7 +49,7 @@ def refuse_negative(node: ast.expr | None) -> None:
 class Expressions:
     """Of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
 
-    def __init__(self, unit: "Unit", kinds: Inference, module: str, arrays: Sequence[str]) -> None:
+    def __init__(self, unit: Whole, kinds: Inference, module: str, arrays: Sequence[str]) -> None:
         self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
 
     def __call__(self, node: ast.expr, tightness: int = 0) -> str:

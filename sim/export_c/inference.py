@@ -3,7 +3,7 @@
 import ast
 import inspect
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .kinds import (
     ABSENT,
@@ -16,13 +16,11 @@ from .kinds import (
     Several,
     Struct,
     Untranslatable,
+    Whole,
     join,
     kind_of,
     loosened,
 )
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
@@ -49,7 +47,7 @@ def whole_number(node: ast.expr) -> int:
 class Inference:
     """Kinds in one kernel for one choice of its arguments."""
 
-    def __init__(self, unit: "Unit", tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind]) -> None:
+    def __init__(self, unit: Whole, tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind]) -> None:
         self.unit, self.globals = unit, around
         names = [argument.arg for argument in tree.args.args]
         self.names: dict[str, Kind] = dict(zip(names, kinds, strict=True))
@@ -235,6 +233,6 @@ class Inference:
         called = self.outside(node.func)
         if isinstance(called, type):
             return Struct(called, kinds)
-        result = self.unit.kernel(called, kinds).kinds.result
+        result = self.unit.kernel(called, kinds).result
         assert result is not None
         return result

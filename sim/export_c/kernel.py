@@ -4,15 +4,12 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .expressions import ORDER, SYMBOLS, Expressions, word
 from .inference import Inference, indices
-from .kinds import ABSENT, DIMENSIONS, Array, Kind, Scalar, Several, Struct, Untranslatable
+from .kinds import ABSENT, DIMENSIONS, Array, Kind, Scalar, Several, Struct, Untranslatable, Whole
 from .scopes import first_assignments
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 INDENT = "    "
 UNUSED = "_"
@@ -27,13 +24,18 @@ def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
 class Kernel:
     """A kernel for one choice of its arguments' kinds."""
 
-    def __init__(self, unit: "Unit", function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
+    def __init__(self, unit: Whole, function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
         self.unit, self.name, self.module = unit, name, function.__module__
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         assert isinstance(tree, ast.FunctionDef)
         self.tree, self.around, self.arguments = tree, function.__globals__, arguments
         self.lines: list[str] = []
         self.temporaries = 0
+
+    @property
+    def result(self) -> Kind | None:
+        """The kind of what it returns."""
+        return self.kinds.result
 
     def translate(self) -> None:
         """Fill the function's lines; kernels that it calls are translated before."""

@@ -5,8 +5,9 @@ struct, handed on by its address), None and, as results, plain tuples.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -128,6 +129,29 @@ def join(a: Kind | None, b: Kind | None) -> Kind | None:
 def _must(kind: Kind | None) -> Kind:
     assert kind is not None
     return kind
+
+
+class Called(Protocol):
+    """A kernel that has been translated: its C name, and the kind of its result."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def result(self) -> Kind | None: ...
+
+
+class Whole(Protocol):
+    """The C file being made, as the translation of one kernel sees it (`unit.Unit`)."""
+
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Called:
+        """The translation of another kernel for arguments of these kinds."""
+
+    def c(self, kind: Kind) -> str:
+        """The C type of a kind."""
+
+    def constant(self, module: str, name: str, value: Any) -> str:
+        """The C name of a module's constant."""
 
 
 def literal(value: Any) -> str:
