@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from launchid_core.choices import SOLVERS
 from launchid_core.sparse import (
     LASSO,
     LASSO_SWEEPS,
-    SOLVERS,
     SR3,
     SR3_ITERATIONS,
     SSR,
