@@ -23,7 +23,8 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     """The whole suite runs in WORKERS processes where pytest-xdist is installed; named files, and -n, as asked."""
     option = config.option
     whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
-    if whole and getattr(option, "numprocesses", 0) is None and not option.tx and not option.usepdb:
+    worker = "PYTEST_XDIST_WORKER" in os.environ  # which has this very hook
+    if whole and not worker and getattr(option, "numprocesses", 0) is None and not option.tx and not option.usepdb:
         option.numprocesses = WORKERS
         option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
 

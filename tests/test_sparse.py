@@ -8,11 +8,10 @@ from compiled import compiled
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from launchid_core import sparse
+from launchid_core import SOLVERS, sparse
 from launchid_core.sparse import (
     LASSO,
     LASSO_SWEEPS,
-    SOLVERS,
     SR3,
     SR3_ITERATIONS,
     SSR,
