@@ -7,7 +7,7 @@ its name is first asked for.
 
 from typing import TYPE_CHECKING, Any
 
-from .choices import FORMULATIONS, NOISE_LEVELS, SOLVERS
+from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
 from .compiling import compile_listeners
 from .sample import Sample
 from .status import EstimateStatus, Status
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SOLVERS", "Change", "Config",
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWEST", "SOLVERS", "Change", "Config",
            "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
            "parse_term", "polynomial", "port_of", "term_name"]

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import batch as rg
 from . import onboard as ob
-from . import regression as rg
 from . import ring as rb
 from . import step as st
 from .belief import AT_BETA, AT_THETA
@@ -123,6 +123,7 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
     belief, option = parts.fixed.belief, parts.fixed.option
     belief.time[:], belief.a6[:], belief.k1[:] = model.profile_t, model.profile_a6, model.profile_k1
     belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.delay, config.sample_period,
+                          config.missing_commands,
                           config.theta_saturation, config.theta_dot_saturation, config.beta_saturation)
     belief.variance[:] = model.variances(config.sample_period)
     belief.codes[:] = term_codes(config.terms)

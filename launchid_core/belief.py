@@ -10,7 +10,9 @@ from .memory import take, take2
 from .model import N_NOISES
 
 # constant (f8)
-FREQUENCY, DAMPING, DELAY, PERIOD, SATURATION = range(5)  # SATURATION: end stops of theta, theta_dot, beta
+FREQUENCY, DAMPING, DELAY, PERIOD, MISSING, SATURATION = range(6)
+# MISSING: share of the time between two samples with a command that no sample holds; SATURATION: end stops of theta,
+# theta_dot, beta
 N_CONSTANTS = SATURATION + 3
 # term (i8)
 AT_THETA, AT_BETA = range(2)

@@ -5,7 +5,7 @@ import math
 import operator
 from dataclasses import dataclass
 
-from .choices import FORMULATIONS, NOISE_LEVELS, SOLVERS
+from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
 from .library import LIBRARIES, default_threshold, library_terms
 from .model import Model
 from .predictor import MAX_DELAY_SAMPLES
@@ -13,6 +13,7 @@ from .ring import LAST_SAMPLE
 
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4
+SAME_PERIOD = 1.0e-3  # relative: a sample period so near the controller's is the controller's
 T_LIMIT_MAX = 1.0e12  # s: stamps are counted in windows, in 64 bits
 
 
@@ -106,6 +107,10 @@ class Config:
         if "theta" not in terms or "beta" not in terms or any("tau" in term for term in terms):
             raise ValueError(f"library={self.library!r}: formulation 'filtered' expects theta, beta and "
                              "no term in tau")
+        if self.sample_period > SLOWEST * self.model.noise_period:
+            raise ValueError(
+                f"sample_period={self.sample_period!r}: formulation 'filtered' expected at most {SLOWEST} of the "
+                f"controller's periods of {self.model.noise_period:g} s: more commands would be missing")
         if self.model.delay > MAX_DELAY_SAMPLES * self.sample_period - 2 * self.sample_period:
             raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} "
                              "sample periods")
@@ -146,6 +151,13 @@ class Config:
     def kept_rows(self) -> int:
         """Rows p kept of them."""
         return self.rows // self.compression
+
+    @property
+    def missing_commands(self) -> float:
+        """Share of the time between two samples in which a command acts that no sample holds (`filtered`)."""
+        period = self.sample_period if self.model is None else self.model.noise_period
+        share = 1.0 - period / self.sample_period
+        return share if share > SAME_PERIOD else 0.0
 
     @property
     def terms(self) -> tuple[str, ...]:

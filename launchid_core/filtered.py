@@ -233,7 +233,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
         start_segment(belief, fil, t, row[THETA], row[THETA_DOT], row[BETA])
         forget_offset(acc)
     else:
-        predict(belief, fil, work, t)
+        predict(belief, fil, work, t, row[BETA_CMD])
     theta, beta = N_STATES + belief.term[AT_THETA], N_STATES + belief.term[AT_BETA]
     for channel in range(3):
         z = row[THETA + channel]

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, PERIOD, profile_at
+from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, MISSING, PERIOD, profile_at
 from .kernels import inner, once, shared
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .memory import take, take2, take3
@@ -276,8 +276,12 @@ def carry(f, s):
 
 
 @inner
-def predict(belief, fil, work, t):
-    """Time update from the last stamp to t."""
+def predict(belief, fil, work, t, command):
+    """Time update from the last stamp to t [s], whose sample has `command` [rad].
+
+    Of samples slower than the controller the commands between are not known.  The last one is taken as held; for the
+    share of the step in which it may not be, it is uncertain by its whole change.
+    """
     h = t - fil.time[LAST]
     if abs(h - fil.step[STEP]) > SAME_STEP * h:
         set_step(belief.constant, h, work, fil.step)
@@ -287,6 +291,9 @@ def predict(belief, fil, work, t):
     if np.isnan(u):
         u = fil.x[2]
         command_variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
+    elif belief.constant[MISSING] > 0.0 and np.isfinite(command):
+        change = belief.constant[MISSING] * (command - fil.command[0])
+        command_variance += change * change
     drive_terms(belief, fil, work, a6, k1, u)
     a6 *= 1.0 + fil.p_bar[A6]
     k1 *= 1.0 + fil.p_bar[K1]

@@ -4,12 +4,12 @@ Python calls the entries below: one block of memory (`memory.Block`), cut into t
 on.  A C port has those parts as structs and calls what the entries call: `update_*` and `report_now`.
 """
 
+from .batch import view_fixed as view_regression
+from .batch import view_state as view_regression_state
+from .batch import view_work as view_regression_work
 from .kernels import kernel, shared
 from .onboard import report_now, update_filtered, view_fixed, view_state, view_work
 from .regression import update_integral, update_pointwise
-from .regression import view_fixed as view_regression
-from .regression import view_state as view_regression_state
-from .regression import view_work as view_regression_work
 from .report import view_report
 from .structure import view_learner, view_learning
 from .uncertainty import view_gauge, view_sigma

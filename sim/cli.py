@@ -318,6 +318,9 @@ def identify_command(args: argparse.Namespace) -> None:
     check_outputs(args.json, args.plot)
     from .identify import log_config, report, run, table
     config = log_config(log, nominal, args.window, args.formulation, args.tracked, **choices(args))
+    if config.missing_commands > 0.0:
+        say(f"{args.log}: slower than the controller: the commands between its rows are taken as held, and the "
+            "standard deviations are wider for it")
     estimates, estimator = run(config, log.samples())
     result = report(estimates, estimator, args.tracked)
     if args.plot:

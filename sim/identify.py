@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
+from launchid_core import SLOWEST, Change, Config, Estimate, Estimator, Model, Sample, Status
 
 from .effects import values
 from .errors import InputError, UsageError
@@ -15,20 +15,30 @@ from .flight import parameters
 from .log import Log
 from .nominal import Nominal
 
+FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
+                "LEVEL_CLAMP": "noise levels' steps cut short"}
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
 ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 
 
-def onboard_model(nominal: Nominal) -> Model:
+def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
     """What the filtered formulation believes, from a nominal's [vehicle], [actuator], [sensors], [controller] and
     [simulation].
+
+    period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
 
     Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
     filter stays regular.
     """
     nominal.require("actuator", "controller", "simulation")
+    assert nominal.controller is not None
+    if period is not None and period > SLOWEST * nominal.controller.period:
+        raise InputError(
+            f"{path or nominal.path}: samples {period:g} s apart: the filtered formulation expected at most {SLOWEST} "
+            f"of the controller's periods of {nominal.controller.period:g} s, or too many commands are missing; log "
+            "faster, or identify without a nominal")
     if nominal.terms:
         raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
                          "expected a6 and k1 or a profile")
@@ -81,7 +91,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
-    model = onboard_model(nominal) if formulation == "filtered" and nominal is not None else None
+    model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]
         t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
@@ -154,8 +164,10 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             window["tracked"] = tracked_json(estimate)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes,
-            "samples": {"accepted": sum(n for name, n in counts.items() if Status[name] >= 0),
-                        "rejected": {name: n for name, n in counts.items() if Status[name] < 0 and n > 0}}}
+            "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
+                        "rejected": {status.name: counts[status.name] for status in Status
+                                     if status < 0 and counts[status.name] > 0}},
+            "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -192,4 +204,7 @@ def table(result: dict[str, Any]) -> str:
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
+    done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
+    if done:
+        lines.append(f"the filter of its own accord: {done}")
     return "\n".join(lines)

@@ -79,7 +79,7 @@ class Fit:
 
 def deviations(log: Log, nominal: Nominal) -> Deviations:
     """Identify one log with the nominal; InputError if nothing in it can be."""
-    model = onboard_model(nominal)
+    model = onboard_model(nominal, log.period, log.path)
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     first, last = log_span(log)
     rows = math.floor(min(BIN, last - first + log.period) / log.period + 1e-6)

@@ -17,12 +17,13 @@ PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
 
 
-def ranged_model(nominal: Nominal) -> Model:
-    """What the estimator believes of a nominal, with its range; InputError without [uncertainty]."""
+def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
+    """What the estimator believes of a nominal, with its range; InputError without [uncertainty], and as
+    `onboard_model`."""
     nominal.require("uncertainty")
     sigma = nominal.uncertainty
     assert sigma is not None
-    return dataclasses.replace(onboard_model(nominal), sigma_t=tuple(sigma.t), sigma_a6=tuple(sigma.a6),
+    return dataclasses.replace(onboard_model(nominal, period, path), sigma_t=tuple(sigma.t), sigma_a6=tuple(sigma.a6),
                                sigma_k1=tuple(sigma.k1))
 
 
@@ -51,7 +52,7 @@ def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) ->
 
 def follow(log: Log, nominal: Nominal, window: float) -> list[Estimate]:
     """The estimate of every window of `window` [s], with its uncertainty level.  ValueError: a window out of range."""
-    model = ranged_model(nominal)
+    model = ranged_model(nominal, log.period, log.path)
     assert nominal.uncertainty is not None
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")

@@ -42,8 +42,8 @@ def user_gain(nominal: Nominal, extension: Nominal) -> UserGain | None:
     if not names <= {*MODELLED, *removable} or extension.guidance is None or extension.simulation is None:
         return None
     try:
-        models = onboard_model(nominal), onboard_model(_modelled(extension))
         flights = [fly_whole(extension, seed) for seed in range(FLIGHTS)]
+        models = onboard_model(nominal, flights[0].period), onboard_model(_modelled(extension), flights[0].period)
     except InputError:
         return None
     results = []

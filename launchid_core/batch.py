@@ -1,0 +1,116 @@
+"""Memory of the formulations that regress on the rows of a window: `Fixed`, `State`, `Work`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import ring as rb
+from .kernels import shared
+from .library import CODE_LENGTH, MAX_POWER, N_VARIABLES
+from .memory import take, take2
+from .sparse import SparseWork, view_sparse
+from .window import EQUATIONS, Outcome, view_outcome
+
+# plan (i8): what is fixed at construction
+KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, ENOUGH = range(8)
+N_PLAN = 8
+
+
+class Fixed(NamedTuple):
+    """Never changes in flight."""
+
+    limits: np.ndarray      # (N_LIMITS,) of the gate and the windows
+    codes: np.ndarray       # (q, 6) int64 terms
+    centred: np.ndarray     # (4,) int64 variables that may be centred
+    plan: np.ndarray        # (N_PLAN,) int64
+    threshold: np.ndarray   # (1,) raw units
+    saturation: np.ndarray  # (6,) end stops by ring column
+
+
+class State(NamedTuple):
+    """What persists between samples."""
+
+    clock: np.ndarray       # (N_CLOCK,)
+    counts: np.ndarray      # (N_COUNT,) int64
+    ring: np.ndarray        # (m + 1, 6)
+    outcome: Outcome
+    random: np.ndarray      # (1,) int64 generator of the row choice
+
+
+class Work(NamedTuple):
+    """Scratch of a window's close."""
+
+    signal: np.ndarray      # (6, m) samples by column
+    slope: np.ndarray       # (3, m) derivatives of theta, theta_dot, beta
+    segment: np.ndarray     # (m,) int64
+    usable: np.ndarray      # (m,) int64
+    kept: np.ndarray        # (m,) int64
+    phi: np.ndarray         # (q*p,) library columns one after the other
+    target: np.ndarray      # (3*p,)
+    centre: np.ndarray      # (4,)
+    scale: np.ndarray       # (4,)
+    raw: np.ndarray         # (4,)
+    z: np.ndarray           # (4,)
+    powers: np.ndarray      # (4, MAX_POWER + 1)
+    row: np.ndarray         # (q,)
+    previous: np.ndarray    # (q,)
+    running: np.ndarray     # (q,)
+    order: np.ndarray       # (q,) int64
+    tau: np.ndarray         # (q,)
+    norms: np.ndarray       # (q,)
+    tt: np.ndarray          # (q, q)
+    mt: np.ndarray          # (q, q)
+    xi: np.ndarray          # (q,)
+    active: np.ndarray      # (q,) int64
+    sparse: SparseWork
+
+
+@shared
+def view_fixed(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    limits, at = take(f, at, rb.N_LIMITS)
+    codes, m = take2(i, m, q, CODE_LENGTH)
+    centred, m = take(i, m, N_VARIABLES)
+    plan, m = take(i, m, N_PLAN)
+    threshold, at = take(f, at, 1)
+    saturation, at = take(f, at, rb.N_COLUMNS)
+    return Fixed(limits, codes, centred, plan, threshold, saturation), at, m
+
+
+@shared
+def view_state(f, at, i, m, q, rows):
+    """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
+    clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    outcome, at, m = view_outcome(f, at, i, m, q)
+    random, m = take(i, m, 1)
+    return State(clock, counts, ring, outcome, random), at, m
+
+
+@shared
+def view_work(f, at, i, m, q, rows, p):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, p of `rows` kept; returns (it, next at, next m)."""
+    signal, at = take2(f, at, rb.N_COLUMNS, rows)
+    slope, at = take2(f, at, EQUATIONS, rows)
+    segment, m = take(i, m, rows)
+    usable, m = take(i, m, rows)
+    kept, m = take(i, m, rows)
+    phi, at = take(f, at, q * p)
+    target, at = take(f, at, EQUATIONS * p)
+    centre, at = take(f, at, N_VARIABLES)
+    scale, at = take(f, at, N_VARIABLES)
+    raw, at = take(f, at, N_VARIABLES)
+    z, at = take(f, at, N_VARIABLES)
+    powers, at = take2(f, at, N_VARIABLES, MAX_POWER + 1)
+    row, at = take(f, at, q)
+    previous, at = take(f, at, q)
+    running, at = take(f, at, q)
+    order, m = take(i, m, q)
+    tau, at = take(f, at, q)
+    norms, at = take(f, at, q)
+    tt, at = take2(f, at, q, q)
+    mt, at = take2(f, at, q, q)
+    xi, at = take(f, at, q)
+    active, m = take(i, m, q)
+    sparse, at, m = view_sparse(f, at, i, m, q)
+    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, powers, row, previous,
+                running, order, tau, norms, tt, mt, xi, active, sparse), at, m
