@@ -39,7 +39,8 @@ class Estimator:
 
     def _compile(self) -> None:
         """Compile (or load from the cache) both kernels, then refuse to compile in flight: an int is cast."""
-        kernels = [kernel for kernel in (self._step, st.report_filtered) if hasattr(kernel, "disable_compile")]
+        used = (self._step,) if self._parts.report is None else (self._step, st.report_filtered)
+        kernels: list[Any] = [kernel for kernel in used if hasattr(kernel, "disable_compile")]
         for kernel in kernels:
             kernel.disable_compile(False)
         self.update(Sample(NAN, NAN, NAN, NAN))
@@ -155,5 +156,5 @@ def _uncertainty(report: rp.Report) -> Uncertainty:
         delta, delta_std, since, *probability = report.level[p].tolist()
         band = int(report.band[p]) if report.flag[rp.HAS_LEVEL] else un.NO_BAND
         levels.append(Level(delta, delta_std, un.UNDECIDED if band == un.NO_BAND else un.BANDS[band],
-                            tuple(probability), report.raised[p] == 0, since))
+                            tuple(probability), bool(report.raised[p] == 0), since))
     return Uncertainty(bool(report.flag[rp.HAS_LEVEL]), *levels)

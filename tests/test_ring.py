@@ -227,7 +227,8 @@ def push_all(stamps: np.ndarray, window: float, period: float) -> list[int]:
     limits, clock = np.full(rb.N_LIMITS, 1e12), np.zeros(rb.N_CLOCK)
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = period, window, 1.5 * period
     count, ring = np.zeros(rb.N_COUNT, np.int64), np.zeros((round(window / period) + 1, rb.N_COLUMNS))
-    return [rb.push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN) for t in stamps.tolist()]
+    push = compiled(rb.push)
+    return [push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN) for t in stamps.tolist()]
 
 
 # ---- windows
