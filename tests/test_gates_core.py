@@ -24,6 +24,7 @@ carry_onset, follow_onset, follow_onsets, measure, onset_time, open_onset, raise
 watch_block = compiled(ob.watch_block)
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
+VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]
 QUIET = (4, 2)  # shape of sensitivities that carry nothing
 
 
@@ -259,12 +260,12 @@ def test_an_alarm_is_an_event_and_forgets_the_onsets(kind):
     assert watch.counts[ch.SINCE] == 3  # blocks that began since the onset did, its own among them
     assert event[ch.E_TIME] == pytest.approx(0.2, abs=1e-6) and event[ch.E_ALARM] == 0.5 and event[ch.E_FINAL] == 0.0
     assert event[ch.E_KIND] == kind and watch.reference == pytest.approx(BELIEF)
-    assert event[[ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]] == pytest.approx([0.1, 0.2, -0.2, -0.6])
+    assert event[VALUES] == pytest.approx([0.1, 0.2, -0.2, -0.6])
     assert event[[ch.E_A6_VARIANCE, ch.E_K1_VARIANCE]] == pytest.approx([0.01 + expected[2], 0.02 + expected[4]])
 
 
 def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
-    """One change, not two: its time and its values before are the first alarm's, its size and kind what is known now."""
+    """One change, not two: time and values before are the first alarm's, size and kind what is known now."""
     watch = parts().state.watch
     opened(watch, 3)
     watch.mean[0, ch.K1_JUMP] = 0.1, -0.5
@@ -276,7 +277,7 @@ def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
     assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.SINCE] == 6  # the size becomes final no later
     assert event[ch.E_TIME] == first[ch.E_TIME] and event[ch.E_ALARM] == first[ch.E_ALARM]
     assert event[ch.E_KIND] == ch.BOTH_JUMP
-    assert event[[ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]] == pytest.approx([0.1, 0.3, -0.2, -0.7])
+    assert event[VALUES] == pytest.approx([0.1, 0.3, -0.2, -0.7])
     opened(watch, 1, first=0.6)
     alarm(watch, 6, ch.K1_JUMP, 0.7)
     assert event[ch.E_KIND] == ch.BOTH_JUMP  # a6 has jumped, whatever followed
@@ -346,7 +347,7 @@ def test_the_alarm_is_raised_above_its_threshold_only(factor, raised):
 
 
 def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
-    """x <- x + s (p_before - p_bar) + (s - carried)(p_after - p_before); p gains the block's uniform slip; s - carried."""
+    """x <- x + s (p_before - p_bar) + (s - carried) (p_after - p_before); s - carried; p gains the slip."""
     _, cut = watched(ch.THRESHOLD + 1.0)
     fil, bank = cut.state.filter, cut.state.bank
     step = np.array([0.4 - 0.1, -0.3 + 0.2])
