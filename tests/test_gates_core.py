@@ -11,6 +11,7 @@ from compiled import compiled
 
 from launchid_core import Config, Estimator
 from launchid_core import changes as ch
+from launchid_core import filtered as fl
 from launchid_core import onboard as ob
 from launchid_core import tracker as tr
 from launchid_core.assembly import allocate
@@ -80,7 +81,7 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
     for z in (2.0, 1e4):
         cut = parts()
         bank = cut.state.bank
-        bank.weight[:] = 0.25, 0.75
+        bank.weight[:], bank.evidence[:] = (0.25, 0.75), (-3.0, -1.0)
         block = np.array([[1.0, 0.5, z], [0.0, 2.0, -0.5 * z], [0.0, 0.0, 0.0]])
         weight, mean, covariance = bank.weight.copy(), bank.mean.copy(), bank.covariance.copy()
         total = track(bank, cut.work.bank, 30.0, 0.1, block)
@@ -91,6 +92,8 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
                            + absorb(mean[i], covariance[i], column, 0.0, 2.0, -0.5 * z))
         assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
         assert bank.mean == pytest.approx(mean) and bank.covariance == pytest.approx(covariance)
+        assert bank.evidence == pytest.approx(np.array([-3.0, -1.0]) * math.exp(-0.1 / 30.0) + density)
+        assert bank.total[:2] == pytest.approx(bank.weight @ mean[:, :2])  # mixed with the new evidence
 
 
 def test_a_member_moves_as_its_model_says():
@@ -211,9 +214,11 @@ def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
     watch = parts().state.watch
     opened(watch, 5)
     watch.factor[:5] = [[1.0, 2.0], [4.0, 3.0], [math.nan, math.nan], [0.0, 6.0], [0.0, 0.0]]
-    quiet = np.zeros(4), np.zeros((7, 7)), np.eye(4, 6), 0.1
+    watch.carried[...] = 1.0
+    quiet = np.zeros(4), np.zeros((7, 7)), 3.0 * np.eye(4, 6), 0.1
     assert follow_onsets(watch, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
     assert watch.factor[:2].tolist() == [[1.5, 2.5], [4.5, 3.5]]
+    assert (watch.carried[:5] == 3.0).all() and (watch.carried[5:] == 1.0).all()
     watch.counts[ch.KEPT] = 1
     assert follow_onsets(watch, *quiet, 0.0) == (0.5, 4, 0)
 
@@ -233,7 +238,7 @@ def test_the_onsets_spread_is_never_the_root_of_a_rounding_error():
     opened(watch, 4)
     watch.start[:3], watch.start[3] = 0.0, 1e12
     for w in np.linspace(0.01, 0.99, 50):
-        watch.factor[:4, 0] = 0.0, math.log(w), math.log(1.0 - w), -1e6
+        watch.factor[:4, 0] = 0.0, math.log(w), -1e6, -1e6
         assert onset_time(watch, 0, 0.0, 0.1)[1] >= 0.1 / math.sqrt(12.0)
 
 
@@ -296,11 +301,12 @@ def test_an_alarm_after_the_last_events_size_is_final_is_another_event():
 
 
 def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more():
+    assert ch.SETTLE * fl.BLOCK * 0.01 == 2.0
     watch = parts().state.watch
+    opened(watch, ch.SETTLE + 1)
     settle_event(watch, BELIEF)  # none yet
     assert not watch.event.any()
-    opened(watch, 1)
-    _, event = alarm(watch, 0, ch.K1_JUMP, 0.1)
+    _, event = alarm(watch, ch.SETTLE, ch.K1_JUMP, 0.1)
     size = event.copy()
     opened(watch, ch.SETTLE - 2)
     settle_event(watch, BELIEF + 1.0)
@@ -318,9 +324,11 @@ def test_the_last_events_leave_oldest_first():
     for k in range(ch.MAX_EVENTS + 3):
         opened(watch, 1, first=float(k))
         _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
+        assert event[ch.E_FINAL] == 0.0  # also where an older one stood
         event[ch.E_FINAL] = 1.0
-    assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
-    assert {change.parameter for change in estimator.changes()} == {"k1"}
+    for _ in range(2):  # asking changes nothing
+        assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
+        assert {change.parameter for change in estimator.changes()} == {"k1"}
 
 
 # ---- a block that is watched
