@@ -107,7 +107,7 @@ def test_a_flight_with_so_many_spikes_counts_so_many_outliers(samples, channel, 
 
 def test_when_a_segment_begins():
     fil = parts().state.filter
-    assert begins_anew(fil, 0.0, MAX_GAP)  # the first sample of all
+    assert begins_anew(fil, 0.0, MAX_GAP) and begins_anew(fil, 0.01, MAX_GAP)  # the first sample of all, whatever its t
     start_segment(parts().fixed.belief, fil, 1.0, 0.0, 0.0, 0.0)
     for dt, anew in ((0.01, False), (0.0149, False), (0.0151, True), (0.0, True), (-0.01, True), (math.nan, True)):
         assert begins_anew(fil, 1.0 + dt, MAX_GAP) == anew
@@ -190,6 +190,16 @@ def test_a_new_flight_begins_with_nothing_noted(samples):
     assert noted(estimator) == (1, 1)
     estimator.reset()
     assert noted(estimator) == (0, 0) and estimator.counts["LEVEL_CLAMP"] == 0
+
+
+def test_an_irregular_step_has_its_own_constants():
+    cut = parts()
+    step = cut.state.filter.step
+    take(cut, 0.0)
+    for t, h in ((0.01, 0.01), (0.02, 0.01), (0.032, 0.012), (0.042, 0.01)):
+        take(cut, t)
+        assert step[pr.STEP] == pytest.approx(h, rel=1e-6)
+        assert step[pr.GAMMA] == pytest.approx(0.5 * (50.0 * h) ** 2, rel=0.3)  # of a nozzle at w = 50 rad/s, early on
 
 
 # ---- the command
