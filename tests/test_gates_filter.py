@@ -152,6 +152,8 @@ def test_a_gap_is_counted_and_leaves_the_window_its_terms_but_not_its_offset():
 
 def test_a_gap_in_flight_is_one_restart(samples):
     assert noted(flown(samples[:250] + samples[280:])) == (0, 1)
+    assert flown(samples[:250] + samples[280:300]).estimate().gaps == 1
+    assert flown(samples[:250] + samples[280:400]).estimate().gaps == 0  # the next window has none
     assert noted(flown(samples[:250] + samples[280:400] + samples[402:])) == (0, 2)
 
 
