@@ -367,3 +367,11 @@ def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
     assert bank.mean[:, :2].tolist() == [[0.4, -0.3]] * 2
     jump = ch.JUMP_STD**2
     assert bank.total[[tr.VAR_A6, tr.VAR_K1]] == pytest.approx([0.01 + jump, 0.02 + jump])
+
+
+def test_a_block_without_an_alarm_lets_the_last_events_size_settle():
+    cut = parts()
+    watch = cut.state.watch
+    watch.counts[ch.EVENTS], watch.counts[ch.SINCE] = 1, ch.SETTLE
+    assert not watch_block(cut.fixed, cut.state, cut.work, 0.1, 0.5)
+    assert watch.event[0, ch.E_FINAL] == 1.0
