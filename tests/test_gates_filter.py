@@ -176,6 +176,16 @@ def test_a_clock_set_back_gives_up_the_window_and_is_no_restart_of_the_filters_o
     assert estimate.t_start == pytest.approx(1.54) and estimate.rows == 100 and estimate.gaps == 0
 
 
+def test_a_window_that_closes_and_a_clock_set_back_end_the_block(samples):
+    """95 samples a window, so that its last block is not full; the clock is set back after 3 of a block."""
+    estimator = flown(samples[:95], config(window=0.95))
+    counts = estimator._parts.state.acc.counts
+    assert estimator.counts["WINDOW_COMPLETE"] == 1 and counts[fl.ROWS] == 0
+    for sample in [*samples[95:148], *(sample._replace(t=sample.t - 1.0) for sample in samples[148:153])]:
+        estimator.update(sample)
+    assert estimator.counts["CLOCK_RESET"] == 1 and counts[fl.ROWS] == 0
+
+
 def test_a_block_ends_where_a_segment_does(samples):
     """Ten samples, three and then a gap: blocks of ten, of three, and one that begins after the gap."""
     estimator = flown(samples[:13] + samples[20:30])
@@ -323,7 +333,7 @@ def test_a_block_without_a_row_changes_nothing(samples):
     estimator = flown(samples[:100], config(theta_saturation=1.0, theta_dot_saturation=1.0, beta_saturation=1.0))
     state = estimator._parts.state
     before = state.bank.total.copy()
-    for sample in samples[100:150]:
+    for sample in samples[100:205]:  # a window closes, too
         estimator.update(sample._replace(theta=1.0, theta_dot=1.0, beta=1.0))
     assert state.bank.total.tolist() == before.tolist() and state.watch.counts[ch.KEPT] == 10
 
