@@ -1,6 +1,7 @@
 /* Runs the estimator over samples on stdin, one a line: t theta theta_dot beta theta_ddot beta_cmd, `nan` where not
-   measured.  Prints what it answers: a line a sample (its status), a line a window, its uncertainty level, at the end the sudden changes;
-   numbers as hexadecimal floats, so that bits can be compared.
+   measured.  Prints what it answers: a line a sample (its status), a line a window, its uncertainty level, at the end the sudden changes
+   and what the filter did of its own accord (outliers, restarts, level clamps); numbers as hexadecimal floats, so that
+   bits can be compared.
 
    cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay */
 
@@ -55,5 +56,7 @@ int main(void)
         printf("change %c %a %a %a %a %a %a %a %d\n", c->parameter, c->t, c->t_std, c->before, c->after, c->size,
                c->size_std, c->alarm, c->final);
     }
+    const launchid_notes notes = launchid_state_notes(&estimator.state);
+    printf("notes %" PRId64 " %" PRId64 " %" PRId64 "\n", notes.outliers, notes.restarts, notes.level_clamps);
     return 0;
 }
