@@ -99,7 +99,7 @@ class Estimator:
             a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
             xi=xi, support=support, terms=self.config.terms,
             rows=int(outcome.flag[wn.USED]), gaps=int(outcome.flag[wn.GAPS_SEEN]),
-            tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *report.tracked.tolist()),
+            tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report))
 
     def changes(self) -> tuple[Change, ...]:
@@ -149,11 +149,16 @@ def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:
     return st.step_integral if config.formulation == "integral" else st.step_pointwise, ()
 
 
+def _numbers(values: np.ndarray) -> list[float]:
+    """As Python's; the one NAN for what is none, so that equal answers compare equal."""
+    return [NAN if math.isnan(x) else x for x in values.tolist()]
+
+
 def _uncertainty(report: rp.Report) -> Uncertainty:
     """The uncertainty level out of a report."""
     levels = []
     for p in range(2):
-        delta, delta_std, since, *probability = report.level[p].tolist()
+        delta, delta_std, since, *probability = _numbers(report.level[p])
         band = int(report.band[p]) if report.flag[rp.HAS_LEVEL] else un.NO_BAND
         levels.append(Level(delta, delta_std, un.UNDECIDED if band == un.NO_BAND else un.BANDS[band],
                             tuple(probability), bool(report.raised[p] == 0), since))
