@@ -5,7 +5,6 @@ import contextlib
 import functools
 import io
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from launchid_core import LIBRARIES, EstimateStatus, Status
+from launchid_core import LIBRARIES, EstimateStatus, Status, __version__
 from sim.cli import main
 from sim.effects import CATALOGUE
 from sim.nominal import BUILT_IN, Actuator, Controller, Diagnosis, Guidance, Multisine, Sensors, Simulation
@@ -211,7 +210,7 @@ def test_names_of_the_command_line_are_in_the_formats():
 
 
 def test_one_version_everywhere():
-    version = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["version"]
+    version = __version__  # pyproject.toml takes it from there
     assert f"\nversion: {version}\n" in text_of(ROOT / "CITATION.cff")
     assert f"\n## [{version}] - " in text_of(ROOT / "CHANGELOG.md")
 

@@ -224,12 +224,13 @@ def test_the_port_needs_nothing_but_mathematics(tmp_path):
 @pytest.mark.parametrize("name", ["filtered-range", "lpv"])
 def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
     built(tmp_path, CONFIGS[name])
-    said = re.search(r"(\d+) bytes", (tmp_path / "launchid.h").read_text(encoding="utf-8"))
-    (tmp_path / "size.c").write_text('#include "launchid.h"\n#include <stdio.h>\n'
-                                     'int main(void) { printf("%zu", sizeof(launchid_estimator)); return 0; }\n')
+    said = re.search(r"(\d+) bytes that\s+persist, (\d+) of scratch", (tmp_path / "launchid.h").read_text("utf-8"))
+    (tmp_path / "size.c").write_text(
+        '#include "launchid.h"\n#include <stdio.h>\n'
+        'int main(void) { printf("%zu %zu", sizeof(launchid_state), sizeof(launchid_work)); return 0; }\n')
     subprocess.run([str(CC), *STRICT, "size.c", "-o", "size"], cwd=tmp_path, check=True)
-    size = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    assert said is not None and said[1] == size
+    sizes = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert said is not None and list(said.groups()) == sizes.split()
 
 
 @needs_compiler

@@ -93,7 +93,8 @@ class _Program:
         config = self.config
         return _template("launchid.h", {
             "formulation": config.formulation, "library": ", ".join(config.terms),
-            "state_bytes": self._bytes(STATE), "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
+            "state_bytes": self._bytes(STATE) + 8,  # `busy`, padded
+            "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
             "window": literal(config.window), "period": literal(config.sample_period), "terms": len(config.terms),
             "max_changes": _of_module("changes", "MAX_EVENTS"), "statuses": _enumeration(Status),
             "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),

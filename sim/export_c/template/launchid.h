@@ -77,7 +77,7 @@ typedef struct {
 
 /* ---- memory: what each array holds is said in the estimator's own sources.
 
-   For a window of LAUNCHID_WINDOW s, samples LAUNCHID_PERIOD s apart and LAUNCHID_TERMS terms: $state_bytes bytes that
+   For a window of LAUNCHID_WINDOW s, samples LAUNCHID_SAMPLE_PERIOD s apart and LAUNCHID_TERMS terms: $state_bytes bytes that
    persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c). */
 
 $structs
