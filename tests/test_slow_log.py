@@ -57,7 +57,7 @@ def test_missing_commands_widen_the_deviations():
     wider, narrower = (np.array([e.k1_bound for e in run(config(2 * PERIOD, model=m, noise="declared"),
                                                          flight.samples())[0]]) for m in (model, held))
     assert len(wider) == len(narrower) == 14
-    assert np.isfinite(wider).all() and np.nanmedian(wider / narrower) > 1.05  # held commands: false changes cut windows
+    assert np.isfinite(wider).all() and np.nanmedian(wider / narrower) > 1.05
 
 
 @pytest.mark.parametrize("name", ["constant", "vega_like"])
