@@ -105,7 +105,7 @@ def fill(config: Config, parts: Parts) -> None:
     limits = parts.fixed.limits
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
     limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,
-                               config.theta_ddot_limit, config.beta_cmd_limit)
+                               config.theta_ddot_limit, config.beta_cmd_limit, config.gamma_limit)
     if isinstance(parts.fixed, Fixed):
         assert config.model is not None
         _fill_filtered(config, config.model, parts)

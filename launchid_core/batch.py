@@ -24,7 +24,7 @@ class Fixed(NamedTuple):
     centred: np.ndarray     # (4,) int64 variables that may be centred
     plan: np.ndarray        # (N_PLAN,) int64
     threshold: np.ndarray   # (1,) raw units
-    saturation: np.ndarray  # (6,) end stops by ring column
+    saturation: np.ndarray  # (7,) end stops by ring column
 
 
 class State(NamedTuple):
@@ -32,7 +32,7 @@ class State(NamedTuple):
 
     clock: np.ndarray       # (N_CLOCK,)
     counts: np.ndarray      # (N_COUNT,) int64
-    ring: np.ndarray        # (m + 1, 6)
+    ring: np.ndarray        # (m + 1, 7)
     outcome: Outcome
     random: np.ndarray      # (1,) int64 generator of the row choice
 
@@ -40,7 +40,7 @@ class State(NamedTuple):
 class Work(NamedTuple):
     """Scratch of a window's close."""
 
-    signal: np.ndarray      # (6, m) samples by column
+    signal: np.ndarray      # (7, m) samples by column
     slope: np.ndarray       # (3, m) derivatives of theta, theta_dot, beta
     segment: np.ndarray     # (m,) int64
     usable: np.ndarray      # (m,) int64

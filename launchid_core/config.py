@@ -34,11 +34,12 @@ class Config:
     solver                 stls (the paper's), sr3, ssr or lasso
     threshold              coefficients below it are cut, raw units; None: 0.5 (0 inside `lpv`, whose slopes are small)
     max_gap           [s]  a longer step between samples starts a new segment; None: 1.5 sample periods
-    theta_limit       [rad]      samples beyond any of these six are rejected as RANGE, so that no absurd value can
+    theta_limit       [rad]      samples beyond any of these seven are rejected as RANGE, so that no absurd value can
     theta_dot_limit   [rad/s]    poison a window; the defaults are beyond any launcher and any test stand
     beta_limit        [rad]
     theta_ddot_limit  [rad/s^2]
     beta_cmd_limit    [rad]
+    gamma_limit       [rad]
     t_limit           [s]        1e10: above it a float64 stamp is coarser than 2 microseconds
     theta_saturation, theta_dot_saturation, beta_saturation  [rad, rad/s, rad]  end stops of the sensors: samples
                            at or beyond are left out of the regression (SATURATED if too few remain); inf: none
@@ -60,6 +61,7 @@ class Config:
     beta_limit: float = 1000.0
     theta_ddot_limit: float = 1.0e5
     beta_cmd_limit: float = 1000.0
+    gamma_limit: float = 100.0
     t_limit: float = 1.0e10
     theta_saturation: float = math.inf
     theta_dot_saturation: float = math.inf

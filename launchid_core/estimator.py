@@ -66,7 +66,7 @@ class Estimator:
         self._busy = False
 
     def update(self, sample: Sample) -> Status:
-        """Take one sample (six floats in the order of `Sample`); never raises for any float."""
+        """Take one sample (seven floats in the order of `Sample`); never raises for any float."""
         if self._busy:
             self._parts.state.counts[rb.COUNT_FIRST] += 1  # Status.BUSY is the first counter
             return Status.BUSY

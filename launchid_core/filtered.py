@@ -224,7 +224,7 @@ def advance_psi(fil, acc, work):
 def take_sample(belief, fil, work, acc, row, max_gap):
     """One sample of the ring into the predictor; its innovations become rows of the block.
 
-    row (6,) in   a row of the ring
+    row (7,) in   a row of the ring
     """
     t = row[T]
     if begins_anew(fil, t, max_gap):

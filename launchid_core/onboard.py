@@ -124,7 +124,7 @@ class State(NamedTuple):
 
     clock: np.ndarray   # (N_CLOCK,)
     counts: np.ndarray  # (N_COUNT,) int64
-    ring: np.ndarray    # (m + 1, 6)
+    ring: np.ndarray    # (m + 1, 7)
     outcome: Outcome
     filter: Filter
     acc: Accumulator
@@ -341,9 +341,10 @@ def follow(fixed, state, work, learner, learning, sigma, gauge, code):
 
 @merged
 def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
-                    beta_cmd):
+                    beta_cmd, gamma):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                   gamma)
     if code >= 0:
         follow(fixed, state, work, learner, learning, sigma, gauge, code)
     return code

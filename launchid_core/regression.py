@@ -344,18 +344,20 @@ def close_integral(fixed, state, work):
 
 
 @once
-def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                   gamma)
     if code == rb.WINDOW_COMPLETE:
         close_pointwise(fixed, state, work)
     return code
 
 
 @once
-def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status."""
-    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                   gamma)
     if code == rb.WINDOW_COMPLETE:
         close_integral(fixed, state, work)
     return code

@@ -13,8 +13,8 @@ from .memory import take, take2
 from .status import Status
 
 # columns of the ring
-T, THETA, THETA_DOT, BETA, THETA_DDOT, BETA_CMD = range(6)
-N_COLUMNS = 6
+T, THETA, THETA_DOT, BETA, THETA_DDOT, BETA_CMD, GAMMA = range(7)
+N_COLUMNS = 7
 
 # limits (f8): what the gate and the window logic compare with
 PERIOD, WINDOW, MAX_GAP = range(3)
@@ -57,17 +57,17 @@ def view_ring(f, at, i, m, rows):
 
 
 @once
-def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """ACCEPTED, NONFINITE or RANGE for the values of one sample (NaN passes in the optional channels)."""
     if not (np.isfinite(t) and np.isfinite(theta) and np.isfinite(beta)):
         return NONFINITE
-    if np.isinf(theta_dot) or np.isinf(theta_ddot) or np.isinf(beta_cmd):
+    if np.isinf(theta_dot) or np.isinf(theta_ddot) or np.isinf(beta_cmd) or np.isinf(gamma):
         return NONFINITE
     if not (abs(t) <= limits[LIMIT_FIRST] and abs(theta) <= limits[LIMIT_FIRST + THETA]
             and abs(beta) <= limits[LIMIT_FIRST + BETA]):
         return RANGE
     if (abs(theta_dot) > limits[LIMIT_FIRST + THETA_DOT] or abs(theta_ddot) > limits[LIMIT_FIRST + THETA_DDOT]
-            or abs(beta_cmd) > limits[LIMIT_FIRST + BETA_CMD]):
+            or abs(beta_cmd) > limits[LIMIT_FIRST + BETA_CMD] or abs(gamma) > limits[LIMIT_FIRST + GAMMA]):
         return RANGE
     return ACCEPTED
 
@@ -124,17 +124,17 @@ def seek_window(limits, clock, count, t):
 
 
 @inner
-def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.
 
     limits (N_LIMITS,)   in     periods, window, ranges
     clock  (N_CLOCK,)    inout
     count  (N_COUNT,)    inout  int64
-    ring   (m + 1, 6)    inout
+    ring   (m + 1, 7)    inout
     After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest
     ones in the ring but for the newest count[CLOSED_BACK].
     """
-    code = gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    code = gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == ACCEPTED:
         code = judge_time(limits, clock, count, t)
     if code < 0:
@@ -152,6 +152,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     row[BETA] = beta
     row[THETA_DDOT] = theta_ddot
     row[BETA_CMD] = beta_cmd
+    row[GAMMA] = gamma
     count[HEAD] = head + 1 if head + 1 < ring.shape[0] else 0
     clock[T_LAST] = t
 
@@ -173,10 +174,10 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 
-    ring       (m + 1, 6) in
+    ring       (m + 1, 7) in
     count      (N_COUNT,) in
-    saturation (6,)       in   end stop of each column; inf: none
-    signal     (6, m)     out  one row a column of the ring
+    saturation (7,)       in   end stop of each column; inf: none
+    signal     (7, m)     out  one row a column of the ring
     Returns how many were copied and how many left out.
     """
     n = count[CLOSED_ROWS]

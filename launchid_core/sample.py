@@ -14,6 +14,7 @@ class Sample(NamedTuple):
     beta        [rad]     nozzle deflection (any input on a test stand)
     theta_ddot  [rad/s^2] angular acceleration, optional
     beta_cmd    [rad]     command to the actuator from t on, optional
+    gamma       [rad]     flight-path angle; theta and gamma relative to the reference flight path, optional
     """
 
     t: float
@@ -22,3 +23,4 @@ class Sample(NamedTuple):
     beta: float
     theta_ddot: float = NAN
     beta_cmd: float = NAN
+    gamma: float = NAN

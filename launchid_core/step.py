@@ -57,24 +57,24 @@ def cut_range(f, at, i, m):
 
 
 @kernel
-def step_pointwise(f, i, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def step_pointwise(f, i, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample, formulations `measured` and `difference`; returns its Status.
 
     f, i  inout  of a `memory.Block`;  the rest: a Sample
     """
     fixed, state, work, _, _ = cut_regression(f, i)
-    return update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    return update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
 
 
 @kernel
-def step_integral(f, i, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def step_integral(f, i, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample, formulation `integral`; as `step_pointwise`."""
     fixed, state, work, _, _ = cut_regression(f, i)
-    return update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd)
+    return update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
 
 
 @kernel
-def step_filtered(f, i, structured, ranged, t, theta, theta_dot, beta, theta_ddot, beta_cmd):
+def step_filtered(f, i, structured, ranged, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample, formulation `filtered`; returns its Status.
 
     f, i        inout  of a `memory.Block`
@@ -90,7 +90,7 @@ def step_filtered(f, i, structured, ranged, t, theta, theta_dot, beta, theta_ddo
     else:
         sigma, gauge, at, m = cut_range(f, at, i, m)
     return update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
-                           beta_cmd)
+                           beta_cmd, gamma)
 
 
 @kernel

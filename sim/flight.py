@@ -13,6 +13,7 @@ controller period, so a flight's noise does not depend on the rate of its log.
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import starmap
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Flight:
     def samples(self) -> Iterator[Sample]:
         """The log as the estimator's samples."""
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
-        return map(Sample._make, zip(*(column.tolist() for column in columns), strict=True))
+        return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
 
 def whole(value: float, unit: float, name: str) -> int:

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,7 +60,7 @@ class Log:
     def samples(self) -> Iterator[Sample]:
         """The rows as the estimator's samples."""
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
-        return map(Sample._make, zip(*(column.tolist() for column in columns), strict=True))
+        return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
 
 def _shown(cell: str) -> str:

@@ -409,12 +409,12 @@ def test_update_never_raises_for_any_float(rows):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # without JIT numpy tells of every overflow
-@given(rows=hs.lists(hs.tuples(*[odd_floats] * 5), min_size=8, max_size=16), wide=hs.booleans(),
+@given(rows=hs.lists(hs.tuples(*[odd_floats] * 6), min_size=8, max_size=16), wide=hs.booleans(),
        formulation=hs.sampled_from(REGRESSIONS), solver=hs.sampled_from(SOLVERS),
        library=hs.sampled_from(["rigid-body", "theta,theta^5", "sin(theta),sign(beta)", "tau*theta,theta_dot^2*beta"]))
 def test_windows_of_any_floats_never_raise(rows, wide, formulation, solver, library):
     """Good stamps, so that windows close over whatever passes the gate; `wide`: with no gate but for infinities."""
-    names = ("theta_limit", "theta_dot_limit", "beta_limit", "theta_ddot_limit", "beta_cmd_limit")
+    names = ("theta_limit", "theta_dot_limit", "beta_limit", "theta_ddot_limit", "beta_cmd_limit", "gamma_limit")
     config = Config(window=0.04, sample_period=0.01, formulation=formulation, library=library, solver=solver,
                     max_gap=1.0, **(dict.fromkeys(names, INF) if wide else {}))
     answers_hold(Estimator(config), (Sample(0.01 * k, *row) for k, row in enumerate(rows)))
@@ -606,7 +606,7 @@ def flown_by(step, options: tuple):
         closed = 0
         for k in range(n):
             s = samples[k % samples.shape[0]]
-            code = step(f, i, *options, k * period, s[1], s[2], s[3], s[4], s[5])
+            code = step(f, i, *options, k * period, s[1], s[2], s[3], s[4], s[5], s[6])
             closed += int(code == rb.WINDOW_COMPLETE)
         return closed
 
@@ -660,7 +660,8 @@ def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
     ("library", (), ("1..40",)),
     ("library", tuple(f"tau^{i}*theta^{j}*theta_dot^{k}" for i in range(5) for j in range(5) for k in range(5))[1:],
      ("1..40",)),
-    *[(f"{name}_limit", value, ("above 0",)) for name in ("t", "theta", "theta_dot", "beta", "theta_ddot", "beta_cmd")
+    *[(f"{name}_limit", value, ("above 0",)) for name in ("t", "theta", "theta_dot", "beta", "theta_ddot",
+                                                         "beta_cmd", "gamma")
       for value in (0.0, -1.0, NAN, "1", None)],
     *[(f"{name}_saturation", value, ("above 0",)) for name in ("theta", "theta_dot", "beta")
       for value in (0.0, -1.0, NAN, None)],

@@ -48,7 +48,8 @@ def system(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
 def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
     """The first n samples of a flight, as the ring holds them."""
     flight = fly_whole(nominal or load_nominal("constant"), seed)
-    table = np.column_stack([flight.t, flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd])
+    table = np.column_stack([flight.t, flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd,
+                             np.full_like(flight.t, np.nan)])
     return table[:n]
 
 

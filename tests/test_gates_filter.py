@@ -41,7 +41,7 @@ def parts(**choices):
 def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
     """Give the filter one sample; returns how many rows it became."""
     state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
-    row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd])
+    row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
     take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, row, MAX_GAP)
     return int(state.acc.counts[fl.ROWS]) - before
 

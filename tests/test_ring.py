@@ -23,7 +23,8 @@ MAX_GAP = 24             # ticks: 1.5 periods, the default
 RESET_COUNT = 5
 NAN, INF = math.nan, math.inf
 CHANNELS = ("t", "theta", "theta_dot", "beta")
-LIMITS = {"t": 1e10, "theta": 100.0, "theta_dot": 1000.0, "beta": 1000.0, "theta_ddot": 1e5, "beta_cmd": 1000.0}
+LIMITS = {"t": 1e10, "theta": 100.0, "theta_dot": 1000.0, "beta": 1000.0, "theta_ddot": 1e5, "beta_cmd": 1000.0,
+          "gamma": 100.0}
 
 
 def small_config(window: int = 6 * PERIOD, **more) -> Config:
@@ -33,7 +34,8 @@ def small_config(window: int = 6 * PERIOD, **more) -> Config:
 def values(k: int) -> dict[str, float]:
     """Something to measure, different at every sample."""
     return {"theta": math.sin(0.7 * k), "theta_dot": math.cos(0.3 * k), "beta": math.sin(1.9 * k + 1.0),
-            "theta_ddot": math.cos(1.1 * k), "beta_cmd": math.sin(2.3 * k)}
+            "theta_ddot": math.cos(1.1 * k), "beta_cmd": math.sin(2.3 * k),
+            "gamma": math.sin(0.7 * k)}
 
 
 def arrays(estimator: Estimator) -> dict[str, np.ndarray]:
@@ -228,7 +230,7 @@ def push_all(stamps: np.ndarray, window: float, period: float) -> list[int]:
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = period, window, 1.5 * period
     count, ring = np.zeros(rb.N_COUNT, np.int64), np.zeros((round(window / period) + 1, rb.N_COLUMNS))
     push = compiled(rb.push)
-    return [push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN) for t in stamps.tolist()]
+    return [push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN, NAN) for t in stamps.tolist()]
 
 
 # ---- windows
@@ -327,7 +329,7 @@ def test_range_ends_at_the_limit(name):
     assert estimator.update(Sample(PERIOD * TICK, **values(1))._replace(**{name: LIMITS[name]})) >= 0
 
 
-@pytest.mark.parametrize("name", ["theta_dot", "theta_ddot", "beta_cmd"])
+@pytest.mark.parametrize("name", ["theta_dot", "theta_ddot", "beta_cmd", "gamma"])
 def test_nan_is_not_measured_in_the_optional_channels(name):
     estimator = Estimator(small_config())
     assert estimator.update(Sample(0.0, **values(0))._replace(**{name: NAN})) is Status.ACCEPTED
@@ -406,8 +408,7 @@ def test_update_from_within_update_is_busy():
     assert estimator._parts.state.ring[0, rb.T] == 0.0
 
 
-@pytest.mark.parametrize("wrong", [("0", 0.1, 0.1, 0.1, 0.1, 0.1), (0.0, None, 0.1, 0.1, 0.1, 0.1), (0.0, 0.1, 0.1),
-                                   (0.0,) * 7])
+@pytest.mark.parametrize("wrong", [("0", *(0.1,) * 6), (0.0, None, *(0.1,) * 5), (0.0, 0.1, 0.1), (0.0,) * 8])
 def test_what_is_no_sample_raises_before_any_change_and_leaves_no_busy_flag(wrong):
     estimator = Estimator(small_config())
     estimator.update(Sample(0.0, **values(0)))

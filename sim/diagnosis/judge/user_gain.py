@@ -8,6 +8,7 @@ as a flight computer would; what can neither be modelled nor taken off leaves no
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 import numpy as np
 
@@ -92,5 +93,5 @@ def samples(flight: Flight, extension: Nominal) -> Iterator[Sample]:
     for correction, of in sorted(known, key=lambda pair: pair[0].is_outer):
         columns[correction.column] = correction.without(columns[correction.column], of)
     theta, theta_dot, beta, command = columns.values()
-    return map(Sample._make, zip(*(column.tolist() for column in (flight.t, theta, theta_dot, beta, flight.theta_ddot,
-                                                                  command)), strict=True))
+    return starmap(Sample, zip(*(column.tolist() for column in (flight.t, theta, theta_dot, beta, flight.theta_ddot,
+                                                                command)), strict=True))

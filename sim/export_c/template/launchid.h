@@ -31,9 +31,9 @@ $estimate_statuses
 /* Names of the library's terms: the rows of xi. */
 extern const char *const launchid_terms[LAUNCHID_TERMS];
 
-/* [s, rad, rad/s, rad, rad/s^2, rad]; NaN in theta_dot, theta_ddot or beta_cmd: not measured. */
+/* [s, rad, rad/s, rad, rad/s^2, rad, rad]; NaN in theta_dot, theta_ddot, beta_cmd or gamma: not measured. */
 typedef struct {
-    double t, theta, theta_dot, beta, theta_ddot, beta_cmd;
+    double t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma;
 } launchid_sample;
 
 /* All data so far, the slow deviation from the nominal followed, at t_end [1/s^2].  Formulation `filtered`; else not

@@ -1,5 +1,5 @@
-/* Runs the estimator over samples on stdin, one a line: t theta theta_dot beta theta_ddot beta_cmd, `nan` where not
-   measured.  Prints what it answers: a line a sample (its status), a line a window, its uncertainty level, at the end the sudden changes
+/* Runs the estimator over samples on stdin, one a line: t theta theta_dot beta theta_ddot beta_cmd gamma, `nan`
+   where not measured.  Prints what it answers: a line a sample (its status), a line a window, its uncertainty level, at the end the sudden changes
    and what the filter did of its own accord (outliers, restarts, level clamps); numbers as hexadecimal floats, so that
    bits can be compared.
 
@@ -39,7 +39,8 @@ int main(void)
     launchid_level a6, k1;
     launchid_change change[2 * LAUNCHID_MAX_CHANGES];
     launchid_reset(&estimator);
-    while (scanf("%lf %lf %lf %lf %lf %lf", &s.t, &s.theta, &s.theta_dot, &s.beta, &s.theta_ddot, &s.beta_cmd) == 6) {
+    while (scanf("%lf %lf %lf %lf %lf %lf %lf", &s.t, &s.theta, &s.theta_dot, &s.beta, &s.theta_ddot, &s.beta_cmd,
+                 &s.gamma) == 7) {
         const launchid_status status = launchid_update(&estimator, &s);
         printf("%d\n", (int)status);
         if (status == LAUNCHID_WINDOW_COMPLETE && launchid_get_estimate(&estimator, &estimate)) {
