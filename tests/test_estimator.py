@@ -401,7 +401,7 @@ def answers_hold(estimator: Estimator, samples: Iterable[Sample]) -> int:
     return windows
 
 
-@given(rows=hs.lists(hs.tuples(*[odd_floats] * 6), max_size=12))
+@given(rows=hs.lists(hs.tuples(*[odd_floats] * 7), max_size=12))
 def test_update_never_raises_for_any_float(rows):
     estimator = Estimator(Config(window=0.04, sample_period=0.01))
     answers_hold(estimator, (Sample(*row) for row in rows))
@@ -553,7 +553,7 @@ def test_no_kernel_compiles_after_construction(kind):
     for k, sample in enumerate(flight(2.0, -7.0, 128)):
         mixed = [kind(k)] + [kind(x) for x in sample[1:4]] if kind in (int, bool, np.int8) and k == 64 else \
             [sample.t, *(kind(x) for x in sample[1:4])]
-        assert isinstance(estimator.update((*mixed, NAN, NAN)), Status)
+        assert isinstance(estimator.update((*mixed, NAN, NAN, NAN)), Status)
     assert estimator.counts["WINDOW_COMPLETE"] >= 1
     assert [len(kernel.signatures) for kernel in kernels] == before
 
