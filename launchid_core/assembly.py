@@ -10,14 +10,16 @@ from . import batch as rg
 from . import onboard as ob
 from . import ring as rb
 from . import step as st
-from .belief import AT_BETA, AT_THETA
+from .belief import AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NONE, Belief
 from .choices import SOLVERS
 from .compress import first_state
 from .config import Config
+from .filtered import LEVEL_PRIOR, WIND_PRIOR
 from .library import centred_variables, term_codes
 from .memory import Block
-from .model import Model
+from .model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
 from .onboard import Fixed, State, Work
+from .predictor import N_STATES
 from .report import Report
 from .status import EstimateStatus
 from .structure import Learner, Learning
@@ -51,6 +53,8 @@ def _sizes(config: Config) -> list[int]:
     sizes[st.TERMS], sizes[st.WINDOW_ROWS], sizes[st.KEPT_ROWS] = len(config.terms), config.rows, config.kept_rows
     if model is not None:
         sizes[st.NODES], sizes[st.RANGE_NODES] = len(model.profile_t), len(model.sigma_t)
+        sizes[st.STATES], sizes[st.LEVELS] = N_STATES + len(model.nuisances), len(model.levels)
+        sizes[st.AIR_NODES] = max(1, len(_air_times(model)))
     return sizes
 
 
@@ -122,16 +126,45 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
     assert isinstance(parts.fixed, Fixed)
     belief, option = parts.fixed.belief, parts.fixed.option
     belief.time[:], belief.a6[:], belief.k1[:] = model.profile_t, model.profile_a6, model.profile_k1
-    belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.delay, config.sample_period,
-                          config.missing_commands,
+    belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.time_constant, model.delay,
+                          config.sample_period, config.missing_commands, float(bool(model.nuisances)),
+                          float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
+                          model.gyro_scale, model.command_gain, model.command_offset,
+                          model.known_theta, model.known_theta_dot, model.known_beta,
                           config.theta_saturation, config.theta_dot_saturation, config.beta_saturation)
     belief.variance[:] = model.variances(config.sample_period)
+    belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
+    _fill_nuisances(model, belief)
     belief.codes[:] = term_codes(config.terms)
     belief.term[AT_THETA], belief.term[AT_BETA] = config.terms.index("theta"), config.terms.index("beta")
     option[ob.ESTIMATE_LEVELS], option[ob.ENOUGH] = int(config.noise == "estimated"), enough(config)
     if parts.sigma is not None:
         sigma = parts.sigma
         sigma.time[:], sigma.a6[:], sigma.k1[:] = model.sigma_t, model.sigma_a6, model.sigma_k1
+
+
+def _air_times(model: Model) -> tuple[float, ...]:
+    """Nodes at which forecast or drift are given; none without them."""
+    return tuple(sorted({*model.forecast_t, *model.drift_t}))
+
+
+def _fill_nuisances(model: Model, belief: Belief) -> None:
+    """The disturbances' parts of what is believed."""
+    times, levels = _air_times(model), model.levels
+    if times:
+        belief.air[:, AIR_T] = times
+        for column, nodes, values in ((AIR_WIND, model.forecast_t, model.forecast),
+                                      (AIR_ALPHA, model.drift_t, model.drift_alpha),
+                                      (AIR_BETA, model.drift_t, model.drift_beta)):
+            if nodes:
+                belief.air[:, column] = np.interp(times, nodes, values)
+    belief.partner[:] = NONE
+    for k, role in enumerate(model.nuisances):
+        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), NONE
+        if role < MISALIGNMENT and WIND_NOISES[role] in levels:
+            belief.level[k] = levels.index(WIND_NOISES[role])
+        if role >= ATTITUDE_BIAS:
+            belief.partner[role - ATTITUDE_BIAS] = N_STATES + k
 
 
 def _fill_regression(config: Config, fixed: rg.Fixed) -> None:
@@ -169,7 +202,8 @@ def restart(config: Config, parts: Parts) -> None:
         array[...] = 0
     clear_outcome(parts.state.outcome, int(EstimateStatus.SHORT))
     if isinstance(parts.state, State):
-        ob.restart(parts.state, parts.learner)
+        assert isinstance(parts.fixed, Fixed)
+        ob.restart(parts.fixed, parts.state, parts.learner)
     else:
         parts.state.random[0] = first_state(config.seed)
     if parts.gauge is not None:

@@ -19,7 +19,6 @@ import numpy as np
 from .belief import A6, K1
 from .kernels import inner, once, shared
 from .memory import take, take2, take3
-from .predictor import N_STATES
 from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
 
 ONSETS = 24         # blocks looked back: 2.4 s at 0.1 s
@@ -52,21 +51,21 @@ class Watch(NamedTuple):
     factor: np.ndarray      # (ONSETS, 2) log Bayes factors
     before: np.ndarray      # (ONSETS, N_BELIEF) tracked belief before each onset
     start: np.ndarray       # (ONSETS,) s
-    carried: np.ndarray     # (ONSETS, 4, 2) sensitivities at each onset, carried to the current block's start
+    carried: np.ndarray     # (ONSETS, n, 2) sensitivities at each onset, carried to the current block's start
     counts: np.ndarray      # (N_COUNTS,) int64
     event: np.ndarray       # (MAX_EVENTS, N_EVENT)
     reference: np.ndarray   # (N_BELIEF,) belief before the last change
 
 
 @shared
-def view_watch(f, at, i, m):
-    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
+def view_watch(f, at, i, m, n):
+    """Cut it from floats f at `at` and integers i at `m` for n states; returns (it, next at, next m)."""
     mean, at = take3(f, at, ONSETS, 2, 2)
     covariance, at = take3(f, at, ONSETS, 2, 3)
     factor, at = take2(f, at, ONSETS, 2)
     before, at = take2(f, at, ONSETS, N_BELIEF)
     start, at = take(f, at, ONSETS)
-    carried, at = take3(f, at, ONSETS, N_STATES, 2)
+    carried, at = take3(f, at, ONSETS, n, 2)
     counts, m = take(i, m, N_COUNTS)
     event, at = take2(f, at, MAX_EVENTS, N_EVENT)
     reference, at = take(f, at, N_BELIEF)
@@ -90,9 +89,9 @@ def measure(mean, covariance, h0, h1, z):
 
 @once
 def open_onset(state, belief, s_start, t):
-    """A block began at t with sensitivities s_start (4, 2): a change may have begun with it."""
+    """A block began at t with sensitivities s_start (n, 2): a change may have begun with it."""
     slot = state.counts[NEXT]
-    for i in range(N_STATES):
+    for i in range(s_start.shape[0]):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
     jump = JUMP_STD * JUMP_STD
@@ -121,14 +120,14 @@ def follow_onset(state, slot, kind, pair, dt):
     covariance[AA] += DRIFT * DRIFT * dt
     covariance[KK] += DRIFT * DRIFT * dt
     carried, before = state.carried[slot], state.before[slot]
-    volume, square = 1.0, 0.0
-    for i in range(N_STATES + 2):
+    volume, square, n = 1.0, 0.0, carried.shape[0]
+    for i in range(n + 2):
         past_a = past_k = 0.0
-        for k in range(i, N_STATES):
+        for k in range(i, n):
             past_a += pair[i, k] * carried[k, A6]
             past_k += pair[i, k] * carried[k, K1]
-        z = pair[i, N_STATES + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
-        variance, share = measure(mean, covariance, pair[i, N_STATES] - past_a, pair[i, N_STATES + 1] - past_k, z)
+        z = pair[i, n + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
+        variance, share = measure(mean, covariance, pair[i, n] - past_a, pair[i, n + 1] - past_k, z)
         volume *= variance
         square += share
     return -0.5 * (math.log(volume) + square)
@@ -136,15 +135,16 @@ def follow_onset(state, slot, kind, pair, dt):
 
 @once
 def carry_onset(state, column, slot, transition):
-    """Carry the sensitivities of an onset over the block.  column (4,) scratch;  transition (4, >=4) in."""
+    """Carry the sensitivities of an onset over the block.  column (n,) scratch;  transition (n, >=n) in."""
     carried = state.carried[slot]
+    n = carried.shape[0]
     for j in range(2):
-        for i in range(N_STATES):
+        for i in range(n):
             value = 0.0
-            for k in range(N_STATES):
+            for k in range(n):
                 value += transition[i, k] * carried[k, j]
             column[i] = value
-        for i in range(N_STATES):
+        for i in range(n):
             carried[i, j] = column[i]
 
 
@@ -152,9 +152,9 @@ def carry_onset(state, column, slot, transition):
 def follow_onsets(state, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
-    column (4,) scratch
-    pair (7, 7) in square-root information: offset at the block's start, a6, k1, right-hand side
-    transition (4, >=4) in of the offset over the block
+    column (n,) scratch
+    pair (n + 3, n + 3) in square-root information: offset at the block's start, a6, k1, right-hand side
+    transition (n, >=n) in of the offset over the block
     dt [s];  still: log density of the block without a jump
     """
     best, best_slot, best_kind = -np.inf, 0, 0

@@ -15,7 +15,6 @@ from .assembly import allocate, is_ranged, is_structured, restart, state_arrays
 from .belief import A6
 from .config import Config
 from .estimate import Change, Estimate, Level, Tracked, Uncertainty
-from .model import NOISES
 from .onboard import State
 from .predictor import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .sample import NAN, Sample
@@ -121,9 +120,9 @@ class Estimator:
     def noise_levels(self) -> dict[str, float]:
         """Noise levels believed now, over the model's declared ones, by name (formulation `filtered`)."""
         state = self._parts.state
-        if not isinstance(state, State):
+        if not isinstance(state, State) or self.config.model is None:
             return {}
-        return {name: math.exp(level) for name, level in zip(NOISES, state.filter.level.tolist(), strict=True)}
+        return {name: math.exp(level) for name, level in zip(self.config.model.levels, state.filter.level.tolist(), strict=True)}
 
     @property
     def counts(self) -> dict[str, int]:

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
+from .belief import A6, AT_BETA, AT_THETA, GYRO_SCALE, K1, OFFSET, SATURATION
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
-from .model import N_NOISES
 from .predictor import (
     LEVEL_CLAMPS,
     N_STATES,
@@ -25,17 +24,18 @@ from .predictor import (
     correct,
     is_outlier,
     predict,
+    spread_at,
     start_segment,
     take_command,
 )
-from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
+from .ring import BETA_CMD, GAMMA, THETA, T
 from .status import EstimateStatus
 from .tracker import N_BELIEF
 
 BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
-PAIR = N_STATES + 3     # offset, theta, beta, right-hand side
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
+WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
 LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
@@ -54,75 +54,75 @@ STD_A6, STD_K1, CORR = range(3)
 
 
 class Accumulator(NamedTuple):
-    """Square-root information and the rows on their way into it.  n = 4 + q + 1 columns, right-hand side last.
+    """Square-root information and the rows on their way into it.  c = n + q + 1 columns, right-hand side last.
 
     The initial offset's sensitivities restart with every block; `psi` carries them back to the window's start.
     """
 
-    window: np.ndarray       # (n, n) of the current window: offset at its start, terms
-    psi: np.ndarray          # (4, 4) transition of an offset from the window's start to the block's
-    s_start: np.ndarray      # (4, 2) sensitivities for theta and beta at the block's start
-    rows: np.ndarray         # (n, 3 BLOCK) whitened innovations of the block, column by column
+    window: np.ndarray       # (c, c) of the current window: offset at its start, terms
+    psi: np.ndarray          # (n, n) transition of an offset from the window's start to the block's
+    s_start: np.ndarray      # (n, 2) sensitivities for theta and beta at the block's start
+    rows: np.ndarray         # (c, 3 BLOCK) whitened innovations of the block, column by column
     counts: np.ndarray       # (3,) int64
     start: np.ndarray        # (1,) first stamp of the block [s]
-    score: np.ndarray        # (5,) of the noise levels over the block
-    information: np.ndarray  # (5, 5) of the noise levels over the block
-    level_information: np.ndarray  # (5, 5) over the flight, prior included
+    score: np.ndarray        # (L,) of the noise levels over the block
+    information: np.ndarray  # (L, L) of the noise levels over the block
+    level_information: np.ndarray  # (L, L) over the flight, prior included
 
 
 class AccumulatorWork(NamedTuple):
     """Scratch of a block and of a window's close."""
 
-    triangle: np.ndarray     # (n, n) of the current block: offset at its start, terms
-    pair: np.ndarray         # (7, 7) of the block: offset, theta, beta, right-hand side
+    triangle: np.ndarray     # (c, c) of the current block: offset at its start, terms
+    pair: np.ndarray         # (n + 3, n + 3) of the block: offset, theta, beta, right-hand side
     block: np.ndarray        # (3, 3) of the block, the state known: theta, beta, right-hand side
-    product: np.ndarray      # (4, 4)
-    column: np.ndarray       # (4,)
-    scratch: np.ndarray      # (2 * n * n,)
-    square: np.ndarray       # (5, 5)
-    order: np.ndarray        # (5,) int64
-    tau: np.ndarray          # (5,)
-    right: np.ndarray        # (5,)
-    step: np.ndarray         # (5,)
+    product: np.ndarray      # (n, n)
+    column: np.ndarray       # (n,)
+    scratch: np.ndarray      # (2 * c * c,)
+    square: np.ndarray       # (L, L)
+    order: np.ndarray        # (L,) int64
+    tau: np.ndarray          # (L,)
+    right: np.ndarray        # (L,)
+    step: np.ndarray         # (L,)
     belief: np.ndarray       # (N_BELIEF,) to restart the tracker with
-    columns: np.ndarray      # (n,) int64 that a solve keeps
+    columns: np.ndarray      # (c,) int64 that a solve keeps
     coefficient: np.ndarray  # (q,)
     deviation: np.ndarray    # (3,)
 
 
 @shared
-def view_accumulator(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    n = N_STATES + q + 1
-    window, at = take2(f, at, n, n)
-    psi, at = take2(f, at, N_STATES, N_STATES)
-    s_start, at = take2(f, at, N_STATES, 2)
-    rows, at = take2(f, at, n, 3 * BLOCK)
+def view_accumulator(f, at, i, m, q, n, levels):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
+    c = n + q + 1
+    window, at = take2(f, at, c, c)
+    psi, at = take2(f, at, n, n)
+    s_start, at = take2(f, at, n, 2)
+    rows, at = take2(f, at, c, 3 * BLOCK)
     counts, m = take(i, m, 3)
     start, at = take(f, at, 1)
-    score, at = take(f, at, N_NOISES)
-    information, at = take2(f, at, N_NOISES, N_NOISES)
-    level_information, at = take2(f, at, N_NOISES, N_NOISES)
+    score, at = take(f, at, levels)
+    information, at = take2(f, at, levels, levels)
+    level_information, at = take2(f, at, levels, levels)
     return Accumulator(window, psi, s_start, rows, counts, start, score, information, level_information), at, m
 
 
 @shared
-def view_accumulator_work(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    n = N_STATES + q + 1
-    triangle, at = take2(f, at, n, n)
-    pair, at = take2(f, at, PAIR, PAIR)
+def view_accumulator_work(f, at, i, m, q, n, levels):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
+    c = n + q + 1
+    triangle, at = take2(f, at, c, c)
+    pair, at = take2(f, at, n + 3, n + 3)
     block, at = take2(f, at, 3, 3)
-    product, at = take2(f, at, N_STATES, N_STATES)
-    column, at = take(f, at, N_STATES)
-    scratch, at = take(f, at, 2 * n * n)
-    square, at = take2(f, at, N_NOISES, N_NOISES)
-    order, m = take(i, m, N_NOISES)
-    tau, at = take(f, at, N_NOISES)
-    right, at = take(f, at, N_NOISES)
-    step, at = take(f, at, N_NOISES)
+    product, at = take2(f, at, n, n)
+    column, at = take(f, at, n)
+    scratch, at = take(f, at, 2 * c * c)
+    square, at = take2(f, at, levels, levels)
+    order, m = take(i, m, levels)
+    tau, at = take(f, at, levels)
+    right, at = take(f, at, levels)
+    step, at = take(f, at, levels)
     belief, at = take(f, at, N_BELIEF)
-    columns, m = take(i, m, n)
+    columns, m = take(i, m, c)
     coefficient, at = take(f, at, q)
     deviation, at = take(f, at, 3)
     return AccumulatorWork(triangle, pair, block, product, column, scratch, square, order, tau, right, step, belief,
@@ -133,7 +133,7 @@ def view_accumulator_work(f, at, i, m, q):
 def start_window(acc):
     """Forget the window's information but for the weak prior on the terms."""
     acc.window[:, :] = 0.0
-    for j in range(N_STATES, acc.window.shape[0] - 1):
+    for j in range(acc.psi.shape[0], acc.window.shape[0] - 1):
         acc.window[j, j] = WEAK_PRIOR
     set_identity(acc.psi)
     acc.counts[SAMPLES] = 0
@@ -142,82 +142,110 @@ def start_window(acc):
 
 @shared
 def set_identity(matrix):
-    """matrix (4, 4) out"""
-    for i in range(4):
-        for j in range(4):
+    """matrix (n, n) out"""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[0]):
             matrix[i, j] = 1.0 if i == j else 0.0
 
 
+@inner
+def believe_nuisances(belief, fil, acc, t):
+    """What is declared of the nuisances at t [s], where the offset begins, as rows of the window: an offset d and
+    deviations p of the terms make a nuisance x + s (p - p_bar) + d, which is 0 with its declared spread.
+
+    Nothing else of the past enters a window.
+    """
+    n, last = fil.x.shape[0], acc.window.shape[0] - 1
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    for k in range(N_STATES, n):
+        w = 1.0 / np.sqrt(spread_at(belief, fil, k - N_STATES, t))
+        acc.window[k, k] = w
+        for j in range(n, last):
+            acc.window[k, j] = w * fil.s[k, j]
+        acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
+
+
 @once
-def forget_offset(acc):
+def forget_offset(belief, fil, acc, t):
     """The state is unknown again (a gap): keep what is known of the terms, drop the initial offset's rows."""
-    for i in range(N_STATES):
+    for i in range(acc.psi.shape[0]):
         for j in range(acc.window.shape[0]):
             acc.window[i, j] = 0.0
     set_identity(acc.psi)
+    believe_nuisances(belief, fil, acc, t)
 
 
 @inner
 def begin_block(belief, fil, acc):
     """A block begins: the offset's sensitivities are the identity, the terms' are remembered."""
-    for i in range(N_STATES):
-        for j in range(N_STATES):
+    n = fil.x.shape[0]
+    for i in range(n):
+        for j in range(n):
             fil.s[i, j] = 1.0 if i == j else 0.0
-        acc.s_start[i, A6] = fil.s[i, N_STATES + belief.term[AT_THETA]]
-        acc.s_start[i, K1] = fil.s[i, N_STATES + belief.term[AT_BETA]]
+        acc.s_start[i, A6] = fil.s[i, n + belief.term[AT_THETA]]
+        acc.s_start[i, K1] = fil.s[i, n + belief.term[AT_BETA]]
 
 
 @once
 def reduce_block(acc, work, theta, beta):
     """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known."""
-    n = acc.window.shape[0]
+    c, n = acc.window.shape[0], acc.psi.shape[0]
+    width = n + 3
     work.triangle[:, :] = 0.0
     absorb_rows(work.triangle, acc.rows, acc.counts[ROWS])
-    pair = work.scratch[:PAIR * n].reshape((PAIR, n))
-    for i in range(n):
-        for j in range(N_STATES):
+    pair = work.scratch[:width * c].reshape((width, c))
+    for i in range(c):
+        for j in range(n):
             pair[j, i] = work.triangle[i, j]
-        pair[N_STATES, i] = work.triangle[i, N_STATES + theta]
-        pair[N_STATES + 1, i] = work.triangle[i, N_STATES + beta]
-        pair[N_STATES + 2, i] = work.triangle[i, n - 1]
+        pair[n, i] = work.triangle[i, n + theta]
+        pair[n + 1, i] = work.triangle[i, n + beta]
+        pair[n + 2, i] = work.triangle[i, c - 1]
     work.pair[:, :] = 0.0
-    absorb_rows(work.pair, pair, n)
-    known = work.scratch[:3 * (PAIR - 1)].reshape((3, PAIR - 1))
-    for i in range(PAIR - 1):
+    absorb_rows(work.pair, pair, c)
+    known = work.scratch[:3 * (width - 1)].reshape((3, width - 1))
+    for i in range(width - 1):
         for j in range(3):
-            known[j, i] = work.pair[i, N_STATES + j]
+            known[j, i] = work.pair[i, n + j]
     work.block[:, :] = 0.0
-    absorb_rows(work.block, known, PAIR - 1)
+    absorb_rows(work.block, known, width - 1)
 
 
 @once
 def absorb_block(acc, work):
     """Add the block to the window's information, its offset carried back to the window's start."""
-    n = acc.window.shape[0]
-    copy = work.scratch[:n * n].reshape((n, n))
-    for i in range(n):
-        for c in range(N_STATES):
+    width, n = acc.window.shape[0], acc.psi.shape[0]
+    copy = work.scratch[:width * width].reshape((width, width))
+    for i in range(width):
+        for c in range(n):
             value = 0.0
-            for k in range(i, N_STATES):
+            for k in range(i, n):
                 value += work.triangle[i, k] * acc.psi[k, c]
             copy[c, i] = value
-        for c in range(N_STATES, n):
+        for c in range(n, width):
             copy[c, i] = work.triangle[i, c]
-    absorb_rows(acc.window, copy, n)
+    absorb_rows(acc.window, copy, width)
 
 
 @once
 def advance_psi(fil, acc, work):
     """psi <- (transition over the block) psi."""
-    for i in range(N_STATES):
-        for j in range(N_STATES):
+    n = acc.psi.shape[0]
+    for i in range(n):
+        for j in range(n):
             value = 0.0
-            for k in range(N_STATES):
+            for k in range(n):
                 value += fil.s[i, k] * acc.psi[k, j]
             work.product[i, j] = value
-    for i in range(N_STATES):
-        for j in range(N_STATES):
+    for i in range(n):
+        for j in range(n):
             acc.psi[i, j] = work.product[i, j]
+
+
+@inner
+def measured(belief, row, channel):
+    """theta, theta_dot or beta of a ring row without the sensor errors that are known."""
+    z = row[THETA + channel] - belief.constant[OFFSET + channel]
+    return z / belief.constant[GYRO_SCALE] if channel == 1 else z
 
 
 @inner
@@ -230,19 +258,22 @@ def take_sample(belief, fil, work, acc, row, max_gap):
     if begins_anew(fil, t, max_gap):
         acc.counts[GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
         fil.note[RESTARTS] += int(fil.time[RUNNING])
-        start_segment(belief, fil, t, row[THETA], row[THETA_DOT], row[BETA])
-        forget_offset(acc)
+        start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
+                      row[GAMMA])
+        acc.s_start[:, :] = 0.0
+        forget_offset(belief, fil, acc, t)
     else:
-        predict(belief, fil, work, t, row[BETA_CMD])
-    theta, beta = N_STATES + belief.term[AT_THETA], N_STATES + belief.term[AT_BETA]
+        predict(belief, fil, work, t, row[BETA_CMD], row[GAMMA])
+    theta, beta = fil.x.shape[0] + belief.term[AT_THETA], fil.x.shape[0] + belief.term[AT_BETA]
     for channel in range(3):
-        z = row[THETA + channel]
-        if np.isnan(z) or abs(z) >= belief.constant[SATURATION + channel]:
+        if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[SATURATION + channel]:
             continue
+        z = measured(belief, row, channel)
         r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
-        if is_outlier(fil, channel, z, r):
+        partner = belief.partner[channel]
+        if is_outlier(fil, channel, partner, z, r):
             continue
-        e, variance = correct(fil, work, channel, z, r, acc.score, acc.information)
+        e, variance = correct(fil, work, channel, partner, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[ROWS]
         n = work.out.shape[0]
@@ -255,12 +286,12 @@ def take_sample(belief, fil, work, acc, row, max_gap):
 
 
 @once
-def update_levels(fil, acc, work):
+def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = acc.score.shape[0]
     for i in range(n):
         for j in range(n):
-            prior = LEVEL_PRIOR if i == j else 0.0
+            prior = belief.prior[i] if i == j else 0.0
             old = LEVEL_MEMORY * (acc.level_information[i, j] - prior) + prior
             acc.level_information[i, j] = old + acc.information[i, j]
             work.square[j, i] = acc.level_information[i, j]
@@ -281,8 +312,8 @@ def update_levels(fil, acc, work):
 def relinearise(belief, fil, a, k):
     """Move the point of linearisation to relative deviations (a, k), and the state with it."""
     for i in range(fil.x.shape[0]):
-        fil.x[i] += (fil.s[i, N_STATES + belief.term[AT_THETA]] * (a - fil.p_bar[A6])
-                     + fil.s[i, N_STATES + belief.term[AT_BETA]] * (k - fil.p_bar[K1]))
+        fil.x[i] += (fil.s[i, fil.x.shape[0] + belief.term[AT_THETA]] * (a - fil.p_bar[A6])
+                     + fil.s[i, fil.x.shape[0] + belief.term[AT_BETA]] * (k - fil.p_bar[K1]))
     fil.p_bar[A6], fil.p_bar[K1] = a, k
 
 
@@ -290,11 +321,11 @@ def relinearise(belief, fil, a, k):
 def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     """The parameters jumped: move state and linearisation, forget how the state depended on the values before.
 
-    carried (4, 2) in  sensitivities at the onset, carried to now
+    carried (n, 2) in  sensitivities at the onset, carried to now
     blocks         in  since the onset; it lies somewhere within the first, which leaves the state uncertain by what
                        one block of the new parameters does to it, uniformly
     """
-    theta, beta = N_STATES + belief.term[AT_THETA], N_STATES + belief.term[AT_BETA]
+    theta, beta = fil.x.shape[0] + belief.term[AT_THETA], fil.x.shape[0] + belief.term[AT_BETA]
     relinearise(belief, fil, before_a, before_k)
     for i in range(fil.x.shape[0]):
         fil.s[i, theta] -= carried[i, A6]
@@ -311,23 +342,23 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
 def select_columns(n, active, theta, beta, columns):
     """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, right-hand side.
 
-    n            of the triangle's
-    columns (n,) out int64;  returns how many.
+    n            states
+    columns (c,) out int64;  returns how many.
     """
-    m = N_STATES
-    for j in range(N_STATES):
+    m = n
+    for j in range(n):
         columns[j] = j
-    for j in range(n - 1 - N_STATES):
+    for j in range(active.shape[0]):
         if active[j] and j != theta and j != beta:
-            columns[m] = N_STATES + j
+            columns[m] = n + j
             m += 1
     if active[theta]:
-        columns[m] = N_STATES + theta
+        columns[m] = n + theta
         m += 1
     if active[beta]:
-        columns[m] = N_STATES + beta
+        columns[m] = n + beta
         m += 1
-    columns[m] = n - 1
+    columns[m] = n + active.shape[0]
     return m + 1
 
 
@@ -339,24 +370,24 @@ def solve_window(belief, acc, work, active):
     work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
                 inactive)
     """
-    n = acc.window.shape[0]
+    width, n = acc.window.shape[0], acc.psi.shape[0]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     columns, coefficient, deviation = work.columns, work.coefficient, work.deviation
     m = select_columns(n, active, theta, beta, columns)
     r = work.scratch[:m * m].reshape((m, m))
-    rt = work.scratch[m * m:m * m + m * n].reshape((m, n))
+    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
     for c in range(m):
         for i in range(m):
             r[c, i] = 0.0
-        for i in range(n):
+        for i in range(width):
             rt[c, i] = acc.window[i, columns[c]]
-    absorb_rows(r, rt, n)
+    absorb_rows(r, rt, width)
     coefficient[:] = 0.0
-    for k in range(m - 2, N_STATES - 1, -1):
+    for k in range(m - 2, n - 1, -1):
         value = r[k, m - 1]
         for j in range(k + 1, m - 1):
-            value -= r[k, j] * coefficient[columns[j] - N_STATES]
-        coefficient[columns[k] - N_STATES] = value / r[k, k]
+            value -= r[k, j] * coefficient[columns[j] - n]
+        coefficient[columns[k] - n] = value / r[k, k]
     deviation[:] = np.nan
     if active[theta] and active[beta]:
         a, b, c = r[m - 3, m - 3], r[m - 3, m - 2], r[m - 2, m - 2]

@@ -2,24 +2,47 @@
 
 import math
 from dataclasses import dataclass, fields
+from itertools import pairwise
 
 import numpy as np
 
 NOISES = ("theta_std", "theta_dot_std", "beta_std", "command_noise_std", "acceleration_noise_std")
 N_NOISES = len(NOISES)
+WIND_NOISES = ("walk", "turbulence")  # levels that a model with wind has beside them, in this order
+OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias")
+# what a nuisance state is: the wind's two parts, then OFFSETS
+WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
+
+
+NODES = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"), "forecast_t": ("forecast",),
+         "drift_t": ("drift_alpha", "drift_beta")}
+AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """Nominal of theta_ddot = a6(t) theta + k1(t) beta behind a second-order actuator.
+    """Nominal of theta_ddot = a6(t) alpha + k1(t) (beta + m) behind an actuator; alpha = theta - gamma + w.
 
     profile_t  [s], profile_a6, profile_k1 [1/s^2]  nodes, linear between, held beyond; one node: constant
     natural_frequency [rad/s], damping_ratio, delay [s]  beta_ddot = w^2 (u(t - delay) - beta) - 2 zeta w beta_dot
+    time_constant [s]      of a first-order actuator, beta_dot = (u(t - delay) - beta)/time_constant; 0: second order,
+                           else natural_frequency and damping_ratio are not used
     theta_std [rad], theta_dot_std [rad/s], beta_std [rad]  white sensor noise, one draw per sample
     command_noise_std [rad], acceleration_noise_std [rad/s^2]  process noise, one draw per `noise_period`
     noise_period [s]       how long a draw of the process noise is held
     sigma_t [s], sigma_a6, sigma_k1  nodes of the relative range a = a0 (1 + sigma delta), |delta| <= 1, linear between,
                            held beyond; empty: no uncertainty level is asked for
+    walk [rad/sqrt(s)], wind_initial [rad]  random walk of the wind angle, its standard deviation at the first sample
+    turbulence [rad], turbulence_time [s]   stationary first-order part of the wind angle
+    forecast_t [s], forecast [rad]  nodes of the wind that is known beforehand; empty: none
+    drift_t [s], drift_alpha, drift_beta [1/s]  nodes of gamma_dot = z_alpha alpha + z_beta (beta + m), where no sample
+                           says gamma; empty: gamma is 0 there
+    gamma_std [rad]        white noise of the samples' gamma
+    thrust_misalignment, attitude_bias, nozzle_sensor_bias [rad], gyro_bias [rad/s], moment [rad/s^2]  one sigma of
+                           constants that are not known before the flight; 0: known to be `known_...`
+    known_lean [rad]       thrust misalignment that is known; known_theta [rad], known_theta_dot [rad/s], known_beta
+                           [rad]: known sensor offsets; gyro_scale, command_gain, command_offset [rad]: what gyro and
+                           actuator are known to make of rate and command
 
     A wrong value raises ValueError naming field, value and allowed range.
     """
@@ -39,41 +62,86 @@ class Model:
     sigma_t: tuple[float, ...] = ()
     sigma_a6: tuple[float, ...] = ()
     sigma_k1: tuple[float, ...] = ()
+    time_constant: float = 0.0
+    walk: float = 0.0
+    wind_initial: float = 0.0
+    turbulence: float = 0.0
+    turbulence_time: float = 1.0
+    forecast_t: tuple[float, ...] = ()
+    forecast: tuple[float, ...] = ()
+    drift_t: tuple[float, ...] = ()
+    drift_alpha: tuple[float, ...] = ()
+    drift_beta: tuple[float, ...] = ()
+    gamma_std: float = 0.0
+    thrust_misalignment: float = 0.0
+    moment: float = 0.0
+    attitude_bias: float = 0.0
+    gyro_bias: float = 0.0
+    nozzle_sensor_bias: float = 0.0
+    known_lean: float = 0.0
+    known_theta: float = 0.0
+    known_theta_dot: float = 0.0
+    known_beta: float = 0.0
+    gyro_scale: float = 1.0
+    command_gain: float = 1.0
+    command_offset: float = 0.0
 
     def __post_init__(self) -> None:
+        for nodes, values in NODES.items():
+            self._require_nodes(nodes, values)
+        if not self.profile_t:
+            raise ValueError(f"profile_t={self.profile_t!r}: expected at least one node")
         for field in fields(self):
-            if field.name.startswith("profile"):
-                values = tuple(float(x) for x in getattr(self, field.name))
-                object.__setattr__(self, field.name, values)
-                if not values or not all(map(math.isfinite, values)) or len(values) != len(self.profile_t):
-                    raise ValueError(f"{field.name}={values!r}: expected {len(self.profile_t)} finite numbers, "
-                                     "as many as profile_t")
-            elif field.name.startswith("sigma"):
-                self._require_sigma(field.name)
+            if isinstance(field.default, tuple) or field.name.startswith("profile"):
+                continue
+            value = float(getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
+            if field.name in ("natural_frequency", "damping_ratio") and self.time_constant > 0.0:
+                continue
+            if field.name.startswith("known") or field.name == "command_offset":
+                allowed, words = True, ""
+            elif field.name in ("damping_ratio", *AT_LEAST_ZERO):
+                allowed, words = value >= 0.0, " of at least 0"
             else:
-                value = float(getattr(self, field.name))
-                object.__setattr__(self, field.name, value)
-                least = field.name in ("delay", "damping_ratio")
-                if not (math.isfinite(value) and (value > 0 or (least and value == 0))):
-                    raise ValueError(f"{field.name}={value!r}: expected a finite number "
-                                     f"{'of at least' if least else 'above'} 0")
-        if any(b <= a for a, b in zip(self.profile_t, self.profile_t[1:], strict=False)):
-            raise ValueError(f"profile_t={self.profile_t!r}: expected increasing times")
-        if any(b <= a for a, b in zip(self.sigma_t, self.sigma_t[1:], strict=False)):
-            raise ValueError(f"sigma_t={self.sigma_t!r}: expected increasing times")
+                allowed, words = value > 0.0, " above 0"
+            if not (math.isfinite(value) and allowed):
+                raise ValueError(f"{field.name}={value!r}: expected a finite number{words}")
 
-    def _require_sigma(self, name: str) -> None:
-        """As many finite numbers as sigma_t; a range is above 0."""
-        values = tuple(float(x) for x in getattr(self, name))
-        object.__setattr__(self, name, values)
-        good = all(math.isfinite(x) and (x > 0 or name == "sigma_t") for x in values)
-        if not good or len(values) != len(self.sigma_t):
-            raise ValueError(f"{name}={values!r}: expected {len(self.sigma_t)} finite numbers"
-                             f"{'' if name == 'sigma_t' else ' above 0'}, as many as sigma_t")
+    def _require_nodes(self, nodes: str, names: tuple[str, ...]) -> None:
+        """Increasing times, and as many finite numbers of each name; a range sigma is above 0."""
+        for name in (nodes, *names):
+            values = tuple(float(x) for x in getattr(self, name))
+            object.__setattr__(self, name, values)
+            positive = name in ("sigma_a6", "sigma_k1")
+            good = all(math.isfinite(x) and (x > 0 or not positive) for x in values)
+            if not good or len(values) != len(getattr(self, nodes)):
+                raise ValueError(f"{name}={values!r}: expected {len(getattr(self, nodes))} finite numbers"
+                                 f"{' above 0' if positive else ''}, as many as {nodes}")
+        times = getattr(self, nodes)
+        if any(b <= a for a, b in pairwise(times)):
+            raise ValueError(f"{nodes}={times!r}: expected increasing times")
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Names of the noise levels, in the order of `variances`."""
+        return NOISES + tuple(name for name in WIND_NOISES if getattr(self, name) > 0.0)
+
+    @property
+    def nuisances(self) -> tuple[int, ...]:
+        """What is carried as states beside the vehicle's: WALK .. NOZZLE_BIAS."""
+        wind = [(WALK, self.walk > 0.0 or self.wind_initial > 0.0), (TURBULENCE, self.turbulence > 0.0)]
+        constants = [(MISALIGNMENT + k, getattr(self, name) > 0.0) for k, name in enumerate(OFFSETS)]
+        return tuple(role for role, there in wind + constants if there)
+
+    def spread(self, role: int) -> float:
+        """Standard deviation of a nuisance at the first sample."""
+        name = ("wind_initial", "turbulence", *OFFSETS)[role]
+        value: float = getattr(self, name)
+        return value
 
     def variances(self, sample_period: float) -> np.ndarray:
-        """Variances (5,) in the order of NOISES; process noise keeps its spectral density at the sample period."""
+        """Variances (5 to 7,) in the order of `levels`; process noise keeps its spectral density at the sample period,
+        the walk's is a second's."""
         held = self.noise_period / sample_period
-        scale = np.array([1.0, 1.0, 1.0, held, held])
-        variances: np.ndarray = scale * np.array([getattr(self, name) for name in NOISES]) ** 2
-        return variances
+        scale = {"command_noise_std": held, "acceleration_noise_std": held}
+        return np.array([scale.get(name, 1.0) * getattr(self, name) ** 2 for name in self.levels])

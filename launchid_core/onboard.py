@@ -29,7 +29,6 @@ from .filtered import (
     BLOCK,
     CORR,
     GAPS,
-    LEVEL_PRIOR,
     ROWS,
     SAMPLES,
     STD_A6,
@@ -39,6 +38,7 @@ from .filtered import (
     absorb_block,
     advance_psi,
     begin_block,
+    believe_nuisances,
     jump,
     reduce_block,
     relinearise,
@@ -53,7 +53,6 @@ from .kernels import inner, merged, once, shared
 from .memory import take
 from .predictor import (
     LAST,
-    N_STATES,
     RUNNING,
     Filter,
     FilterWork,
@@ -142,46 +141,53 @@ class Work(NamedTuple):
 
 
 @shared
-def view_fixed(f, at, i, m, q, nodes):
-    """Cut it from floats f at `at` and integers i at `m` for q terms, `nodes` nodes; returns (it, next at, next m)."""
+def view_fixed(f, at, i, m, q, nodes, r, levels, air_nodes):
+    """Cut it from floats f at `at` and integers i at `m` for q terms, r nuisances; returns (it, next at, next m)."""
     limits, at = take(f, at, rb.N_LIMITS)
-    belief, at, m = view_belief(f, at, i, m, q, nodes)
+    belief, at, m = view_belief(f, at, i, m, q, nodes, r, levels, air_nodes)
     option, m = take(i, m, N_OPTIONS)
     return Fixed(limits, belief, option), at, m
 
 
 @shared
-def view_state(f, at, i, m, q, rows):
-    """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
+def view_state(f, at, i, m, q, rows, n, levels):
+    """Cut it from floats f at `at`, integers i at `m`: q terms, n states; returns (it, next at, next m)."""
     clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
-    fil, at, m = view_filter(f, at, i, m, q)
-    acc, at, m = view_accumulator(f, at, i, m, q)
+    fil, at, m = view_filter(f, at, i, m, q, n, levels)
+    acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
     bank, at, m = view_bank(f, at, i, m)
-    watch, at, m = view_watch(f, at, i, m)
+    watch, at, m = view_watch(f, at, i, m, n)
     active, m = take(i, m, q)
     return State(clock, counts, ring, outcome, fil, acc, bank, watch, active), at, m
 
 
 @shared
-def view_work(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    fil, at, m = view_filter_work(f, at, i, m, q)
-    acc, at, m = view_accumulator_work(f, at, i, m, q)
+def view_work(f, at, i, m, q, n, levels):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
+    fil, at, m = view_filter_work(f, at, i, m, q, n, levels)
+    acc, at, m = view_accumulator_work(f, at, i, m, q, n, levels)
     bank, at, m = view_bank_work(f, at, i, m)
     return Work(fil, acc, bank), at, m
 
 
-def restart(state: State, learner: Learner | None) -> None:
+def restart(fixed: Fixed, state: State, learner: Learner | None) -> None:
     """What is not zero before the first sample."""
     acc, bank = state.acc, state.bank
-    np.fill_diagonal(acc.level_information, LEVEL_PRIOR)
+    np.fill_diagonal(acc.level_information, fixed.belief.prior)
     start_window(acc)
     bank.weight[...] = 1.0 / len(bank.weight)
     restart_bank(bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
     state.active[...] = 1
     if learner is not None:
         np.fill_diagonal(learner.r[:-1, :-1], PRIOR)
+
+
+@inner
+def begin_window(fixed, state, t):
+    """A window begins after t [s], the last sample's: nothing is known but what is declared."""
+    start_window(state.acc)
+    believe_nuisances(fixed.belief, state.filter, state.acc, t)
 
 
 @inner
@@ -216,15 +222,15 @@ def close_block(fixed, state, work, learner, learning, period):
     advance_psi(fil, acc, work.acc)
     alarm = watch_block(fixed, state, work, dt, t_end)
     if alarm:  # the window begins again, and nothing of this block is noise or structure
-        start_window(acc)
+        begin_window(fixed, state, t_end)
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
     else:
         if learner is not None:
-            absorb_structure(learner.r, work.acc.triangle, N_STATES, work.acc.scratch, dt)
+            absorb_structure(learner.r, work.acc.triangle, fil.x.shape[0], work.acc.scratch, dt)
         absorb_block(acc, work.acc)
         if fixed.option[ESTIMATE_LEVELS] == 1:
-            update_levels(fil, acc, work.acc)
+            update_levels(belief, fil, acc, work.acc)
         quickest = state.bank.mean.shape[0] - 1  # so that a drift does not pass for noise
         relinearise(belief, fil, state.bank.mean[quickest, A6], state.bank.mean[quickest, K1])
     acc.counts[ROWS] = 0
@@ -247,8 +253,6 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
             close_block(fixed, state, work, learner, learning, period)
         if acc.counts[ROWS] == 0:
             acc.start[0] = row[rb.T]
-            if anew:
-                begin_block(belief, fil, acc)
         take_sample(belief, fil, work.filter, acc, row, max_gap)
     if flush or acc.counts[ROWS] > 3 * (BLOCK - 1):
         close_block(fixed, state, work, learner, learning, period)
@@ -276,7 +280,7 @@ def close_filtered(fixed, state, work, learner, learning):
         solve_window(belief, acc, work.acc, state.active)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
-    start_window(acc)
+    begin_window(fixed, state, state.filter.time[LAST])
 
 
 @inner

@@ -9,14 +9,15 @@ from .batch import view_state as view_regression_state
 from .batch import view_work as view_regression_work
 from .kernels import kernel, shared
 from .onboard import report_now, update_filtered, view_fixed, view_state, view_work
+from .predictor import N_STATES
 from .regression import update_integral, update_pointwise
 from .report import view_report
 from .structure import view_learner, view_learning
 from .uncertainty import view_gauge, view_sigma
 
 # sizes (i8): the first integers of a block
-TERMS, WINDOW_ROWS, KEPT_ROWS, NODES, RANGE_NODES = range(5)
-N_SIZES = 5
+TERMS, WINDOW_ROWS, KEPT_ROWS, NODES, RANGE_NODES, STATES, LEVELS, AIR_NODES = range(8)
+N_SIZES = 8
 
 
 @shared
@@ -32,10 +33,10 @@ def cut_regression(f, i):
 @shared
 def cut_filtered(f, i):
     """Parts of the filtered formulation that it always has: (Fixed, State, Work, Report, floats, integers)."""
-    q = i[TERMS]
-    fixed, at, m = view_fixed(f, 0, i, N_SIZES, q, i[NODES])
-    state, at, m = view_state(f, at, i, m, q, i[WINDOW_ROWS])
-    work, at, m = view_work(f, at, i, m, q)
+    q, n, levels = i[TERMS], i[STATES], i[LEVELS]
+    fixed, at, m = view_fixed(f, 0, i, N_SIZES, q, i[NODES], n - N_STATES, levels, i[AIR_NODES])
+    state, at, m = view_state(f, at, i, m, q, i[WINDOW_ROWS], n, levels)
+    work, at, m = view_work(f, at, i, m, q, n, levels)
     rep, at, m = view_report(f, at, i, m)
     return fixed, state, work, rep, at, m
 
