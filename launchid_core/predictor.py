@@ -406,7 +406,7 @@ def congruence(f, p, work):
             m[0, j] += f[0, k] * p[k, j]
             m[1, j] += f[1, k] * p[k, j]
             m[k, j] = f[k, k] * p[k, j]
-    for i in range(n):
+    for i in range(n):  # the lower triangle, mirrored: what is not symmetric would grow as the vehicle does
         p[i, 0] = m[i, 0] * f[0, 0] + m[i, 1] * f[0, 1] + m[i, 2] * f[0, 2] + m[i, 3] * f[0, 3]
         p[i, 1] = m[i, 0] * f[1, 0] + m[i, 1] * f[1, 1] + m[i, 2] * f[1, 2] + m[i, 3] * f[1, 3]
         p[i, 2] = m[i, 2] * f[2, 2] + m[i, 3] * f[2, 3]
@@ -414,7 +414,11 @@ def congruence(f, p, work):
         for k in range(N_STATES, n):
             p[i, 0] += m[i, k] * f[0, k]
             p[i, 1] += m[i, k] * f[1, k]
+        for k in range(N_STATES, i + 1):
             p[i, k] = m[i, k] * f[k, k]
+    for i in range(1, n):
+        for j in range(i):
+            p[j, i] = p[i, j]
 
 
 @inner
