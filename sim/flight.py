@@ -7,7 +7,8 @@ nominal's noises at `sensors.period`, unmodelled accelerations, no theta_ddot).
 Effects on a sensor (bias, scale, delay) show in both.
 
 Noise: one independent stream a source, one draw per integration step or
-controller period, so a flight's noise does not depend on the rate of its log.
+controller period, so a flight's noise does not depend on the rate of its log, nor
+on the world outside it: wind and offsets (`sim.outside`) have streams of their own.
 """
 
 import math
@@ -22,7 +23,10 @@ from launchid_core import Sample
 from .effects import Effect, Table, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
+from .outside import drawn_offsets, drawn_wind, moment_of, offset_effects
 from .vehicle import step as st
+from .vehicle.actuator import FIRST_ORDER_DAMPING
+from .vehicle.controller import N_SECTION
 
 SUITES = ("flight", "ideal")
 MAX_STEPS = 2e7      # of one flight: 1 GB of noise draws
@@ -33,15 +37,16 @@ CLOCK_DIGITS = 12  # decimals of a time [s] in the log, and wherever a time is c
 
 Factor = float | Callable[[np.ndarray], np.ndarray]  # of a parameter: a number, or a function of time [s]
 
-_STREAMS = {"theta": 0, "theta_dot": 1, "beta": 2, "command": 3, "acceleration": 4}
+_STREAMS = {"theta": 0, "theta_dot": 1, "beta": 2, "command": 3, "acceleration": 4, "gamma": 5}
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
     """A flown log.  Arrays of equal length, SI units; theta_ddot is NaN in the `flight` suite.
 
-    a6, k1 [1/s^2] are the truth at each row; `lost` tells that the vehicle left the small-angle
-    range and the log ends there.
+    a6, k1 [1/s^2], true_gamma [rad] and wind [rad] (all of it) are the truth at each row, offsets [unit of each] the
+    constants that were drawn; `lost` tells that the vehicle left the small-angle range and the log ends there.
+    gamma [rad] as navigation has it is NaN without [drift], rate_ref [rad/s] without the law `rate`.
     """
 
     t: np.ndarray
@@ -55,10 +60,15 @@ class Flight:
     k1: np.ndarray
     period: float
     lost: bool
+    gamma: np.ndarray
+    true_gamma: np.ndarray
+    wind: np.ndarray
+    rate_ref: np.ndarray
+    offsets: dict[str, float]
 
     def samples(self) -> Iterator[Sample]:
         """The log as the estimator's samples."""
-        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
+        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd, self.gamma)
         return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
 
@@ -138,27 +148,54 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     steps = math.ceil(simulation.duration / h - 1e-9)
     ticks = -(-steps // control_every)
 
-    effects = tuple(effects)
+    offsets = drawn_offsets(nominal.offsets, seed)
+    effects = (*effects, *offset_effects(offsets))
     table = packed(nominal, effects)
     seen = steps if len(table.sensor) > 0 else 0
     half_steps = np.arange(2 * steps + 1) * (0.5 * h)
     a6, k1 = parameters(nominal, half_steps, a6_factor, k1_factor, effects)
-    reference = np.interp(np.arange(ticks) * controller.period, nominal.guidance.t, nominal.guidance.theta_ref)
-    sensors = nominal.sensors
-    constant = np.array([h, controller.period, actuator.natural_frequency, actuator.damping_ratio, actuator.delay,
-                         actuator.deflection_limit, controller.kp, controller.kd, controller.derivative_time_constant,
-                         sensors.theta_step, sensors.theta_dot_step, sensors.beta_step,
-                         LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE])
+    sensors, guidance, ticking = nominal.sensors, nominal.guidance, np.arange(ticks) * controller.period
     counter = np.zeros(st.N_COUNTERS, np.int64)
     counter[st.CONTROL_EVERY], counter[st.LOG_EVERY] = control_every, log_every
     acceleration = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
     vehicle = st.Vehicle(
-        constant, np.zeros(st.N_STATE), counter, a6, k1, reference,
-        noise(seed, "command", actuator.command_noise_std, ticks), noise(seed, "acceleration", acceleration, ticks),
+        constants(nominal), np.zeros(st.N_STATE), counter, a6, k1, guidance.attitude_at(ticking),
+        noise(seed, "command", actuator.command_noise_std, ticks),
+        noise(seed, "acceleration", acceleration, ticks) + moment_of(offsets),
         noise(seed, "theta", sensors.theta_std, steps), noise(seed, "theta_dot", sensors.theta_dot_std, steps),
         noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks), np.zeros(ticks),
-        excitation(nominal, ticks, controller.period), np.zeros((2, seen)), *table)
+        excitation(nominal, ticks, controller.period), np.zeros((2, seen)), *table,
+        wind=drawn_wind(nominal.wind, seed, steps, h),
+        drift=np.zeros((2, 0)) if nominal.drift is None else np.stack(nominal.drift.at(half_steps)),
+        rate_reference=guidance.rate_at(np.round(ticking, CLOCK_DIGITS)), filters=sections(nominal))
     return vehicle, steps
+
+
+def constants(nominal: Nominal) -> np.ndarray:
+    """(N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
+    actuator, controller, sensors, simulation = nominal.actuator, nominal.controller, nominal.sensors, nominal.simulation
+    assert actuator is not None and controller is not None and simulation is not None
+    servo = (1.0 / actuator.time_constant, FIRST_ORDER_DAMPING) if actuator.is_first_order else \
+        (actuator.natural_frequency, actuator.damping_ratio)
+    return np.array([simulation.step, controller.period, *servo, actuator.delay, actuator.deflection_limit,
+                     controller.kp, controller.kd, controller.derivative_time_constant,
+                     sensors.theta_step, sensors.theta_dot_step, sensors.beta_step,
+                     LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE,
+                     float(actuator.is_first_order), float(controller.is_rate_law), controller.ki])
+
+
+def sections(nominal: Nominal) -> np.ndarray:
+    """(n, N_SECTION) of the controller's filters, at rest."""
+    assert nominal.controller is not None
+    rows = [(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters]
+    return np.array(rows, dtype=np.float64).reshape(-1, N_SECTION)
+
+
+def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.ndarray:
+    """(steps,) [rad] what navigation adds to the true flight-path angle at every step; NaN without [drift]."""
+    if nominal.drift is None:
+        return np.full(steps, math.nan)
+    return noise(seed, "gamma", 0.0 if suite == "ideal" else nominal.sensors.gamma_std, steps)
 
 
 def _columns(suite: str) -> dict[str, int]:
@@ -186,10 +223,16 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     log = {name: rows[:n, k].copy() for k, name in enumerate(st.COLUMNS)}
     chosen = {name: rows[:n, k].copy() for name, k in _columns(suite).items()}
     ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
-    index = 2 * every * np.arange(n)
+    at = every * np.arange(n)
+    tick = at // int(vehicle.counter[st.CONTROL_EVERY])
+    rate_law = vehicle.constant[st.RATE_LAW] != 0.0
     return Flight(t=np.round(log["t"], CLOCK_DIGITS), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"],
-                  theta_ddot=ddot, a6=vehicle.a6[index], k1=vehicle.k1[index],
-                  period=every * float(vehicle.constant[st.STEP]), lost=bool(vehicle.counter[st.LOST]), **chosen)
+                  theta_ddot=ddot, a6=vehicle.a6[2 * at], k1=vehicle.k1[2 * at],
+                  period=every * float(vehicle.constant[st.STEP]), lost=bool(vehicle.counter[st.LOST]),
+                  gamma=log["true_gamma"] + measured_gamma(nominal, seed, suite, steps)[at],
+                  true_gamma=log["true_gamma"], wind=log["wind"],
+                  rate_ref=vehicle.rate_reference[tick] if rate_law else np.full(n, np.nan),
+                  offsets=drawn_offsets(nominal.offsets, seed), **chosen)
 
 
 def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
@@ -198,6 +241,8 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     every = int(vehicle.counter[st.LOG_EVERY])
     column = _columns(suite)
+    ddot, true_gamma = st.COLUMNS.index("true_theta_ddot"), st.COLUMNS.index("true_gamma")
+    gamma = measured_gamma(nominal, seed, suite, steps)
     row = np.empty((1, len(st.COLUMNS)))
     for start in range(0, steps, every):
         vehicle.counter[st.ROWS] = 0
@@ -206,6 +251,7 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
             return
         value = row[0].tolist()
         yield Sample(round(value[0], CLOCK_DIGITS), value[column["theta"]], value[column["theta_dot"]],
-                     value[column["beta"]], value[9] if suite == "ideal" else math.nan, value[2])
+                     value[column["beta"]], value[ddot] if suite == "ideal" else math.nan, value[2],
+                     value[true_gamma] + float(gamma[start]))
         if vehicle.counter[st.LOST]:
             return

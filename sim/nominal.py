@@ -10,7 +10,7 @@ import math
 import os
 import tomllib
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +18,29 @@ import numpy as np
 
 from .errors import InputError, UsageError
 from .files import reads, write_text
-from .sections import Actuator, Controller, Diagnosis, Guidance, Multisine, Nominal, Profile, Sensors, Simulation
+from .sections import (
+    Actuator,
+    Controller,
+    Diagnosis,
+    Drift,
+    Forecast,
+    Guidance,
+    Multisine,
+    Nominal,
+    Offsets,
+    Profile,
+    Section,
+    Sensors,
+    Simulation,
+    Wind,
+)
 
 if TYPE_CHECKING:
     from .effects import Effect
 
-__all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Guidance", "Multisine", "Nominal", "Profile", "Sensors",
-           "Simulation", "built_in", "constant_profile", "load_nominal", "locate", "read_profile", "write_nominal"]
+__all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
+           "Offsets", "Profile", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
+           "load_nominal", "locate", "read_profile", "write_nominal"]
 
 DATA = Path(__file__).parent / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
@@ -69,6 +85,12 @@ def one_line(text: str) -> str:
 
 
 LARGEST = 1e300  # a number beyond it is no physical quantity
+WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air")}  # keys that are no numbers
+POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
+            "time_limit"}
+SIGNED = {"kp", "kd", "ki"}
+ONLY_ATTITUDE, ONLY_RATE = ("kd", "derivative_time_constant"), ("ki",)  # keys of the controller's laws
+VEHICLE, DRIFT, FORECAST = ("t", "a6", "k1"), ("t", "z_alpha", "z_beta"), ("t", "wind")  # headers of CSV files
 
 
 class Reader:
@@ -84,7 +106,7 @@ class Reader:
 
     def nominal(self) -> Nominal:
         known = {"name", "vehicle", "uncertainty", "actuator", "controller", "guidance", "sensors", "simulation",
-                 "diagnosis", "test_input", "effects"}
+                 "diagnosis", "test_input", "drift", "wind", "offsets", "effects"}
         for key in self.table:
             if key not in known:
                 raise InputError(f"{self.path}: unknown key '{key}'; expected one of {', '.join(sorted(known))}")
@@ -96,18 +118,17 @@ class Reader:
                 raise InputError(f"{self.path}: section [{section}] is missing; every nominal needs it")
         simulation = self.section("simulation", Simulation)
         diagnosis = self.section("diagnosis", Diagnosis)
-        actuator = self.section("actuator", Actuator)
-        controller = self.section("controller", Controller)
+        controller = self.controller()
         sensors = self.section("sensors", Sensors)
         assert sensors is not None
         if simulation is not None:
             self.whole_steps(simulation, controller, sensors)
         vehicle, terms = self.vehicle()
         return Nominal(
-            name=name, vehicle=vehicle, terms=terms, sensors=sensors, uncertainty=self.uncertainty(), actuator=actuator,
-            controller=controller, guidance=self.guidance(), simulation=simulation,
-            diagnosis=diagnosis or Diagnosis(), test_input=self.test_input(), effects=self.effects(),
-            path=str(self.path))
+            name=name, vehicle=vehicle, terms=terms, sensors=sensors, uncertainty=self.uncertainty(),
+            actuator=self.actuator(), controller=controller, guidance=self.guidance(controller), simulation=simulation,
+            diagnosis=diagnosis or Diagnosis(), test_input=self.test_input(), drift=self.drift(), wind=self.wind(),
+            offsets=self.section("offsets", Offsets), effects=self.effects(), path=str(self.path))
 
     def keys(self, section: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
         table = self.table[section]
@@ -131,24 +152,124 @@ class Reader:
         return float(value)
 
     def section(self, section: str, kind: type) -> Any:
-        """A section whose keys are the fields of a dataclass of numbers."""
+        """A section whose keys are the fields of a dataclass of numbers and words."""
         if section not in self.table:
             return None
         names = {f.name for f in fields(kind)}
-        required = {f.name for f in fields(kind) if not isinstance(f.default, float)}
-        table = self.keys(section, names, required)
-        positive = {"natural_frequency", "deflection_limit", "period", "step", "duration"}
-        free = {"kp", "kd"}
-        values = {}
-        for key, value in table.items():
-            place = f"{section}.{key}"
-            if key in positive:
-                values[key] = self.number(place, value, above=0.0)
-            elif key in free:
-                values[key] = self.number(place, value)
-            else:
-                values[key] = self.number(place, value, least=0.0)
-        return kind(**values)
+        required = {f.name for f in fields(kind) if f.default is MISSING}
+        return kind(**self.values(section, self.keys(section, names, required)))
+
+    def values(self, section: str, table: dict[str, Any]) -> dict[str, Any]:
+        """The numbers and words of a section, checked by their keys."""
+        return {key: self.value(f"{section}.{key}", key, value) for key, value in table.items()}
+
+    def value(self, place: str, key: str, value: object) -> float | str:
+        if key in WORDS:
+            if not isinstance(value, str) or value not in WORDS[key]:
+                raise self.fail(place, value, " or ".join(f'"{word}"' for word in WORDS[key]))
+            return value
+        if key in POSITIVE:
+            return self.number(place, value, above=0.0)
+        return self.number(place, value, least=None if key in SIGNED else 0.0)
+
+    def actuator(self) -> Actuator | None:
+        """[actuator]: natural_frequency and damping_ratio, or time_constant."""
+        if "actuator" not in self.table:
+            return None
+        table = self.keys("actuator", {f.name for f in fields(Actuator)}, set())
+        second = {"natural_frequency", "damping_ratio"}
+        if "time_constant" in table and second & set(table):
+            raise InputError(f"{self.path}: [actuator] has time_constant and {min(second & set(table))}; expected "
+                             "natural_frequency and damping_ratio, or time_constant")
+        for key in sorted(second - set(table)) if "time_constant" not in table else ():
+            raise InputError(f"{self.path}: key 'actuator.{key}' is missing; expected natural_frequency and "
+                             "damping_ratio, or time_constant")
+        return Actuator(**self.values("actuator", table))
+
+    def controller(self) -> Controller | None:
+        """[controller] of either law, with [[controller.filters]]."""
+        if "controller" not in self.table:
+            return None
+        names = {f.name for f in fields(Controller)}
+        table = dict(self.keys("controller", names, {"kp", "period"}))
+        filters = table.pop("filters", [])
+        given = self.values("controller", table)
+        law = given.get("law", "attitude")
+        for key in ONLY_RATE if law == "attitude" else ONLY_ATTITUDE:
+            if key in given:
+                raise InputError(f"{self.path}: key 'controller.{key}' is not of law \"{law}\"; expected it left out")
+        if law == "attitude":
+            self.keys("controller", names, {"kp", "period", *ONLY_ATTITUDE})
+        elif law == "rate":
+            given |= dict.fromkeys(ONLY_ATTITUDE, 0.0)
+        return Controller(filters=self.filters(filters, float(given["period"])), **given)
+
+    def filters(self, tables: object, period: float) -> tuple[Section, ...]:
+        """[[controller.filters]]: sections at the controller's period [s], by coefficients or by kind."""
+        if not isinstance(tables, list):
+            raise self.fail("controller.filters", tables, "[[controller.filters]] tables")
+        return tuple(self.filter(f"controller.filters[{k}]", table, period) for k, table in enumerate(tables))
+
+    def filter(self, place: str, table: object, period: float) -> Section:
+        if not isinstance(table, dict):
+            raise self.fail(place, table, "a table with b and a, or with kind")
+        kind = table.get("kind", "")
+        names = KINDS.get(kind) if isinstance(kind, str) else None
+        if names is None:
+            raise self.fail(f"{place}.kind", kind, " or ".join(f'"{word}"' for word in KINDS if word))
+        for key in table:
+            if key not in {*names, *(["kind"] if kind else [])}:
+                raise InputError(f"{self.path}: unknown key '{place}.{key}'; expected one of {', '.join(names)}")
+        for key in names:
+            if key not in table:
+                raise InputError(f"{self.path}: key '{place}.{key}' is missing")
+        if not kind:
+            return self.coefficients(place, table)
+        numbers = [self.number(f"{place}.{key}", table[key], least=0.0) for key in names]
+        if not 0.0 < numbers[0] * period < math.pi:
+            raise self.fail(f"{place}.frequency", table["frequency"],
+                            f"a number above 0 and below {math.pi / period:g} rad/s, half the controller's rate")
+        return tustin(kind, period, *numbers)
+
+    def coefficients(self, place: str, table: dict[str, Any]) -> Section:
+        b, a = (self.numbers(f"{place}.{key}", table[key]) for key in ("b", "a"))
+        for key, values in (("b", b), ("a", a)):
+            if len(values) != 3:
+                raise self.fail(f"{place}.{key}", list(values), "three numbers")
+        if a[0] != 1.0:
+            raise self.fail(f"{place}.a", list(a), "1 as the first number")
+        return Section((b[0], b[1], b[2]), (a[0], a[1], a[2]))
+
+    def drift(self) -> Drift | None:
+        """[drift]: two numbers, or a CSV file."""
+        if "drift" not in self.table:
+            return None
+        table = self.keys("drift", {"z_alpha", "z_beta", "profile"}, set())
+        if "profile" in table:
+            if len(table) > 1:
+                raise InputError(f"{self.path}: [drift] has a profile and other keys; expected one or the other")
+            columns, path = self.csv("drift.profile", table["profile"], DRIFT)
+            return Drift(*columns, path=path)
+        self.keys("drift", {"z_alpha", "z_beta", "profile"}, {"z_alpha", "z_beta"})
+        return Drift(np.zeros(1), *(np.array([self.number(f"drift.{key}", table[key])]) for key in DRIFT[1:]))
+
+    def wind(self) -> Wind | None:
+        """[wind]: levels, and a forecast from a CSV file."""
+        if "wind" not in self.table:
+            return None
+        table = dict(self.keys("wind", {f.name for f in fields(Wind)}, set()))
+        forecast = None
+        if "profile" in table:
+            columns, path = self.csv("wind.profile", table.pop("profile"), FORECAST)
+            forecast = Forecast(*columns, path=path)
+        return Wind(profile=forecast, **self.values("wind", table))
+
+    def csv(self, place: str, value: object, header: tuple[str, ...]) -> tuple[list[np.ndarray], str]:
+        """The columns of a CSV file beside the nominal, and its path."""
+        if not isinstance(value, str):
+            raise self.fail(place, value, f"the path of a CSV file {','.join(header)}")
+        path = self.path.parent / value
+        return read_columns(path, header), str(path)
 
     def whole_steps(self, simulation: Simulation, controller: Controller | None, sensors: Sensors) -> None:
         """The controller's and the sensors' periods must be whole numbers of integration steps."""
@@ -161,9 +282,8 @@ class Reader:
                 raise self.fail(place, period, f"a whole number of simulation steps ({simulation.step} s)")
 
     def profile(self, place: str, value: object) -> Profile:
-        if not isinstance(value, str):
-            raise self.fail(place, value, "the path of a CSV file t,a6,k1")
-        return read_profile(self.path.parent / value)
+        columns, path = self.csv(place, value, VEHICLE)
+        return Profile(*columns, path=path)
 
     def vehicle(self) -> tuple[Profile, tuple[tuple[str, float], ...]]:
         """a6 and k1 over time, and the further terms: from two numbers, a CSV file, or terms with coefficients."""
@@ -226,15 +346,19 @@ class Reader:
         return constant_profile(self.number("uncertainty.a6", table["a6"], above=0.0),
                                 self.number("uncertainty.k1", table["k1"], above=0.0))
 
-    def guidance(self) -> Guidance | None:
+    def guidance(self, controller: Controller | None) -> Guidance | None:
+        """[guidance]: theta_ref, for the law `rate` also or instead rate_ref."""
         if "guidance" not in self.table:
             return None
-        table = self.keys("guidance", {"t", "theta_ref"}, {"t", "theta_ref"})
-        columns = {key: self.numbers(f"guidance.{key}", table[key]) for key in ("t", "theta_ref")}
+        keys = ("t", "theta_ref", "rate_ref")
+        table = self.keys("guidance", set(keys), {"t"})
+        alone = "rate_ref" in table and controller is not None and controller.is_rate_law
+        self.keys("guidance", set(keys), {"t"} if alone else {"t", "theta_ref"})
+        columns = {key: self.numbers(f"guidance.{key}", table[key]) for key in keys if key in table}
         self.same_length("guidance", columns)
         if any(b <= a for a, b in zip(columns["t"], columns["t"][1:], strict=False)):
             raise self.fail("guidance.t", list(columns["t"]), "increasing times")
-        return Guidance(**columns)
+        return Guidance(**{"theta_ref": (0.0,) * len(columns["t"])} | columns)
 
     def test_input(self) -> Multisine | None:
         if "test_input" not in self.table:
@@ -268,36 +392,68 @@ def constant_profile(a6: float, k1: float) -> Profile:
     return Profile(np.zeros(1), np.array([a6]), np.array([k1]))
 
 
+# keys of a filter by its kind; "": by its coefficients
+KINDS = {"": ("b", "a"), "notch": ("frequency", "depth_damping", "width_damping"),
+         "lowpass": ("frequency", "damping_ratio")}
+
+
+def tustin(kind: str, period: float, frequency: float, *damping: float) -> Section:
+    """The continuous notch or lowpass by Tustin's rule, prewarped at w = frequency [rad/s]: s = w/c (z - 1)/(z + 1),
+    c = tan(w period/2) (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 8.3).
+
+    damping  notch: of the numerator, of the denominator; lowpass: of the denominator
+    """
+    c = math.tan(0.5 * frequency * period)
+
+    def quadratic(zeta: float) -> tuple[float, float, float]:
+        """c^2/w^2 (s^2 + 2 zeta w s + w^2) (z + 1)^2, powers of z falling."""
+        return 1.0 + 2.0 * zeta * c + c * c, 2.0 * (c * c - 1.0), 1.0 - 2.0 * zeta * c + c * c
+
+    numerator = quadratic(damping[0]) if kind == "notch" else (c * c, 2.0 * c * c, c * c)
+    a0, a1, a2 = quadratic(damping[-1])
+    b0, b1, b2 = numerator
+    return Section((b0 / a0, b1 / a0, b2 / a0), (1.0, a1 / a0, a2 / a0))
+
+
 def read_profile(path: Path) -> Profile:
     """Read a CSV with the header t,a6,k1 and increasing times; InputError naming line and column otherwise."""
+    return Profile(*read_columns(path, VEHICLE), path=str(path))
+
+
+def read_columns(path: Path, header: tuple[str, ...]) -> list[np.ndarray]:
+    """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
     reads(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:  # a NUL in the path, and bytes that are not UTF-8, are ValueErrors
         raise InputError(f"{path}: profile cannot be read ({error})") from None
-    if not lines or [c.strip() for c in lines[0].split(",")] != ["t", "a6", "k1"]:
-        raise InputError(f"{path}: line 1: expected the header t,a6,k1")
-    rows = []
+    names = ",".join(header)
+    if not lines or [c.strip() for c in lines[0].split(",")] != list(header):
+        raise InputError(f"{path}: line 1: expected the header {names}")
+    rows: list[list[float]] = []
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
-        cells = line.split(",")
-        if len(cells) != 3:
-            raise InputError(f"{path}: line {number}: {len(cells)} columns, expected 3")
-        for column, cell in zip(("t", "a6", "k1"), cells, strict=True):
-            try:
-                if not math.isfinite(float(cell)):
-                    raise ValueError
-            except ValueError:
-                raise InputError(f"{path}: line {number}, column {column}: {cell.strip()[:40]!r} "
-                                 "is no number") from None
-        rows.append([float(cell) for cell in cells])
+        rows.append(_row(path, number, line, header))
         if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
             raise InputError(f"{path}: line {number}, column t: {rows[-1][0]} is not after {rows[-2][0]}")
     if not rows:
-        raise InputError(f"{path}: no rows; expected t,a6,k1 over the flight")
-    table = np.array(rows)
-    return Profile(table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy(), str(path))
+        raise InputError(f"{path}: no rows; expected {names} over the flight")
+    return list(np.array(rows).T.copy())
+
+
+def _row(path: Path, number: int, line: str, header: tuple[str, ...]) -> list[float]:
+    """The numbers of one line."""
+    cells = line.split(",")
+    if len(cells) != len(header):
+        raise InputError(f"{path}: line {number}: {len(cells)} columns, expected {len(header)}")
+    for column, cell in zip(header, cells, strict=True):
+        try:
+            if not math.isfinite(float(cell)):
+                raise ValueError
+        except ValueError:
+            raise InputError(f"{path}: line {number}, column {column}: {cell.strip()[:40]!r} is no number") from None
+    return [float(cell) for cell in cells]
 
 
 # ---- writing
@@ -307,25 +463,43 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
     """Write a nominal that reads back equal; shortest numbers that read back to the same bits.
 
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
-    is written beside the new file as NAME.vehicle.csv or NAME.uncertainty.csv.
+    is written beside the new file as NAME.SECTION.csv (vehicle, uncertainty, drift, wind).
     """
     path = Path(path)
     if nominal.terms and len(nominal.vehicle.t) > 1:
         raise UsageError(f"nominal {nominal.name!r} has a profile and terms; a nominal file holds one or the other")
     lines = [f"name = {_literal(nominal.name)}", *_vehicle_lines(nominal, path)]
-    if nominal.uncertainty is not None:
-        lines += ["", "[uncertainty]", *_profile_lines(nominal.uncertainty, path, "uncertainty")]
-    for section in ("actuator", "controller", "guidance", "sensors", "simulation", "diagnosis", "test_input"):
+    for section, header, part in (("uncertainty", VEHICLE, nominal.uncertainty), ("drift", DRIFT, nominal.drift)):
+        if part is not None:
+            lines += ["", f"[{section}]", *_profile_lines(part, path, section, header)]
+    if nominal.wind is not None:
+        lines += ["", "[wind]", *_number_lines(nominal.wind)]
+        if nominal.wind.profile is not None:
+            lines.append(_path_line(nominal.wind.profile, path, "wind", FORECAST))
+    for section in ("actuator", "controller", "guidance", "sensors", "simulation", "diagnosis", "test_input", "offsets"):
         part = getattr(nominal, section)
         if part is not None:
-            lines += ["", f"[{section}]"]
-            lines += [f"{f.name} = {_literal(getattr(part, f.name))}" for f in fields(part)
-                      if getattr(part, f.name) != f.default]
+            lines += ["", f"[{section}]", *_number_lines(part)]
+        for of in part.filters if isinstance(part, Controller) else ():
+            lines += ["", "[[controller.filters]]", f"b = {_literal(of.b)}", f"a = {_literal(of.a)}"]
     for of in nominal.effects:
         from .effects import values
         lines += ["", "[[effects]]", f"name = {_literal(of.name)}"]
         lines += [f"{key} = {_literal(value)}" for key, value in values(of).items()]
     write_text(path, (line + "\n" for line in lines))
+
+
+def _number_lines(part: Any) -> Iterator[str]:
+    """The keys of a section that are not their defaults: numbers, lists of them, words."""
+    foreign = ONLY_ATTITUDE if isinstance(part, Controller) and part.is_rate_law else ()
+    for key in fields(part):
+        value = getattr(part, key.name)
+        if key.name not in ("filters", "profile", *foreign) and not _is_default(key, value):
+            yield f"{key.name} = {_literal(value)}"
+
+
+def _is_default(key: "Field[Any]", value: object) -> bool:
+    return value == key.default or (isinstance(value, float) and math.isnan(value))
 
 
 def _literal(value: float | str | tuple[float, ...]) -> str:
@@ -339,7 +513,7 @@ def _literal(value: float | str | tuple[float, ...]) -> str:
 
 def _vehicle_lines(nominal: Nominal, path: Path) -> Iterator[str]:
     if not nominal.terms:
-        yield from ("", "[vehicle]", *_profile_lines(nominal.vehicle, path, "vehicle"))
+        yield from ("", "[vehicle]", *_profile_lines(nominal.vehicle, path, "vehicle", VEHICLE))
         return
     yield from ("", "[vehicle.terms]")
     rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
@@ -347,22 +521,27 @@ def _vehicle_lines(nominal: Nominal, path: Path) -> Iterator[str]:
         yield f"{_literal(term)} = {_literal(coefficient)}"
 
 
-def _profile_lines(profile: Profile, path: Path, section: str) -> list[str]:
-    """Two numbers if it is constant, else the path of its CSV file, which is written unless it is there."""
+def _profile_lines(profile: Profile | Drift, path: Path, section: str, header: tuple[str, ...]) -> list[str]:
+    """Two numbers if it is constant, else the path of its CSV file."""
     if len(profile.t) == 1:
-        return [f"a6 = {_literal(profile.a6[0])}", f"k1 = {_literal(profile.k1[0])}"]
-    if profile.path and _same(profile, profile.path):
-        return [f"profile = {_literal(Path(os.path.relpath(profile.path, path.parent)).as_posix())}"]
+        return [f"{key} = {_literal(getattr(profile, key)[0])}" for key in header[1:]]
+    return [_path_line(profile, path, section, header)]
+
+
+def _path_line(profile: Profile | Drift | Forecast, path: Path, section: str, header: tuple[str, ...]) -> str:
+    """The path of its CSV file, which is written unless it is there."""
+    if profile.path and _same(profile, profile.path, header):
+        return f"profile = {_literal(Path(os.path.relpath(profile.path, path.parent)).as_posix())}"
     beside = path.with_name(f"{path.stem}.{section}.csv")
-    rows = zip(profile.t.tolist(), profile.a6.tolist(), profile.k1.tolist(), strict=True)
-    write_text(beside, ["t,a6,k1\n", *(",".join(map(repr, row)) + "\n" for row in rows)])
-    return [f"profile = {_literal(beside.name)}"]
+    rows = zip(*(getattr(profile, key).tolist() for key in header), strict=True)
+    write_text(beside, [",".join(header) + "\n", *(",".join(map(repr, row)) + "\n" for row in rows)])
+    return f"profile = {_literal(beside.name)}"
 
 
-def _same(profile: Profile, path: str) -> bool:
+def _same(profile: Profile | Drift | Forecast, path: str, header: tuple[str, ...]) -> bool:
     """The file at `path` still holds this profile."""
     try:
-        other = read_profile(Path(path))
+        columns = read_columns(Path(path), header)
     except InputError:
         return False
-    return all(np.array_equal(getattr(profile, key), getattr(other, key)) for key in ("t", "a6", "k1"))
+    return all(np.array_equal(getattr(profile, key), column) for key, column in zip(header, columns, strict=True))

@@ -26,33 +26,137 @@ class Profile:
         return np.interp(t, self.t, self.a6), np.interp(t, self.t, self.k1)
 
 
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """gamma_dot = z_alpha alpha + z_beta (beta + m) over flight time, linear between the nodes."""
+
+    t: np.ndarray        # s, increasing
+    z_alpha: np.ndarray  # 1/s
+    z_beta: np.ndarray   # 1/s
+    path: str = ""       # of the CSV file it was read from
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(z_alpha, z_beta) at times t [s], held constant beyond the ends."""
+        return np.interp(t, self.t, self.z_alpha), np.interp(t, self.t, self.z_beta)
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """A wind that is known before the flight, linear between the nodes."""
+
+    t: np.ndarray     # s, increasing
+    wind: np.ndarray  # rad
+    path: str = ""    # of the CSV file it was read from
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Its angle [rad] at times t [s], held constant beyond the ends."""
+        return np.interp(t, self.t, self.wind)
+
+
+UNKNOWN_WIND = 0.05  # rad, one sigma at t = 0: 3 degrees, a few m/s of mean wind at the dynamic pressure's maximum
+
+
+@dataclass(frozen=True)
+class Wind:
+    """w = profile + walk + turbulence, the angle [rad] that the air adds to the angle of attack."""
+
+    walk: float = 0.0                 # rad/sqrt(s), of a random walk
+    turbulence: float = 0.0           # rad, one sigma of a stationary first-order process
+    turbulence_time: float = 1.0      # s, its correlation falls to exp(-1) over it
+    initial: float = math.nan         # rad, one sigma of the walk at t = 0; not given: UNKNOWN_WIND, 0 if calm
+    profile: Forecast | None = None   # flown, and known
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.initial):
+            object.__setattr__(self, "initial", UNKNOWN_WIND if self.walk > 0.0 or self.turbulence > 0.0 else 0.0)
+
+    @property
+    def is_calm(self) -> bool:
+        """No part of it can be other than 0."""
+        return self.walk == self.turbulence == self.initial == 0.0 and \
+            (self.profile is None or not np.any(self.profile.wind))
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """One sigma of constants that nobody knows before the flight; 0 is known to be 0."""
+
+    thrust_misalignment: float = 0.0  # rad, m of k1 (beta + m)
+    attitude_bias: float = 0.0        # rad, on theta as measured, seen by the controller too
+    gyro_bias: float = 0.0            # rad/s, on theta_dot as measured
+    nozzle_sensor_bias: float = 0.0   # rad, on beta as measured
+    moment: float = 0.0               # rad/s^2, on theta_ddot
+
+    @property
+    def is_known(self) -> bool:
+        """All are 0."""
+        return self == Offsets()
+
+
 @dataclass(frozen=True)
 class Actuator:
-    """beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, u the delayed command plus noise."""
+    """beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, or, with a time constant T, beta_dot = (u - beta)/T; u the
+    delayed command plus noise."""
 
-    natural_frequency: float          # w, rad/s
-    damping_ratio: float              # zeta
+    natural_frequency: float = math.nan  # w, rad/s
+    damping_ratio: float = math.nan   # zeta
     command_noise_std: float = 0.0    # rad, one draw per controller period
     deflection_limit: float = math.inf  # rad, on the controller's output
     delay: float = 0.0                # s
+    time_constant: float = 0.0        # T, s; 0: second order
+
+    @property
+    def is_first_order(self) -> bool:
+        return self.time_constant > 0.0
+
+
+@dataclass(frozen=True)
+class Section:
+    """y_k = b0 x_k + b1 x_(k-1) + b2 x_(k-2) - a1 y_(k-1) - a2 y_(k-2), at the controller's period, from rest."""
+
+    b: tuple[float, float, float]
+    a: tuple[float, float, float]     # a[0] is 1
 
 
 @dataclass(frozen=True)
 class Controller:
-    """command = kp e + kd d, d = (tau d + e - e_previous)/(tau + period), e = theta_measured - theta_ref."""
+    """Law `attitude`: command = kp e + kd d, d = (tau d + e - e_previous)/(tau + period), e = theta_measured - theta_ref.
 
-    kp: float
-    kd: float                         # s
-    derivative_time_constant: float   # s
+    Law `rate`: command = kp e + ki integral(e), e = theta_dot_measured - rate_ref; the integral is the sum of period e
+    with the current sample, from 0, held while the command is limited.  Filters follow the law, in order.
+    """
+
+    kp: float                         # of `rate`: s
+    kd: float                         # s; 0 of `rate`
+    derivative_time_constant: float   # s; 0 of `rate`
     period: float                     # s
+    law: str = "attitude"             # or "rate"
+    ki: float = 0.0                   # of `rate` alone, no unit
+    filters: tuple[Section, ...] = ()
+
+    @property
+    def is_rate_law(self) -> bool:
+        return self.law == "rate"
 
 
 @dataclass(frozen=True)
 class Guidance:
-    """Attitude reference, linear between the nodes, held beyond the ends."""
+    """References, linear between the nodes, held beyond the ends."""
 
     t: tuple[float, ...]              # s, increasing
     theta_ref: tuple[float, ...]      # rad
+    rate_ref: tuple[float, ...] = ()  # rad/s; (): the slope of theta_ref
+
+    def attitude_at(self, t: np.ndarray) -> np.ndarray:
+        """Attitude reference [rad] at times t [s]."""
+        return np.interp(t, self.t, self.theta_ref)
+
+    def rate_at(self, t: np.ndarray) -> np.ndarray:
+        """Rate reference [rad/s] at times t [s]: of a slope that of the stretch that begins, 0 beyond the ends."""
+        if self.rate_ref:
+            return np.interp(t, self.t, self.rate_ref)
+        slopes = np.concatenate([[0.0], np.diff(self.theta_ref) / np.diff(self.t), [0.0]])
+        return slopes[np.searchsorted(self.t, t, side="right")]
 
 
 @dataclass(frozen=True)
@@ -85,6 +189,9 @@ class Sensors:
     theta_step: float = 0.0           # rad
     theta_dot_step: float = 0.0       # rad/s
     beta_step: float = 0.0            # rad
+    gamma_std: float = 0.0            # rad, of a flight-path angle in the log
+    alpha_std: float = 0.0            # rad, of an angle of attack in the log
+    alpha_source: str = "inertial"    # it does not see the wind; "air": it does
 
 
 @dataclass(frozen=True)
@@ -98,16 +205,20 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One-sigma relative error of a6 and k1 that is not worth calling wrong."""
+    """What a model may be off by, one sigma, without being called wrong, and how long it may be looked for."""
 
-    tolerance: float = 0.02
+    tolerance: float = 0.02           # of a6 and k1, relative
+    timing: float = 0.001             # s, of servo and transport times
+    command: float = 1e-4             # rad, rms to which the command need be reproduced
+    time_limit: float = 60.0          # s
 
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
     """One nominal file.  Sections a command does not need may be absent (None); `require` asks for them.
 
-    theta_ddot = a6 theta + k1 beta + sum coefficient*term.  Of a plant given by [vehicle.terms] `vehicle` holds
+    theta_ddot = a6 alpha + k1 (beta + m) + sum coefficient*term, alpha = theta - gamma + w: without [drift] gamma is 0,
+    without [wind] and effects w, without [offsets] and effects m.  Of a plant given by [vehicle.terms] `vehicle` holds
     the coefficients of `theta` and `beta`, constant, and `terms` all others, by their names in the library.
     """
 
@@ -121,6 +232,9 @@ class Nominal:
     simulation: Simulation | None = None
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
     test_input: Multisine | None = None
+    drift: Drift | None = None
+    wind: Wind | None = None
+    offsets: Offsets | None = None
     effects: tuple["Effect", ...] = ()
     terms: tuple[tuple[str, float], ...] = ()  # (library term, coefficient)
     path: str = ""

@@ -1,10 +1,11 @@
 """Effects of the air and of whatever else turns the vehicle from outside.
 
-Wind is the angle [rad] that it adds to the angle of attack: theta_ddot += a6 angle.
+Wind is the angle [rad] that it adds to the angle of attack: theta_ddot += a6 angle, and with [drift]
+gamma_dot += z_alpha angle.
 
 Assumptions: the aerodynamic moment is a6 times the angle (of a plant given by its
-terms: the coefficient of `theta` times it); wind turns the vehicle and does not
-drift it (lateral drift is not in the catalogue).
+terms: the coefficient of `theta` times it); without [drift] wind turns the vehicle
+and does not drift it.
 
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
@@ -60,4 +61,16 @@ def acceleration(fx, a6, t):
             total += a6 * fx[e, P0]
         elif code == PERIODIC_DISTURBANCE:
             total += periodic_disturbance(fx[e, P0], fx[e, P1], fx[e, P2], t)
+    return total
+
+
+@inner
+def wind(fx, t):
+    """Sum of the winds [rad] at t [s], the same angles as in `acceleration`; -0.0 where there is none."""
+    total = -0.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == GUST:
+            total += gust_angle(fx[e, P0], fx[e, P1], fx[e, P2], t)
+        elif fx[e, CODE] == STEADY_WIND:
+            total += fx[e, P0]
     return total

@@ -80,9 +80,9 @@ def aero_damping(coefficient, theta_dot):
 
 
 @kernel
-def aero_cubic(coefficient, a6, theta):
-    """a6 coefficient theta^3: the normal force's next odd term in the angle of attack (vortex lift, slender bodies)."""
-    return a6 * (coefficient * theta * theta * theta)
+def aero_cubic(coefficient, a6, alpha):
+    """a6 coefficient alpha^3: the normal force's next odd term in the angle of attack (vortex lift, slender bodies)."""
+    return a6 * (coefficient * alpha * alpha * alpha)
 
 
 @kernel
@@ -163,15 +163,18 @@ def parameters_over_time(fx, t, a6, k1):
 
 
 @inner
-def acceleration(fx, a6, k1, theta, theta_dot, beta):
-    """Sum of the plant's moments [rad/s^2] at a state; modes are read from their rows."""
+def acceleration(fx, a6, k1, alpha, theta, theta_dot, beta):
+    """Sum of the plant's moments [rad/s^2] at a state; modes are read from their rows.
+
+    alpha [rad]  angle of attack, without the winds among the effects
+    """
     total = 0.0
     for e in range(fx.shape[0]):
         code = fx[e, CODE]
         if code == AERO_DAMPING:
             total += aero_damping(fx[e, P0], theta_dot)
         elif code == AERO_CUBIC:
-            total += aero_cubic(fx[e, P0], a6, theta)
+            total += aero_cubic(fx[e, P0], a6, alpha)
         elif code == FRICTION:
             total += friction(fx[e, P0], theta_dot)
         elif code == THRUST_MISALIGNMENT:
@@ -180,6 +183,16 @@ def acceleration(fx, a6, k1, theta, theta_dot, beta):
             total += slosh_moment(fx[e, P0], fx[e, P1], fx[e, MEMORY])
         elif code == MISSING_TERM:
             total += missing_term(fx[e, P1], fx, e, theta, theta_dot, beta)
+    return total
+
+
+@inner
+def misalignment(fx):
+    """Sum of the thrust's angles [rad] off the nozzle's axis; -0.0 where there is none."""
+    total = -0.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == THRUST_MISALIGNMENT:
+            total += fx[e, P0]
     return total
 
 

@@ -2,8 +2,8 @@
 
 A sensor reads the value `delay` ago (linear between integration steps; before
 t = 0 the vehicle stood as at t = 0), then the gyro scales, then each adds its
-bias.  The attitude goes to the controller too; gyro and nozzle sensor to the log
-only.  Of several of one kind delays and biases add, scales multiply.  They act in
+bias.  The controller sees the attitude, of law `rate` the gyro; the nozzle sensor
+goes to the log only.  Of several of one kind delays and biases add, scales multiply.  They act in
 the `ideal` suite as well: its sensors are free of noise, not of these.
 
 Assumption: `bending` moves the place where attitude and rate are measured, so it

@@ -1,9 +1,14 @@
-"""Thrust vector control: a second-order servo behind a transport delay."""
+"""Thrust vector control: a servo of second or first order behind a transport delay.
+
+A first-order servo is given as w = 1/T with zeta = 1/2, for which 2 zeta/w, by how much slow commands are late, is T.
+"""
 
 import math
 
 from ..effects.actuator import limited_acceleration, limited_rate
 from .kernels import kernel
+
+FIRST_ORDER_DAMPING = 0.5
 
 
 @kernel
@@ -18,6 +23,12 @@ def servo_slopes(frequency, damping, rate, reach, command, beta, beta_dot):
     (both [rad/s], inf: none)."""
     beta_ddot = nozzle_acceleration(frequency, damping, command, beta, beta_dot)
     return limited_rate(rate, beta_dot), limited_acceleration(reach, beta_dot, beta_ddot)
+
+
+@kernel
+def lag_slopes(frequency, rate, command, beta):
+    """(beta' [rad/s], 0) of a first-order servo: beta' = w (command - beta) within +-rate [rad/s]; no rate to wind up."""
+    return limited_rate(rate, frequency * (command - beta)), 0.0
 
 
 @kernel

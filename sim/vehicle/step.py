@@ -5,7 +5,7 @@ time and a whole flight run the same code and give the same bits.
 
 Effects act at five places, which this file asks by name (`sim.effects.plant`, ...);
 what an effect does it does not know.  Without effects every place answers with its
-neutral element.
+neutral element, and so do wind and drift where there are none.
 """
 
 from typing import NamedTuple
@@ -14,25 +14,25 @@ import numpy as np
 
 from ..effects import actuator, controller, environment, plant, sensor
 from ..effects.table import empty_table
-from .actuator import delayed_command, servo_slopes
-from .controller import pd_command, pseudo_derivative
+from .actuator import delayed_command, lag_slopes, servo_slopes
+from .controller import N_SECTION, filtered, limited, pd_law, pi_law, pseudo_derivative
 from .kernels import inner, kernel
-from .plant import angular_acceleration
+from .plant import angle_of_attack, angular_acceleration, drift_rate
 from .sensors import measure
 
-# constant (f8)
+# constant (f8); FIRST_ORDER and RATE_LAW: 1 yes, 0 no
 (STEP, PERIOD, FREQUENCY, DAMPING, DELAY, LIMIT, KP, KD, TIME_CONSTANT,
- THETA_STEP, THETA_DOT_STEP, BETA_STEP, LOST_ANGLE) = range(13)
-N_CONSTANTS = 13
+ THETA_STEP, THETA_DOT_STEP, BETA_STEP, LOST_ANGLE, FIRST_ORDER, RATE_LAW, KI) = range(16)
+N_CONSTANTS = 16
 # state (f8)
-THETA, THETA_DOT, BETA, BETA_DOT, ERROR, DERIVATIVE, COMMAND = range(7)
-N_STATE = 7
+THETA, THETA_DOT, BETA, BETA_DOT, ERROR, DERIVATIVE, COMMAND, GAMMA, INTEGRAL = range(9)
+N_STATE = 9
 # counter (i8)
 AT, CONTROL_EVERY, LOG_EVERY, ROWS, LOST = range(5)
 N_COUNTERS = 5
 # columns of a row; exact: as the sensor reads it without noise and quantisation
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot",
-           "exact_beta", "exact_theta", "exact_theta_dot", "true_theta_ddot")
+           "exact_beta", "exact_theta", "exact_theta_dot", "true_theta_ddot", "true_gamma", "wind")
 NO_EFFECT = empty_table()
 
 
@@ -60,6 +60,10 @@ class Vehicle(NamedTuple):
     actuator: np.ndarray = NO_EFFECT.actuator
     sensor: np.ndarray = NO_EFFECT.sensor
     controller: np.ndarray = NO_EFFECT.controller
+    wind: np.ndarray = np.zeros(0)         # (steps + 1,) rad at every step, without the effects', or (0,): calm
+    drift: np.ndarray = np.zeros((2, 0))   # z_alpha, z_beta (2, 2 steps + 1) 1/s at every half step, or (2, 0): none
+    rate_reference: np.ndarray = np.zeros(0)        # (ticks,) rad/s, of the law `rate`
+    filters: np.ndarray = np.zeros((0, N_SECTION))  # the controller's sections, with what they remember
 
 
 @inner
@@ -85,8 +89,8 @@ def remember(v, i):
 
 
 @inner
-def control(v, i, tick):
-    """The controller's period begins: measure the attitude, command the nozzle."""
+def attitude_law(v, i, tick):
+    """PD of the measured attitude's error [rad]."""
     c, x = v.constant, v.state
     error = measure(attitude(v, i), v.theta_noise[i], c[THETA_STEP]) - v.reference[tick]
     if tick == 0:
@@ -94,16 +98,64 @@ def control(v, i, tick):
     x[DERIVATIVE] = pseudo_derivative(c[TIME_CONSTANT], c[PERIOD], error, x[ERROR], x[DERIVATIVE])
     x[ERROR] = error
     kp, kd = controller.gains(v.controller, c[KP], c[KD])
-    v.computed[tick] = pd_command(kp, kd, c[LIMIT], error, x[DERIVATIVE], v.excitation[tick])
+    return pd_law(kp, kd, error, x[DERIVATIVE])
+
+
+@inner
+def rate_law(v, i, tick):
+    """PI of the measured rate's error [rad], the integral with the current sample."""
+    c, x = v.constant, v.state
+    error = measure(gyro(v, i), v.theta_dot_noise[i], c[THETA_DOT_STEP]) - v.rate_reference[tick]
+    x[INTEGRAL] += c[PERIOD] * error
+    return pi_law(controller.gains(v.controller, c[KP], 0.0)[0], c[KI], error, x[INTEGRAL])
+
+
+@inner
+def control(v, i, tick):
+    """The controller's period begins: measure, command the nozzle; what limits the command holds the integral."""
+    c, x = v.constant, v.state
+    integral = x[INTEGRAL]
+    command = attitude_law(v, i, tick) if c[RATE_LAW] == 0.0 else rate_law(v, i, tick)
+    command = filtered(v.filters, command) + v.excitation[tick]
+    v.computed[tick] = limited(c[LIMIT], command)
+    if v.computed[tick] != command:
+        x[INTEGRAL] = integral
     x[COMMAND] = delayed_command(v.computed, tick, 0.0, c[PERIOD], c[PERIOD], controller.latency(v.controller))
     v.commands[tick] = x[COMMAND] + v.command_noise[tick]
 
 
 @inner
-def acceleration(moments, winds, a6, k1, t, disturbance, theta, theta_dot, beta):
-    """theta_ddot [rad/s^2] of a state at t [s]: rigid body, plant's effects (n, columns), environment's."""
-    return (angular_acceleration(a6, k1, theta, beta, disturbance)
-            + plant.acceleration(moments, a6, k1, theta, theta_dot, beta) + environment.acceleration(winds, a6, t))
+def acceleration(moments, winds, a6, k1, t, disturbance, alpha, theta, theta_dot, beta):
+    """theta_ddot [rad/s^2] of a state at t [s]: rigid body, plant's effects (n, columns), environment's.
+
+    alpha [rad]  angle of attack without the environment's effects, which add their own
+    """
+    return (angular_acceleration(a6, k1, alpha, beta, disturbance)
+            + plant.acceleration(moments, a6, k1, alpha, theta, theta_dot, beta)
+            + environment.acceleration(winds, a6, t))
+
+
+@inner
+def drifting(v, half, t, alpha, beta):
+    """gamma_dot [rad/s] of a state at t [s], the half step `half`; alpha as in `acceleration`."""
+    if v.drift.shape[1] == 0:
+        return 0.0
+    return drift_rate(v.drift[0, half], v.drift[1, half], alpha + environment.wind(v.environment, t),
+                      beta + plant.misalignment(v.plant))
+
+
+@inner
+def wind_at(v, i):
+    """Wind [rad] at step i without the effects'; -0.0 if calm."""
+    return v.wind[i] if v.wind.shape[0] > 0 else -0.0
+
+
+@inner
+def servo_flow(c, w, rate, reach, command, beta, beta_dot):
+    """(beta', beta_dot') of the servo of natural frequency w [rad/s], or time constant 1/w."""
+    if c[FIRST_ORDER] != 0.0:
+        return lag_slopes(w, rate, command, beta)
+    return servo_slopes(w, c[DAMPING], rate, reach, command, beta, beta_dot)
 
 
 @inner
@@ -113,9 +165,12 @@ def write_row(v, i, tick, row):
     row[6] = sensor.nozzle(v.sensor, x[BETA])
     row[7] = attitude(v, i)
     row[8] = gyro(v, i)
-    row[9] = acceleration(v.plant, v.environment, v.a6[2 * i], v.k1[2 * i], i * c[STEP], v.acceleration[tick],
-                          x[THETA], x[THETA_DOT], x[BETA])
-    row[0] = i * c[STEP]
+    wind, t = wind_at(v, i), i * c[STEP]
+    row[9] = acceleration(v.plant, v.environment, v.a6[2 * i], v.k1[2 * i], t, v.acceleration[tick],
+                          angle_of_attack(x[THETA], x[GAMMA], wind), x[THETA], x[THETA_DOT], x[BETA])
+    row[10] = x[GAMMA]
+    row[11] = wind + environment.wind(v.environment, t) + 0.0  # 0.0, not -0.0, if calm
+    row[0] = t
     row[1] = v.reference[tick]
     row[2] = x[COMMAND]
     row[3] = measure(row[6], v.beta_noise[i], c[BETA_STEP])
@@ -125,33 +180,44 @@ def write_row(v, i, tick, row):
 
 @inner
 def runge_kutta_4(v, i, u, disturbance):
-    """One step of the classical fourth-order scheme for theta, theta_dot, beta, beta_dot and the plant's modes.
+    """One step of the classical fourth-order scheme for theta, theta_dot, beta, beta_dot, gamma and the plant's modes.
 
-    u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held.
-    In a stage: q = theta_dot, r = the servo's rate, s = beta' (r within its limit), q1 and r1 their derivatives.
+    u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
+    over the step.  In a stage: q = theta_dot, r = the servo's rate, s = beta' (r within its limit), al = the angle of
+    attack, g = gamma; q1, r1 and g1 their derivatives.
     """
     c, x, modes, winds = v.constant, v.state, v.plant, v.environment
-    h, t, zeta = c[STEP], i * c[STEP], c[DAMPING]
-    w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], zeta)
-    th, q, b, r = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT]
+    h, t = c[STEP], i * c[STEP]
+    w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], c[DAMPING])
+    th, q, b, r, g = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT], x[GAMMA]
     a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + 1], v.a6[2 * i + 2]
     k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + 1], v.k1[2 * i + 2]
+    w_0, w_2 = wind_at(v, i), wind_at(v, i + 1)
+    w_1 = 0.5 * (w_0 + w_2)
     plant.begin_modes(modes)
 
-    q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, th, q, b)
-    s1, r1 = servo_slopes(w, zeta, rate, reach, u, b, r)
+    al = angle_of_attack(th, g, w_0)
+    q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, al, th, q, b)
+    g1 = drifting(v, 2 * i, t, al, b)
+    s1, r1 = servo_flow(c, w, rate, reach, u, b, r)
     plant.advance_modes(modes, 1.0, 0.5 * h, q1, b)
     th2, qq2, b2, rr2 = th + 0.5 * h * q, q + 0.5 * h * q1, b + 0.5 * h * s1, r + 0.5 * h * r1
-    q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, th2, qq2, b2)
-    s2, r2 = servo_slopes(w, zeta, rate, reach, u, b2, rr2)
+    al2 = angle_of_attack(th2, g + 0.5 * h * g1, w_1)
+    q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al2, th2, qq2, b2)
+    g2 = drifting(v, 2 * i + 1, t + 0.5 * h, al2, b2)
+    s2, r2 = servo_flow(c, w, rate, reach, u, b2, rr2)
     plant.advance_modes(modes, 2.0, 0.5 * h, q2, b2)
     th3, qq3, b3, rr3 = th + 0.5 * h * qq2, q + 0.5 * h * q2, b + 0.5 * h * s2, r + 0.5 * h * r2
-    q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, th3, qq3, b3)
-    s3, r3 = servo_slopes(w, zeta, rate, reach, u, b3, rr3)
+    al3 = angle_of_attack(th3, g + 0.5 * h * g2, w_1)
+    q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al3, th3, qq3, b3)
+    g3 = drifting(v, 2 * i + 1, t + 0.5 * h, al3, b3)
+    s3, r3 = servo_flow(c, w, rate, reach, u, b3, rr3)
     plant.advance_modes(modes, 2.0, h, q3, b3)
     th4, qq4, b4, rr4 = th + h * qq3, q + h * q3, b + h * s3, r + h * r3
-    q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, th4, qq4, b4)
-    s4, r4 = servo_slopes(w, zeta, rate, reach, u, b4, rr4)
+    al4 = angle_of_attack(th4, g + h * g3, w_2)
+    q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, al4, th4, qq4, b4)
+    g4 = drifting(v, 2 * i + 2, t + h, al4, b4)
+    s4, r4 = servo_flow(c, w, rate, reach, u, b4, rr4)
     plant.advance_modes(modes, 1.0, h, q4, b4)
 
     plant.end_modes(modes, h)
@@ -159,6 +225,7 @@ def runge_kutta_4(v, i, u, disturbance):
     x[THETA_DOT] = q + h / 6.0 * (q1 + 2.0 * q2 + 2.0 * q3 + q4)
     x[BETA] = b + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4)
     x[BETA_DOT] = actuator.limited_rate(reach, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4))
+    x[GAMMA] = g + h / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
 
 
 @kernel
@@ -167,7 +234,7 @@ def advance(v, steps, rows):
 
     v            inout
     steps        in    how many steps, at most what is left
-    rows  (r, 10) out   from index counter[ROWS] on
+    rows  (r, 12) out   from index counter[ROWS] on
     Stops early when the attitude leaves +-LOST_ANGLE (counter[LOST] = 1).
     """
     c, n, servo_input = v.constant, v.counter, v.actuator

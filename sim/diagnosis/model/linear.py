@@ -69,7 +69,8 @@ def slopes(fx, slots, a6, k1, w, zeta, x, dx):
             fx[e, MEMORY], fx[e, MEMORY_DOT] = x[slots[e]], x[slots[e] + 1]
     dx[:] = 0.0
     dx[0] = x[1]
-    dx[1] = angular_acceleration(a6, k1, x[0], x[2], x[5]) + plant.acceleration(fx, a6, k1, x[0], x[1], x[2])
+    dx[1] = (angular_acceleration(a6, k1, x[0], x[2], x[5])
+             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]))
     dx[2] = x[3]
     dx[3] = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
     for e in range(len(slots)):
