@@ -7,65 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import SLOWEST, Change, Config, Estimate, Estimator, Model, Sample, Status
+from launchid_core import Change, Config, Estimate, Estimator, Sample, Status
 
-from .effects import values
+from .believed import MODELLED, onboard_model
 from .errors import InputError, UsageError
-from .flight import parameters
 from .log import Log
 from .nominal import Nominal
 
+__all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run", "structure_lines",
+           "table", "tracked_json", "whole_log", "window_json"]
+
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
                 "LEVEL_CLAMP": "noise levels' steps cut short"}
-SMALLEST_STD = 1.0e-9  # of a noise in a model
-LARGEST_STD = 1.0e6
 ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
-MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
-
-
-def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """What the filtered formulation believes, from a nominal's [vehicle], [actuator], [sensors], [controller] and
-    [simulation].
-
-    period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
-
-    Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
-    filter stays regular.
-    """
-    nominal.require("actuator", "controller", "simulation")
-    assert nominal.controller is not None
-    if period is not None and period > SLOWEST * nominal.controller.period:
-        raise InputError(
-            f"{path or nominal.path}: samples {period:g} s apart: the filtered formulation expected at most {SLOWEST} "
-            f"of the controller's periods of {nominal.controller.period:g} s, or too many commands are missing; log "
-            "faster, or identify without a nominal")
-    if nominal.terms:
-        raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
-                         "expected a6 and k1 or a profile")
-    for effect in nominal.effects:
-        if effect.name not in MODELLED:
-            raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it "
-                             f"(it has of {', '.join(MODELLED)})")
-    actuator, sensors, simulation = nominal.actuator, nominal.sensors, nominal.simulation
-    assert actuator is not None and simulation is not None and nominal.controller is not None
-
-    def std(value: float, step: float = 0.0) -> float:
-        if not value <= LARGEST_STD:
-            raise InputError(f"{nominal.path}: a noise of {value:g}: expected at most {LARGEST_STD:g}")
-        return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
-
-    a6, k1 = parameters(nominal, nominal.vehicle.t)
-    delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
-    bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
-                          if effect.name == "actuator_bandwidth")
-    return Model(
-        profile_t=tuple(nominal.vehicle.t), profile_a6=tuple(a6), profile_k1=tuple(k1),
-        natural_frequency=actuator.natural_frequency * bandwidth, damping_ratio=actuator.damping_ratio,
-        delay=actuator.delay + delay,
-        theta_std=std(sensors.theta_std, sensors.theta_step),
-        theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
-        beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
-        acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=nominal.controller.period)
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
