@@ -150,7 +150,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
 
 
 def write_flight(path: str | Path, flight: "Flight") -> None:
-    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (and theta_ddot, gamma, rate_ref if it has them).
+    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has them).
 
     Shortest numbers that read back to the same bits.
     """

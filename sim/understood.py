@@ -8,7 +8,7 @@ FLIGHT_PATH = ("gamma", "alpha")  # columns of a log
 
 
 def refuse_foreign_loop(nominal: Nominal, who: str) -> None:
-    """InputError naming the section that makes the loop other than rigid body, second-order servo and PD of attitude."""
+    """InputError naming the section for which the loop is no rigid body, second-order servo and PD of attitude."""
     actuator, controller = nominal.actuator, nominal.controller
     _refuse(nominal, who, (
         ("[drift]", nominal.drift is not None),

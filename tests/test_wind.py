@@ -39,10 +39,11 @@ def short(duration: float = 4.0, **sections) -> Nominal:
     nominal = load_nominal("constant")
     for name, changes in {"simulation": {}, **sections}.items():
         if isinstance(changes, dict):
-            more = {"duration": duration} if name == "simulation" else {}
-            changes = dataclasses.replace(getattr(nominal, name), **changes, **more)
-        nominal = dataclasses.replace(nominal, **{name: changes})
-    return nominal
+            section = dataclasses.replace(getattr(nominal, name), **changes)
+        else:
+            section = changes
+        nominal = dataclasses.replace(nominal, **{name: section})
+    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration))
 
 
 def silent(duration: float, **sections) -> Nominal:
@@ -197,7 +198,8 @@ def test_gust_is_in_the_wind():
 
 
 def test_cubic_is_in_the_angle_of_attack():
-    f = fly_whole(short(wind=constant_wind(0.02), drift=DRIFT), 3, "ideal", effects=[from_text("aero_cubic:coefficient=30")])
+    cubic = from_text("aero_cubic:coefficient=30")
+    f = fly_whole(short(wind=constant_wind(0.02), drift=DRIFT), 3, "ideal", effects=[cubic])
     alpha = f.theta - f.gamma + 0.02
     assert np.allclose(f.theta_ddot, f.a6 * (alpha + 30 * alpha**3) + f.k1 * f.beta, rtol=0.0, atol=1e-14)
 
@@ -281,7 +283,8 @@ def test_calm_nominal_writes_none_of_them(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "expected"), [
-    ("[drift]\nz_alpha = -0.1", "key 'drift.z_beta' is missing"), ("[drift]\nz_gamma = 1", "unknown key 'drift.z_gamma'"),
+    ("[drift]\nz_alpha = -0.1", "key 'drift.z_beta' is missing"),
+    ("[drift]\nz_gamma = 1", "unknown key 'drift.z_gamma'"),
     ("[drift]\nz_alpha = true\nz_beta = 0", "drift.z_alpha = True"), ("drift = 3", "drift = 3"),
     ("[drift]\nprofile = 'd.csv'\nz_alpha = 1", "[drift] has a profile and other keys"),
     ("[drift]\nprofile = 3", "drift.profile = 3: expected the path of a CSV file t,z_alpha,z_beta"),
@@ -320,7 +323,8 @@ def test_unknown_source_of_alpha_is_named(tmp_path, source):
 def test_simulate_writes_gamma(tmp_path):
     write_nominal(short(1.0, drift=DRIFT, wind=WINDY), tmp_path / "n.toml")
     assert main(["simulate", str(tmp_path / "n.toml"), "--out", str(tmp_path / "log.csv"), "--seed", "2"]) == 0
-    assert read_log(tmp_path / "log.csv").columns == ("t", "theta", "beta", "theta_dot", "beta_cmd", "theta_ref", "gamma")
+    columns = read_log(tmp_path / "log.csv").columns
+    assert columns == ("t", "theta", "beta", "theta_dot", "beta_cmd", "theta_ref", "gamma")
 
 
 @pytest.mark.parametrize(("sections", "name"), [
