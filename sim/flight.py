@@ -173,7 +173,8 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
 
 def constants(nominal: Nominal) -> np.ndarray:
     """(N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
-    actuator, controller, sensors, simulation = nominal.actuator, nominal.controller, nominal.sensors, nominal.simulation
+    actuator, controller, sensors = nominal.actuator, nominal.controller, nominal.sensors
+    simulation = nominal.simulation
     assert actuator is not None and controller is not None and simulation is not None
     servo = (1.0 / actuator.time_constant, FIRST_ORDER_DAMPING) if actuator.is_first_order else \
         (actuator.natural_frequency, actuator.damping_ratio)

@@ -1,7 +1,7 @@
 """Flight logs: CSV in and out.
 
 Required columns t, theta, beta; optional theta_dot, theta_ddot, beta_cmd,
-theta_ref; others are ignored with one line of notice.  SI units.  An empty cell
+theta_ref, rate_ref, and gamma or alpha; others are ignored with one line of notice.  SI units.  An empty cell
 or `nan` is "not measured".  What cannot be read is an InputError naming file,
 line and column; bad time stamps and values are data, and pass.
 """
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .flight import Flight
 
 REQUIRED = ("t", "theta", "beta")
-OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref")
+OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
 
 # float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf\Z", re.ASCII)
@@ -46,6 +46,19 @@ class Log:
     theta_ddot: np.ndarray
     beta_cmd: np.ndarray
     theta_ref: np.ndarray
+    gamma: np.ndarray = None     # type: ignore[assignment]  # left out: not measured, as the next two
+    alpha: np.ndarray = None     # type: ignore[assignment]
+    rate_ref: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("gamma", "alpha", "rate_ref"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(len(self.t), math.nan))
+
+    @property
+    def flight_path(self) -> np.ndarray:
+        """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
+        return self.theta - self.alpha if "alpha" in self.columns else self.gamma
 
     @property
     def period(self) -> float:
@@ -59,7 +72,8 @@ class Log:
 
     def samples(self) -> Iterator[Sample]:
         """The rows as the estimator's samples."""
-        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd)
+        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+                   self.flight_path)
         return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
 
@@ -73,6 +87,8 @@ def _header(path: Path, header: list[str], required: tuple[str, ...]) -> dict[st
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: line 1: column {_shown(name)} stands {names.count(name)} times; expected once")
+    if "gamma" in names and "alpha" in names:
+        raise InputError(f"{path}: line 1: columns gamma and alpha; expected one of them, the other follows from theta")
     for name in required:
         if name not in names:
             raise InputError(f"{path}: line 1: column '{name}' is missing (found {_shown(','.join(names))}); "
@@ -134,13 +150,12 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
 
 
 def write_flight(path: str | Path, flight: "Flight") -> None:
-    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (and theta_ddot if measured).
+    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has them).
 
     Shortest numbers that read back to the same bits.
     """
     names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
-    if not np.isnan(flight.theta_ddot).all():
-        names.append("theta_ddot")
+    names += [name for name in ("theta_ddot", "gamma", "rate_ref") if not np.isnan(getattr(flight, name)).all()]
     columns = [getattr(flight, name).tolist() for name in names]
 
     def lines() -> Iterator[str]:

@@ -249,9 +249,10 @@ class Reader:
             if len(table) > 1:
                 raise InputError(f"{self.path}: [drift] has a profile and other keys; expected one or the other")
             columns, path = self.csv("drift.profile", table["profile"], DRIFT)
-            return Drift(*columns, path=path)
+            return Drift(path=path, **columns)
         self.keys("drift", {"z_alpha", "z_beta", "profile"}, {"z_alpha", "z_beta"})
-        return Drift(np.zeros(1), *(np.array([self.number(f"drift.{key}", table[key])]) for key in DRIFT[1:]))
+        z_alpha, z_beta = (np.array([self.number(f"drift.{key}", table[key])]) for key in DRIFT[1:])
+        return Drift(np.zeros(1), z_alpha, z_beta)
 
     def wind(self) -> Wind | None:
         """[wind]: levels, and a forecast from a CSV file."""
@@ -261,10 +262,10 @@ class Reader:
         forecast = None
         if "profile" in table:
             columns, path = self.csv("wind.profile", table.pop("profile"), FORECAST)
-            forecast = Forecast(*columns, path=path)
+            forecast = Forecast(path=path, **columns)
         return Wind(profile=forecast, **self.values("wind", table))
 
-    def csv(self, place: str, value: object, header: tuple[str, ...]) -> tuple[list[np.ndarray], str]:
+    def csv(self, place: str, value: object, header: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
         """The columns of a CSV file beside the nominal, and its path."""
         if not isinstance(value, str):
             raise self.fail(place, value, f"the path of a CSV file {','.join(header)}")
@@ -283,7 +284,7 @@ class Reader:
 
     def profile(self, place: str, value: object) -> Profile:
         columns, path = self.csv(place, value, VEHICLE)
-        return Profile(*columns, path=path)
+        return Profile(path=path, **columns)
 
     def vehicle(self) -> tuple[Profile, tuple[tuple[str, float], ...]]:
         """a6 and k1 over time, and the further terms: from two numbers, a CSV file, or terms with coefficients."""
@@ -417,10 +418,10 @@ def tustin(kind: str, period: float, frequency: float, *damping: float) -> Secti
 
 def read_profile(path: Path) -> Profile:
     """Read a CSV with the header t,a6,k1 and increasing times; InputError naming line and column otherwise."""
-    return Profile(*read_columns(path, VEHICLE), path=str(path))
+    return Profile(path=str(path), **read_columns(path, VEHICLE))
 
 
-def read_columns(path: Path, header: tuple[str, ...]) -> list[np.ndarray]:
+def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
     reads(path)
     try:
@@ -439,7 +440,7 @@ def read_columns(path: Path, header: tuple[str, ...]) -> list[np.ndarray]:
             raise InputError(f"{path}: line {number}, column t: {rows[-1][0]} is not after {rows[-2][0]}")
     if not rows:
         raise InputError(f"{path}: no rows; expected {names} over the flight")
-    return list(np.array(rows).T.copy())
+    return dict(zip(header, np.array(rows).T.copy(), strict=True))
 
 
 def _row(path: Path, number: int, line: str, header: tuple[str, ...]) -> list[float]:
@@ -476,12 +477,13 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
         lines += ["", "[wind]", *_number_lines(nominal.wind)]
         if nominal.wind.profile is not None:
             lines.append(_path_line(nominal.wind.profile, path, "wind", FORECAST))
-    for section in ("actuator", "controller", "guidance", "sensors", "simulation", "diagnosis", "test_input", "offsets"):
-        part = getattr(nominal, section)
-        if part is not None:
-            lines += ["", f"[{section}]", *_number_lines(part)]
-        for of in part.filters if isinstance(part, Controller) else ():
-            lines += ["", "[[controller.filters]]", f"b = {_literal(of.b)}", f"a = {_literal(of.a)}"]
+    for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis",
+                    "test_input"):
+        plain = getattr(nominal, section)
+        if plain is not None:
+            lines += ["", f"[{section}]", *_number_lines(plain)]
+        for each in plain.filters if isinstance(plain, Controller) else ():
+            lines += ["", "[[controller.filters]]", f"b = {_literal(each.b)}", f"a = {_literal(each.a)}"]
     for of in nominal.effects:
         from .effects import values
         lines += ["", "[[effects]]", f"name = {_literal(of.name)}"]
@@ -544,4 +546,4 @@ def _same(profile: Profile | Drift | Forecast, path: str, header: tuple[str, ...
         columns = read_columns(Path(path), header)
     except InputError:
         return False
-    return all(np.array_equal(getattr(profile, key), column) for key, column in zip(header, columns, strict=True))
+    return all(np.array_equal(getattr(profile, key), column) for key, column in columns.items())

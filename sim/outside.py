@@ -65,7 +65,8 @@ def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float) -> np.ndar
 
 @kernel
 def coloured(white, share):
-    """A stationary first-order process of unit variance, exact at the steps: x_k = share x_(k-1) + sqrt(1 - share^2) n_k.
+    """A stationary first-order process of unit variance, exact at the steps:
+    x_k = share x_(k-1) + sqrt(1 - share^2) n_k.
 
     white (n,) inout  standard normal draws in, the process out, which is returned;  share  exp(-step/time constant)
     """

@@ -34,6 +34,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..nominal import Actuator, Controller, Nominal, Profile
+from ..understood import refuse_foreign_loop
 
 THETA, THETA_DOT, BETA, BETA_RATE, INPUT, FILTER = range(6)
 N_FIXED = 6
@@ -109,6 +110,7 @@ def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None
     Raises InputError: a section missing, sigma not above 0, a time the profile does not cover.
     """
     nominal.require("uncertainty", "actuator", "controller")
+    refuse_foreign_loop(nominal, "the frozen loop")
     actuator, controller = nominal.actuator, nominal.controller
     assert nominal.uncertainty is not None and actuator is not None and controller is not None
     a6, k1 = value_at(nominal.vehicle, t, f"{nominal.path}: [vehicle]")

@@ -27,7 +27,7 @@ def servo_slopes(frequency, damping, rate, reach, command, beta, beta_dot):
 
 @kernel
 def lag_slopes(frequency, rate, command, beta):
-    """(beta' [rad/s], 0) of a first-order servo: beta' = w (command - beta) within +-rate [rad/s]; no rate to wind up."""
+    """(beta' [rad/s], 0) of a first-order servo: w (command - beta) within +-rate [rad/s]; no rate to wind up."""
     return limited_rate(rate, frequency * (command - beta)), 0.0
 
 
