@@ -51,12 +51,15 @@ from .filtered import (
 )
 from .kernels import inner, merged, once, shared
 from .memory import take
+from .model import TURBULENCE
 from .predictor import (
     LAST,
+    N_STATES,
     RUNNING,
     Filter,
     FilterWork,
     begins_anew,
+    spread_at,
     view_filter,
     view_filter_work,
 )
@@ -69,10 +72,13 @@ from .tracker import (
     MEAN_A6,
     MEAN_K1,
     MEMORY,
+    SLOPE_TIME,
     VAR_A6,
     VAR_K1,
     Bank,
     BankWork,
+    absorb,
+    mix,
     restart_bank,
     track,
     view_bank,
@@ -191,12 +197,37 @@ def begin_window(fixed, state, t):
 
 
 @inner
+def remind(belief, fil, bank, work, dt):
+    """Tell the quick member again what is declared of the constants that nobody knows.
+
+    A constant offset is tied to the deviations p, x + s (p - p_bar), by the data that do not tell them apart; as the
+    member lets p wander over SLOPE_TIME, it would take the offset along, beyond anything declared.
+    """
+    n, quickest = fil.x.shape[0], bank.mean.shape[0] - 1
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    for k in range(N_STATES, n):
+        role = belief.role[k - N_STATES]
+        if role == TURBULENCE:
+            continue
+        variance = spread_at(belief, fil, k - N_STATES, fil.time[LAST])
+        known = 1.0 - fil.p[k, k] / variance
+        if not known > 0.0:
+            continue
+        w = np.sqrt(known / variance * dt / SLOPE_TIME)
+        z = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
+        absorb(bank.mean[quickest], bank.covariance[quickest], work.column, w * fil.s[k, theta], w * fil.s[k, beta], z)
+    if n > N_STATES:
+        mix(bank)
+
+
+@inner
 def watch_block(fixed, state, work, dt, t_end):
     """Track the block and look for a sudden change; returns True if the alarm was raised."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
     block = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
+    remind(fixed.belief, fil, bank, work.bank, dt)
     factor, slot, kind = follow_onsets(state.watch, work.acc.column, work.acc.pair, fil.s, dt, still)
     if not factor > THRESHOLD:
         settle_event(state.watch, bank.total)
