@@ -59,6 +59,7 @@ from .predictor import (
     Filter,
     FilterWork,
     begins_anew,
+    let_offsets_wander,
     spread_at,
     view_filter,
     view_filter_work,
@@ -242,6 +243,17 @@ def watch_block(fixed, state, work, dt, t_end):
 
 
 @inner
+def relinearise_about(belief, fil, bank):
+    """About the quick member, so that a drift does not pass for noise; with nuisances about the mixture, or each
+    wandering of the quick one along what the data do not tell apart would take them along."""
+    if fil.x.shape[0] > N_STATES:
+        relinearise(belief, fil, bank.total[MEAN_A6], bank.total[MEAN_K1])
+    else:
+        quickest = bank.mean.shape[0] - 1
+        relinearise(belief, fil, bank.mean[quickest, A6], bank.mean[quickest, K1])
+
+
+@inner
 def close_block(fixed, state, work, learner, learning, period):
     """Use the rows gathered: tracker, change detection, structure, window, noise levels, linearisation."""
     acc, fil, belief = state.acc, state.filter, fixed.belief
@@ -262,8 +274,7 @@ def close_block(fixed, state, work, learner, learning, period):
         absorb_block(acc, work.acc)
         if fixed.option[ESTIMATE_LEVELS] == 1:
             update_levels(belief, fil, acc, work.acc)
-        quickest = state.bank.mean.shape[0] - 1  # so that a drift does not pass for noise
-        relinearise(belief, fil, state.bank.mean[quickest, A6], state.bank.mean[quickest, K1])
+        relinearise_about(belief, fil, state.bank)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)
 
@@ -311,6 +322,7 @@ def close_filtered(fixed, state, work, learner, learning):
         solve_window(belief, acc, work.acc, state.active)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
+    let_offsets_wander(belief, state.filter, fixed.limits[rb.WINDOW])
     begin_window(fixed, state, state.filter.time[LAST])
 
 

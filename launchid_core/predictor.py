@@ -66,6 +66,7 @@ UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measureme
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
 MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
+OFFSET_TIME = 6000.0             # s: in it an offset may change by its whole spread, one sigma: 11 % of it in a 70 s flight
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # time (f8)
@@ -581,6 +582,18 @@ def add_wind(belief, fil, gamma_variance):
         for i in range(2):
             for j in range(2):
                 fil.p[i, j] += w[i] * w[j] * gamma_variance
+
+
+@inner
+def let_offsets_wander(belief, fil, span):
+    """What offsets may have changed in `span` [s], added where a window ends.
+
+    They are constants to a window.  Over a flight no misalignment and no bias is, and a filter that believed so would
+    hold on for ever to how an offset and a6 once were related (`OFFSET_TIME`).
+    """
+    for j in range(belief.role.shape[0]):
+        if belief.level[j] < 0:
+            fil.p[N_STATES + j, N_STATES + j] += belief.spread[j] * belief.spread[j] * span / OFFSET_TIME
 
 
 @inner
