@@ -31,6 +31,7 @@ from .predictor import (
 from .ring import BETA_CMD, GAMMA, THETA, T
 from .status import EstimateStatus
 from .tracker import N_BELIEF
+from .whiteness import forget_blocks, note_innovation
 
 BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
@@ -249,7 +250,7 @@ def measured(belief, row, channel):
 
 
 @inner
-def take_sample(belief, fil, work, acc, row, max_gap):
+def take_sample(belief, fil, work, acc, check, row, max_gap):
     """One sample of the ring into the predictor; its innovations become rows of the block.
 
     row (7,) in   a row of the ring
@@ -262,6 +263,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
                       row[GAMMA])
         acc.s_start[:, :] = 0.0
         forget_offset(belief, fil, acc, t)
+        forget_blocks(check)
     else:
         predict(belief, fil, work, t, row[BETA_CMD], row[GAMMA])
     theta, beta = fil.x.shape[0] + belief.term[AT_THETA], fil.x.shape[0] + belief.term[AT_BETA]
@@ -281,6 +283,7 @@ def take_sample(belief, fil, work, acc, row, max_gap):
             acc.rows[j, k] = work.out[j] * scale
         acc.rows[n, k] = (e + work.out[theta] * fil.p_bar[A6] + work.out[beta] * fil.p_bar[K1]) * scale
         acc.counts[ROWS] = k + 1
+        note_innovation(check, channel, e * scale, work.out[theta] * scale, work.out[beta] * scale)
     acc.counts[SAMPLES] += 1
     take_command(belief.constant, fil, row[BETA_CMD])
 

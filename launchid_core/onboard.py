@@ -86,6 +86,16 @@ from .tracker import (
     view_bank_work,
 )
 from .uncertainty import close_range, watch_range
+from .whiteness import (
+    IN_WINDOW,
+    RAISED,
+    Check,
+    drop_blocks,
+    likelihood_of_chance,
+    queue_block,
+    view_check,
+    watch_model,
+)
 from .window import (
     ATTITUDE,
     GAPS_SEEN,
@@ -97,6 +107,7 @@ from .window import (
     O_K1,
     O_K1_BOUND,
     O_K1_STD,
+    O_WHITENESS,
     STATUS,
     USED,
     Outcome,
@@ -105,6 +116,8 @@ from .window import (
 )
 
 NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
+SEPARATE = 0.3       # relative: with both bounds above it and a correlation beyond INSEPARABLE a window knows only what
+INSEPARABLE = 0.99   # a6 and k1 have in common
 
 # option (i8)
 ESTIMATE_LEVELS, ENOUGH = range(2)  # follow the noise levels; samples below which a window is SHORT
@@ -115,6 +128,8 @@ LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
 NUMERICS = int(EstimateStatus.NUMERICS)
 SHORT = int(EstimateStatus.SHORT)
 GAP = int(EstimateStatus.GAP)
+MODEL = int(EstimateStatus.MODEL)
+SEPARATION = int(EstimateStatus.SEPARATION)
 
 
 class Fixed(NamedTuple):
@@ -136,6 +151,7 @@ class State(NamedTuple):
     acc: Accumulator
     bank: Bank
     watch: Watch
+    check: Check
     active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
 
 
@@ -165,8 +181,9 @@ def view_state(f, at, i, m, q, rows, n, levels):
     acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
     bank, at, m = view_bank(f, at, i, m)
     watch, at, m = view_watch(f, at, i, m, n)
+    check, at, m = view_check(f, at, i, m)
     active, m = take(i, m, q)
-    return State(clock, counts, ring, outcome, fil, acc, bank, watch, active), at, m
+    return State(clock, counts, ring, outcome, fil, acc, bank, watch, check, active), at, m
 
 
 @shared
@@ -225,16 +242,18 @@ def remind(belief, fil, bank, work, dt):
 def watch_block(fixed, state, work, dt, t_end):
     """Track the block and look for a sudden change; returns True if the alarm was raised."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
+    queue_block(state.check, bank.total)
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
     block = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
     remind(fixed.belief, fil, bank, work.bank, dt)
     factor, slot, kind = follow_onsets(state.watch, work.acc.column, work.acc.pair, fil.s, dt, still)
-    if not factor > THRESHOLD:
+    if not factor > THRESHOLD or state.check.flag[RAISED] == 1:
         settle_event(state.watch, bank.total)
         return False
     before = state.watch.before[slot]
     blocks = (state.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
+    drop_blocks(state.check, blocks)
     raise_alarm(state.watch, slot, kind, factor, dt, t_end, belief)
     jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
          belief[MEAN_A6], belief[MEAN_K1])
@@ -275,6 +294,7 @@ def close_block(fixed, state, work, learner, learning, period):
         if fixed.option[ESTIMATE_LEVELS] == 1:
             update_levels(belief, fil, acc, work.acc)
         relinearise_about(belief, fil, state.bank)
+    watch_model(state.check, fil.level, dt)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)
 
@@ -295,7 +315,7 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
             close_block(fixed, state, work, learner, learning, period)
         if acc.counts[ROWS] == 0:
             acc.start[0] = row[rb.T]
-        take_sample(belief, fil, work.filter, acc, row, max_gap)
+        take_sample(belief, fil, work.filter, acc, state.check, row, max_gap)
     if flush or acc.counts[ROWS] > 3 * (BLOCK - 1):
         close_block(fixed, state, work, learner, learning, period)
     state.counts[rb.WAITING] = spare
@@ -322,6 +342,8 @@ def close_filtered(fixed, state, work, learner, learning):
         solve_window(belief, acc, work.acc, state.active)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
+        out.number[O_WHITENESS] = likelihood_of_chance(state.check)
+    state.check.flag[IN_WINDOW] = state.check.flag[RAISED]
     let_offsets_wander(belief, state.filter, fixed.limits[rb.WINDOW])
     begin_window(fixed, state, state.filter.time[LAST])
 
@@ -337,6 +359,10 @@ def report_filtered(belief, state, work, t_centre):
     out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
     if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
         return LOW_INFORMATION
+    if state.check.flag[IN_WINDOW] == 1:
+        return MODEL
+    if abs(correlation) > INSEPARABLE and std_a > SEPARATE and std_k > SEPARATE:
+        return SEPARATION
     for j in range(coefficient.shape[0]):
         out.xi[j, ATTITUDE] = coefficient[j]
         out.support[j, ATTITUDE] = state.active[j]
@@ -361,7 +387,7 @@ def abandon_window(state):
 @inner
 def follow_range(fixed, state, sigma, gauge, complete):
     """The uncertainty level after a block, if the configuration has one."""
-    if gauge is not None:
+    if gauge is not None and state.check.flag[RAISED] == 0:
         total, watch, clock = state.bank.total, state.watch, state.clock
         watch_range(sigma, gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
         if complete:
@@ -401,6 +427,6 @@ def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, thet
 def report_now(fixed, state, gauge, rep):
     """Everything that leaves beside the outcome, as of now."""
     t_end = state.clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    report_tracked(fixed.belief, state.bank.total, t_end, rep)
+    report_tracked(fixed.belief, state.bank.total, state.check.flag[RAISED] == 1, t_end, rep)
     report_changes(fixed.belief, state.watch, rep)
     report_level(gauge, rep)

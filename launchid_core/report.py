@@ -70,11 +70,13 @@ def view_report(f, at, i, m):
 
 
 @once
-def report_tracked(belief, total, t_end, rep):
-    """The tracked estimate at t_end [s]: valid once a parameter is known better than before the first sample."""
+def report_tracked(belief, total, contradicted, t_end, rep):
+    """The tracked estimate at t_end [s]: valid once a parameter is known better than before the first sample, unless
+    the innovations contradict the model."""
     rep.tracked[:] = np.nan
     first = KNOWN * FIRST_STD
     known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
+    known = known and not contradicted
     rep.flag[IS_TRACKED] = int(known)
     if not known:
         return

@@ -11,8 +11,9 @@ EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 ATTITUDE = 1   # the equation that a6 and k1 live in
 
 # number (f8) of an outcome
-O_A6, O_K1, O_A6_STD, O_K1_STD, O_CORRELATION, O_A6_DOT, O_K1_DOT, O_A6_BOUND, O_K1_BOUND, O_CONDITION = range(10)
-N_NUMBERS = 10
+O_A6, O_K1, O_A6_STD, O_K1_STD, O_CORRELATION, O_A6_DOT, O_K1_DOT, O_A6_BOUND, O_K1_BOUND, O_CONDITION, O_WHITENESS = (
+    range(11))
+N_NUMBERS = 11
 # flag (i8) of an outcome: an EstimateStatus, rows used, gaps inside the window
 STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3

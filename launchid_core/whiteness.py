@@ -1,0 +1,163 @@
+"""Is the model true?  A test of the innovations, block by block.
+
+For the right model, parameters and noise levels the sum of a block's normalised innovations, less what the
+uncertainty of a6 and k1 adds to its variance, is a white sequence for each channel.  Anything else that acts (wind
+where none is declared, slosh, a bending mode, a sensor's offset) is correlated from block to block.  Kept are fading
+sums over MEMORY of each channel's mean and of its products with the LAGS blocks before; divided by their standard
+deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biometrika 65, 1978), approximately chi
+square, and the model is contradicted beyond RAISE.  It is believed again below CLEAR, of which white innovations
+exceed 8 %.
+
+A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
+the onset of a change are dropped.  A noise level that had to be raised beyond HIGHEST_LEVEL of the declared is one.
+
+False alarms: white innovations exceed RAISE about once in 40 h (tests/test_whiteness.py).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .changes import ONSETS
+from .kernels import inner, once, shared
+from .memory import take, take2
+from .model import N_NOISES
+from .predictor import N_CHANNELS
+from .tracker import COV, VAR_A6, VAR_K1
+
+LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
+MEMORY = 10.0           # s
+RAISE = 200.0           # of the statistic
+CLEAR = 90.0
+HIGHEST_LEVEL = math.log(4.0)  # of the sensors', the command's and the acceleration's noise levels
+MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
+FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
+
+# sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
+MEAN = 0
+# number (f8)
+STATISTIC, WEIGHT = range(2)  # WEIGHT: sum of squared fading weights, the variance of each sum
+N_NUMBERS = 2
+# flag (i8)
+OLDEST, WAITING, RAISED, IN_WINDOW = range(4)  # place of the oldest block that waits; how many; 1: contradicted; or was
+# so in the window
+N_FLAGS = 4
+# mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
+INNOVATION, FOR_A6, FOR_K1 = range(3)
+
+
+class Check(NamedTuple):
+    """State of the test."""
+
+    mean: np.ndarray     # (3, 3) of the block at hand
+    seen: np.ndarray     # (3,) int64 measurements in it
+    pending: np.ndarray  # (ONSETS, 3) blocks that wait
+    history: np.ndarray  # (LAGS, 3) the last ones taken, newest first
+    sums: np.ndarray     # (3, LAGS + 1)
+    number: np.ndarray   # (N_NUMBERS,)
+    flag: np.ndarray     # (N_FLAGS,) int64
+
+
+@shared
+def view_check(f, at, i, m):
+    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
+    mean, at = take2(f, at, N_CHANNELS, 3)
+    seen, m = take(i, m, N_CHANNELS)
+    pending, at = take2(f, at, ONSETS, N_CHANNELS)
+    history, at = take2(f, at, LAGS, N_CHANNELS)
+    sums, at = take2(f, at, N_CHANNELS, LAGS + 1)
+    number, at = take(f, at, N_NUMBERS)
+    flag, m = take(i, m, N_FLAGS)
+    return Check(mean, seen, pending, history, sums, number, flag), at, m
+
+
+@inner
+def note_innovation(check, channel, e, for_a6, for_k1):
+    """One normalised innovation and its sensitivities join the block."""
+    check.mean[channel, INNOVATION] += e
+    check.mean[channel, FOR_A6] += for_a6
+    check.mean[channel, FOR_K1] += for_k1
+    check.seen[channel] += 1
+
+
+@once
+def queue_block(check, total):
+    """The block's sums, normalised, begin to wait.  total (N_BELIEF,) in: the belief about which they were made."""
+    slot = (check.flag[OLDEST] + check.flag[WAITING]) % ONSETS
+    for c in range(N_CHANNELS):
+        e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
+        variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
+        check.pending[slot, c] = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
+        check.seen[c] = 0
+    check.mean[:, :] = 0.0
+    check.flag[WAITING] += 1
+
+
+@inner
+def drop_blocks(check, blocks):
+    """The newest blocks are a sudden change's."""
+    check.flag[WAITING] = max(check.flag[WAITING] - blocks, 0)
+
+
+@once
+def take_block(check, dt):
+    """The oldest block has waited long enough: its products join the sums, and the statistic follows.  dt [s]"""
+    slot = check.flag[OLDEST]
+    check.flag[OLDEST] = (slot + 1) % ONSETS
+    check.flag[WAITING] -= 1
+    fade = math.exp(-dt / MEMORY)
+    weight = fade * fade * check.number[WEIGHT] + 1.0
+    check.number[WEIGHT] = weight
+    statistic = 0.0
+    for c in range(N_CHANNELS):
+        u, sums = check.pending[slot, c], check.sums[c]
+        sums[MEAN] = fade * sums[MEAN] + u
+        statistic += sums[MEAN] * sums[MEAN]
+        for lag in range(LAGS):
+            sums[1 + lag] = fade * sums[1 + lag] + u * check.history[lag, c]
+            statistic += sums[1 + lag] * sums[1 + lag]
+        for lag in range(LAGS - 1, 0, -1):
+            check.history[lag, c] = check.history[lag - 1, c]
+        check.history[0, c] = u
+    check.number[STATISTIC] = statistic / weight
+
+
+@inner
+def judge_model(check, level):
+    """Raise or clear the contradiction.  level (L,) in: log noise levels, the wind's last."""
+    highest = 0.0
+    for k in range(N_NOISES):
+        highest = max(highest, level[k])
+    flag = check.flag
+    if check.number[STATISTIC] > RAISE or highest > HIGHEST_LEVEL:
+        flag[RAISED] = 1
+    elif check.number[STATISTIC] < CLEAR:
+        flag[RAISED] = 0
+    flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[RAISED])
+
+
+@inner
+def watch_model(check, level, dt):
+    """After a block: take those that have waited, judge."""
+    if check.flag[WAITING] >= ONSETS:
+        take_block(check, dt)
+    judge_model(check, level)
+
+
+@inner
+def forget_blocks(check):
+    """The state is unknown again (a gap): what was gathered of a block is dropped, and the past is no neighbour."""
+    check.mean[:, :] = 0.0
+    for c in range(N_CHANNELS):
+        check.seen[c] = 0
+    check.flag[WAITING] = 0
+    check.history[:, :] = 0.0
+
+
+@inner
+def likelihood_of_chance(check):
+    """p-value of the statistic: a chi square of FREEDOM, by the cube root (Wilson & Hilferty, PNAS 17, 1931)."""
+    share = 2.0 / (9.0 * FREEDOM)
+    z = ((check.number[STATISTIC] / MEAN_STATISTIC) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share)
+    return 0.5 * math.erfc(z / math.sqrt(2.0))
