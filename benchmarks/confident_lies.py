@@ -1,0 +1,151 @@
+"""How often is a valid estimate far from the truth, while something acts that the nominal does not know of?
+
+    python benchmarks/confident_lies.py [--flights 20] [--seed 0] [--window 5] [--nominal NAME] [--rows NAME...]
+
+Rows: the disturbances of a table of large ones, and every effect of the catalogue at twice the size that `diagnose`
+would find on a clean flight (its printed limit).  Each is flown and not told to the nominal, once with a nominal that
+declares nothing and once with one that declares wind (walk 0.005 rad/sqrt(s), turbulence 0.005 rad) and offsets
+(misalignment 0.004 rad, attitude bias 0.005 rad).  Counted: valid windows, and valid tracked estimates at their ends,
+of which a6 or k1 is more than 3 of its own standard deviations off; the truth has the effect's own change of a6 and k1.
+Effects whose signature is parallel to a6's or k1's (|cosine| > 0.9 on the clean flight) are listed apart.
+Demanded, pooled: 2 % with wind and offsets declared, 5 % without; 1 % of clean windows called MODEL.
+`flight` suite, 100 Hz, the nominals' own noises, estimated.
+"""
+
+import argparse
+import dataclasses
+import functools
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from flights import NOMINALS, run_jobs
+
+from launchid_core import Config, EstimateStatus
+from sim.diagnosis.verdict import diagnose
+from sim.effects import Effect, from_text
+from sim.flight import fly_whole, parameters
+from sim.identify import onboard_model, run
+from sim.log import read_log, write_flight
+from sim.nominal import Nominal, load_nominal
+from sim.sections import Offsets, Wind
+
+LARGE = ("steady_wind:angle=0.03", "thrust_misalignment:angle=0.004", "attitude_bias:angle=0.005",
+         "slosh:coupling=0.05,frequency=3.5", "periodic_disturbance:amplitude=0.01,frequency=5",
+         "gust:angle=0.05,time=30,duration=6", "bending:gain=0.1,frequency=15", "actuator_delay:delay=0.03",
+         "attitude_delay:delay=0.03")
+DECLARED = {"wind": Wind(walk=0.005, turbulence=0.005), "offsets": Offsets(thrust_misalignment=0.004,
+                                                                          attitude_bias=0.005)}
+FAR = 3.0          # standard deviations
+PARALLEL = 0.9
+TWICE = 2.0
+REFERENCE_SEED = 900   # of the clean flight that gives the limits
+DEMAND = {"nothing": 0.05, "wind, offsets": 0.02}
+CLEAN_MODEL = 0.01
+
+
+@functools.cache
+def limits(name: str) -> tuple[tuple[str, bool], ...]:
+    """(effect as text, parallel to a6 or k1) of every cause at twice its limit on a clean flight of a nominal."""
+    nominal = load_nominal(name)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "clean.csv"
+        write_flight(path, fly_whole(nominal, REFERENCE_SEED))
+        made = diagnose(read_log(path), nominal)
+    found = []
+    names, cosine = made.isolability.names, made.isolability.cosine
+    own = [names.index(each) for each in ("aero_instability", "control_effectiveness") if each in names]
+    for limit in made.limits:
+        if limit.size is None:
+            continue
+        if limit.parameter == "rate" and limit.cause == "actuator_rate_limit":
+            value = limit.size / TWICE
+        else:
+            value = limit.neutral + TWICE * limit.size
+        at = ",".join(f"{key}={x!r}" for key, x in ((limit.parameter, value), *limit.at))
+        parallel = limit.cause in names and any(cosine[names.index(limit.cause), k] > PARALLEL for k in own)
+        found.append((f"{limit.cause}:{at}", parallel))
+    return tuple(found)
+
+
+def believed(name: str, declared: str) -> Nominal:
+    """The nominal with or without wind and offsets."""
+    nominal = load_nominal(name)
+    return nominal if declared == "nothing" else dataclasses.replace(nominal, **DECLARED)
+
+
+def job(name: str, text: str, seed: int, declared: str, window: float) -> np.ndarray:
+    """One flight: (windows, MODEL, valid, lies, tracked valid, tracked lies)."""
+    effects: list[Effect] = [from_text(text)] if text else []
+    nominal = load_nominal(name)
+    flight = fly_whole(nominal, seed, effects=effects)
+    config = Config(window=window, sample_period=flight.period, formulation="filtered",
+                    model=onboard_model(believed(name, declared)))
+    estimates, _ = run(config, flight.samples())
+    count = np.zeros(6, np.int64)
+    for e in estimates:
+        (a6, a6_end), (k1, k1_end) = parameters(nominal, np.array([0.5 * (e.t_start + e.t_end), e.t_end]),
+                                                effects=effects)
+        count[0] += 1
+        count[1] += e.status == EstimateStatus.MODEL
+        if e.valid:
+            count[2] += 1
+            count[3] += far(e.a6, e.a6_std, a6) or far(e.k1, e.k1_std, k1)
+        if e.tracked is not None and e.tracked.valid:
+            count[4] += 1
+            count[5] += far(e.tracked.a6, e.tracked.a6_std, a6_end) or far(e.tracked.k1, e.tracked.k1_std, k1_end)
+    return count
+
+
+def far(value: float, std: float, true: float) -> bool:
+    """More than FAR of its own standard deviations off."""
+    return abs(value - true) > FAR * std
+
+
+def share(part: int, whole: int) -> str:
+    return f"{part / whole:6.3f}" if whole else "     -"
+
+
+def main() -> int:
+    """Run and print; exit status 1 if a demand is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--window", type=float, default=5.0, help="s")
+    parser.add_argument("--nominal", choices=NOMINALS, action="append")
+    parser.add_argument("--large", action="store_true", help="only the table of large ones")
+    args = parser.parse_args()
+    missed = False
+    pooled = {declared: np.zeros(6, np.int64) for declared in DEMAND}
+    print(f"flights {args.flights}, seeds from {args.seed}, windows of {args.window:g} s, 100 Hz; shares of valid "
+          f"answers more than {FAR:g} std off")
+    print(f"{'nominal':16} {'effect':62} {'declared':14} {'MODEL':>6} {'valid':>6} {'lies':>6} {'tracked':>7} {'lies':>6}")
+    for name in args.nominal or NOMINALS:
+        rows = [("", False), *((text, False) for text in LARGE), *(() if args.large else limits(name))]
+        jobs = [(name, text, seed, declared, args.window) for text, _ in rows for declared in DEMAND
+                for seed in range(args.seed, args.seed + args.flights)]
+        results = iter(run_jobs(job, jobs))
+        for text, parallel in rows:
+            for declared in DEMAND:
+                count = np.sum([next(results) for _ in range(args.flights)], axis=0)
+                windows, model, valid, lies, tracked, tracked_lies = count.tolist()
+                if not parallel:
+                    pooled[declared] += count
+                bad = not text and model > CLEAN_MODEL * windows
+                missed |= bad
+                print(f"{name:16} {text or 'nothing':62.62} {declared:14} {share(model, windows)} "
+                      f"{share(valid, windows)} {share(lies, valid)} {share(tracked, windows):>7} "
+                      f"{share(tracked_lies, tracked)}{'  parallel' if parallel else ''}{'  MISSED' if bad else ''}",
+                      flush=True)
+    for declared, count in pooled.items():
+        _, _, valid, lies, tracked, tracked_lies = count.tolist()
+        bad = lies > DEMAND[declared] * valid or tracked_lies > DEMAND[declared] * tracked
+        missed |= bad
+        print(f"pooled, {declared} declared: windows {share(lies, valid)}, tracked {share(tracked_lies, tracked)} "
+              f"(demanded {DEMAND[declared]:g}){'  MISSED' if bad else ''}")
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
