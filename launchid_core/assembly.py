@@ -127,7 +127,8 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
     belief, option = parts.fixed.belief, parts.fixed.option
     belief.time[:], belief.a6[:], belief.k1[:] = model.profile_t, model.profile_a6, model.profile_k1
     belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.time_constant, model.delay,
-                          config.sample_period, config.missing_commands, float(model.walk > 0.0 or model.turbulence > 0.0),
+                          config.sample_period, config.missing_commands,
+                          float(model.walk > 0.0 or model.turbulence > 0.0),
                           float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
                           model.gyro_scale, model.command_gain, model.command_offset,
                           model.known_theta, model.known_theta_dot, model.known_beta,

@@ -122,7 +122,8 @@ class Estimator:
         state = self._parts.state
         if not isinstance(state, State) or self.config.model is None:
             return {}
-        return {name: math.exp(level) for name, level in zip(self.config.model.levels, state.filter.level.tolist(), strict=True)}
+        levels = state.filter.level.tolist()
+        return {name: math.exp(level) for name, level in zip(self.config.model.levels, levels, strict=True)}
 
     @property
     def counts(self) -> dict[str, int]:

@@ -17,7 +17,9 @@ from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
 from .predictor import (
     LEVEL_CLAMPS,
+    N_SLOPES,
     N_STATES,
+    N_TESTS,
     RESTARTS,
     RUNNING,
     begins_anew,
@@ -55,7 +57,8 @@ STD_A6, STD_K1, CORR = range(3)
 
 
 class Accumulator(NamedTuple):
-    """Square-root information and the rows on their way into it.  c = n + q + 1 columns, right-hand side last.
+    """Square-root information and the rows on their way into it.  c = n + q + N_TESTS + 1 columns,
+    right-hand side last.
 
     The initial offset's sensitivities restart with every block; `psi` carries them back to the window's start.
     """
@@ -94,7 +97,7 @@ class AccumulatorWork(NamedTuple):
 @shared
 def view_accumulator(f, at, i, m, q, n, levels):
     """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    c = n + q + 1
+    c = n + q + N_TESTS + 1
     window, at = take2(f, at, c, c)
     psi, at = take2(f, at, n, n)
     s_start, at = take2(f, at, n, 2)
@@ -110,7 +113,7 @@ def view_accumulator(f, at, i, m, q, n, levels):
 @shared
 def view_accumulator_work(f, at, i, m, q, n, levels):
     """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    c = n + q + 1
+    c = n + q + N_TESTS + 1
     triangle, at = take2(f, at, c, c)
     pair, at = take2(f, at, n + 3, n + 3)
     block, at = take2(f, at, 3, 3)
@@ -134,7 +137,7 @@ def view_accumulator_work(f, at, i, m, q, n, levels):
 def start_window(acc):
     """Forget the window's information but for the weak prior on the terms."""
     acc.window[:, :] = 0.0
-    for j in range(acc.psi.shape[0], acc.window.shape[0] - 1):
+    for j in range(acc.psi.shape[0], acc.window.shape[0] - 1 - N_TESTS):
         acc.window[j, j] = WEAK_PRIOR
     set_identity(acc.psi)
     acc.counts[SAMPLES] = 0
@@ -343,7 +346,8 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
 
 @once
 def select_columns(n, active, theta, beta, columns):
-    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, right-hand side.
+    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, tests, right-hand
+    side.
 
     n            states
     columns (c,) out int64;  returns how many.
@@ -361,8 +365,9 @@ def select_columns(n, active, theta, beta, columns):
     if active[beta]:
         columns[m] = n + beta
         m += 1
-    columns[m] = n + active.shape[0]
-    return m + 1
+    for j in range(N_TESTS + 1):
+        columns[m + j] = n + active.shape[0] + j
+    return m + N_TESTS + 1
 
 
 @once
@@ -372,6 +377,8 @@ def solve_window(belief, acc, work, active):
     active (q,) in
     work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
                 inactive)
+    Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
+    true.
     """
     width, n = acc.window.shape[0], acc.psi.shape[0]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
@@ -386,18 +393,23 @@ def solve_window(belief, acc, work, active):
             rt[c, i] = acc.window[i, columns[c]]
     absorb_rows(r, rt, width)
     coefficient[:] = 0.0
-    for k in range(m - 2, n - 1, -1):
+    last = m - N_TESTS - 2  # of the terms
+    for k in range(last, n - 1, -1):
         value = r[k, m - 1]
-        for j in range(k + 1, m - 1):
+        for j in range(k + 1, last + 1):
             value -= r[k, j] * coefficient[columns[j] - n]
         coefficient[columns[k] - n] = value / r[k, k]
     deviation[:] = np.nan
     if active[theta] and active[beta]:
-        a, b, c = r[m - 3, m - 3], r[m - 3, m - 2], r[m - 2, m - 2]
+        a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
         deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
         deviation[STD_K1] = 1.0 / abs(c)
         deviation[CORR] = -(b / c) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
     elif active[theta]:
-        deviation[STD_A6] = 1.0 / abs(r[m - 2, m - 2])
+        deviation[STD_A6] = 1.0 / abs(r[last, last])
     elif active[beta]:
-        deviation[STD_K1] = 1.0 / abs(r[m - 2, m - 2])
+        deviation[STD_K1] = 1.0 / abs(r[last, last])
+    unexplained = 0.0
+    for k in range(last + 1 + N_SLOPES, m - 1):
+        unexplained += r[k, m - 1] * r[k, m - 1]
+    return unexplained

@@ -91,6 +91,7 @@ from .whiteness import (
     RAISED,
     Check,
     drop_blocks,
+    judge_window,
     likelihood_of_chance,
     queue_block,
     view_check,
@@ -294,7 +295,9 @@ def close_block(fixed, state, work, learner, learning, period):
         if fixed.option[ESTIMATE_LEVELS] == 1:
             update_levels(belief, fil, acc, work.acc)
         relinearise_about(belief, fil, state.bank)
-    watch_model(state.check, fil.level, dt)
+    if watch_model(state.check, fil.level, dt):  # what was learned meanwhile is not to be trusted
+        total = state.bank.total
+        restart_bank(state.bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)
 
@@ -339,7 +342,8 @@ def close_filtered(fixed, state, work, learner, learning):
     if acc.counts[SAMPLES] < fixed.option[ENOUGH]:
         out.flag[STATUS] = GAP if acc.counts[GAPS] > 0 else SHORT
     else:
-        solve_window(belief, acc, work.acc, state.active)
+        unexplained = solve_window(belief, acc, work.acc, state.active)
+        judge_window(state.check, unexplained)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
         out.number[O_WHITENESS] = likelihood_of_chance(state.check)

@@ -6,7 +6,8 @@ Input is the actuator's command, process noise on the command and on the
 acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
 
 * s, the derivative of the predicted state for an offset at the block's start
-  (n columns) and for each library term of theta_ddot (q columns);
+  (n columns), for each library term of theta_ddot (q columns) and for what no
+  model has (N_TESTS columns, for the check of the model);
 * the derivative of x and of the covariance for the L log noise levels.
 
 What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of
@@ -57,6 +58,9 @@ from .model import MISALIGNMENT, MOMENT, TURBULENCE, WALK
 
 N_STATES = 4    # of the vehicle
 N_CHANNELS = 3  # theta, theta_dot, beta
+N_TESTS = 4     # slopes of a6 and k1; what no model has: an acceleration that stays, an offset of the gyro
+SLOPE_A6, SLOPE_K1, MOMENT_TEST, GYRO_TEST = range(4)
+N_SLOPES = 2
 MAX_DELAY_SAMPLES = 64
 TAYLOR_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
@@ -66,7 +70,7 @@ UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measureme
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
 MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
-OFFSET_TIME = 6000.0             # s: in it an offset may change by its whole spread, one sigma: 11 % of it in a 70 s flight
+OFFSET_TIME = 6000.0            # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # time (f8)
@@ -96,7 +100,7 @@ class Filter(NamedTuple):
 
     x: np.ndarray          # (n,) predicted state
     p: np.ndarray          # (n, n) its covariance
-    s: np.ndarray          # (n, n + q) sensitivities: offset at the block's start, terms
+    s: np.ndarray          # (n, n + q + N_TESTS) sensitivities: offset at the block's start, terms, tests
     p_bar: np.ndarray      # (2,) relative deviations of a6, k1 it is linearised about
     level: np.ndarray      # (L,) log of noise standard deviations over the declared ones
     sx: np.ndarray         # (n, L) derivative of x for the levels
@@ -126,7 +130,7 @@ class FilterWork(NamedTuple):
     powers: np.ndarray     # (4, MAX_POWER + 1)
     row: np.ndarray        # (q,)
     drive: np.ndarray      # (2, q) effect of each term on theta, theta_dot over a step
-    out: np.ndarray        # (n + q,) sensitivities of the last innovation
+    out: np.ndarray        # (n + q + N_TESTS,) sensitivities of the last innovation
     de: np.ndarray         # (L,) its derivative for the noise levels
     dv: np.ndarray         # (L,) relative derivative of its variance for them
 
@@ -136,7 +140,7 @@ def view_filter(f, at, i, m, q, n, levels):
     """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
     x, at = take(f, at, n)
     p, at = take2(f, at, n, n)
-    s, at = take2(f, at, n, n + q)
+    s, at = take2(f, at, n, n + q + N_TESTS)
     p_bar, at = take(f, at, 2)
     level, at = take(f, at, levels)
     sx, at = take2(f, at, n, levels)
@@ -167,7 +171,7 @@ def view_filter_work(f, at, i, m, q, n, levels):
     powers, at = take2(f, at, N_VARIABLES, MAX_POWER + 1)
     row, at = take(f, at, q)
     drive, at = take2(f, at, 2, q)
-    out, at = take(f, at, n + q)
+    out, at = take(f, at, n + q + N_TESTS)
     de, at = take(f, at, levels)
     dv, at = take(f, at, levels)
     return FilterWork(transition, steady, matrix, push, column, gain, shown, slope, taylor, raw, powers, row, drive,
@@ -519,6 +523,7 @@ def predict(belief, fil, work, t, command, gamma):
     for j in range(belief.codes.shape[0]):
         fil.s[0, fil.x.shape[0] + j] += work.drive[0, j]
         fil.s[1, fil.x.shape[0] + j] += work.drive[1, j]
+    drive_tests(belief, fil, work, t - 0.5 * h - fil.time[FIRST])
     carry(f, fil.sx)
     congruence(g, fil.p, work.matrix)
     for k in range(fil.level.shape[0]):
@@ -527,6 +532,18 @@ def predict(belief, fil, work, t, command, gamma):
     seen = a6 * belief.constant[GAMMA_STD]
     add_wind(belief, fil, seen * seen)
     fil.time[LAST] = t
+
+
+@once
+def drive_tests(belief, fil, work, age):
+    """Effect of the tests' units on theta and theta_dot over the step, `age` [s] after the first sample."""
+    h, first = fil.step[STEP], fil.s.shape[1] - N_TESTS
+    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
+    for i in range(2):
+        fil.s[i, first + SLOPE_A6] += age * work.drive[i, theta]
+        fil.s[i, first + SLOPE_K1] += age * work.drive[i, beta]
+    fil.s[0, first + MOMENT_TEST] += 0.5 * h * h
+    fil.s[1, first + MOMENT_TEST] += h
 
 
 @once
@@ -676,6 +693,8 @@ def correct(fil, work, channel, partner, z, r, score, information):
     e = innovation(fil, channel, partner, z)
     see(p, channel, partner, work.column)
     see(s, channel, partner, work.out)
+    if channel == 1:
+        work.out[s.shape[1] - N_TESTS + GYRO_TEST] += 1.0
     for i in range(n):
         work.gain[i] = work.column[i] / variance
     surplus = 1.0 - e * e / variance

@@ -59,7 +59,7 @@ def view_learning(f, at, i, m, q):
 def absorb_structure(r, triangle, first, scratch, dt):
     """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle.
 
-    triangle (n, n) in  columns from `first` on belong to the terms and the right-hand side, the state being known
+    triangle (n, n) in  columns from `first` on belong to the terms, the last to the right-hand side; the state is known
     """
     n, rows = r.shape[0], triangle.shape[0]
     fade = math.exp(-0.5 * dt / MEMORY)
@@ -68,8 +68,9 @@ def absorb_structure(r, triangle, first, scratch, dt):
             r[i, j] *= fade
     copy = scratch[:n * rows].reshape((n, rows))
     for j in range(n):
+        source = first + j if j < n - 1 else rows - 1
         for i in range(rows):
-            copy[j, i] = triangle[i, first + j]
+            copy[j, i] = triangle[i, source]
     absorb_rows(r, copy, rows)
 
 

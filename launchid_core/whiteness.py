@@ -8,6 +8,10 @@ deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biom
 square, and the model is contradicted beyond RAISE.  It is believed again below CLEAR, of which white innovations
 exceed 8 %.
 
+A part that stays, an acceleration or an offset of the gyro, is asked for in every window beside a6 and k1 and their
+slopes: by how much it would reduce the sum of squares is a chi square for the true model (Rao's score test: Proc.
+Camb. Phil. Soc. 44, 1948).
+
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  A noise level that had to be raised beyond HIGHEST_LEVEL of the declared is one.
 
@@ -30,6 +34,8 @@ LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
 MEMORY = 10.0           # s
 RAISE = 200.0           # of the statistic
 CLEAR = 90.0
+STEADY_WINDOW = 15.0    # 6e-4 a window
+LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = math.log(4.0)  # of the sensors', the command's and the acceleration's noise levels
 MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
@@ -40,9 +46,9 @@ MEAN = 0
 STATISTIC, WEIGHT = range(2)  # WEIGHT: sum of squared fading weights, the variance of each sum
 N_NUMBERS = 2
 # flag (i8)
-OLDEST, WAITING, RAISED, IN_WINDOW = range(4)  # place of the oldest block that waits; how many; 1: contradicted; or was
-# so in the window
-N_FLAGS = 4
+OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW = range(5)
+# place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed
+N_FLAGS = 5
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
 INNOVATION, FOR_A6, FOR_K1 = range(3)
 
@@ -88,7 +94,8 @@ def queue_block(check, total):
     for c in range(N_CHANNELS):
         e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
         variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
-        check.pending[slot, c] = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
+        u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
+        check.pending[slot, c] = min(max(u, -LARGEST), LARGEST)
         check.seen[c] = 0
     check.mean[:, :] = 0.0
     check.flag[WAITING] += 1
@@ -125,24 +132,33 @@ def take_block(check, dt):
 
 @inner
 def judge_model(check, level):
-    """Raise or clear the contradiction.  level (L,) in: log noise levels, the wind's last."""
+    """Raise or clear the contradiction; returns True where it clears.  level (L,) in: log noise levels."""
     highest = 0.0
     for k in range(N_NOISES):
         highest = max(highest, level[k])
-    flag = check.flag
-    if check.number[STATISTIC] > RAISE or highest > HIGHEST_LEVEL:
+    flag, before = check.flag, check.flag[RAISED]
+    if flag[RAISED_BY_WINDOW] == 1 or check.number[STATISTIC] > RAISE or highest > HIGHEST_LEVEL:
         flag[RAISED] = 1
     elif check.number[STATISTIC] < CLEAR:
         flag[RAISED] = 0
     flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[RAISED])
+    return before == 1 and flag[RAISED] == 0
+
+
+@inner
+def judge_window(check, unexplained):
+    """A window closed, whose tests would reduce its sum of squares by `unexplained`."""
+    check.flag[RAISED_BY_WINDOW] = int(unexplained > STEADY_WINDOW)
+    if unexplained > STEADY_WINDOW:
+        check.flag[RAISED], check.flag[IN_WINDOW] = 1, 1
 
 
 @inner
 def watch_model(check, level, dt):
-    """After a block: take those that have waited, judge."""
+    """After a block: take those that have waited, judge; returns True where the model is believed again."""
     if check.flag[WAITING] >= ONSETS:
         take_block(check, dt)
-    judge_model(check, level)
+    return judge_model(check, level)
 
 
 @inner
