@@ -1,6 +1,7 @@
 """What leaves the estimator."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -78,8 +79,9 @@ class Estimate:
     valid                `status` is OK: the theta_ddot equation was identified
     status               why, or why not
     a6, k1       [1/s^2] coefficients of theta and beta in theta_ddot; 0 if thresholded away, NaN if not in the library
-    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: from the residual);
-                         NaN where the term is not active
+    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: from the residual and its
+                         autocorrelation, widened by what a drift within the window changes); of a term that was
+                         thresholded away what it would have
     a6_k1_corr           their correlation
     a6_dot, k1_dot [1/s^3]  coefficients of tau*theta, tau*beta
     a6_bound, k1_bound   Cramer-Rao bound of the window as standard deviations; NaN unless a noise model was given
@@ -90,6 +92,8 @@ class Estimate:
     rows                 rows used;  gaps: gaps inside the window
     tracked              the tracked estimate (formulation `filtered`), else None
     uncertainty          the uncertainty level (a model with sigma), else None
+    absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
+                         from the active ones; read-only
     """
 
     t_start: float
@@ -113,3 +117,4 @@ class Estimate:
     gaps: int
     tracked: Tracked | None = None
     uncertainty: Uncertainty | None = None
+    absent: Mapping[str, float] = field(default_factory=dict)

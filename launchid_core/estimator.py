@@ -1,7 +1,8 @@
 """The one class: samples in by `update`, estimates out by `estimate`."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,7 @@ class Estimator:
             a6_k1_corr=number[wn.O_CORRELATION], a6_dot=number[wn.O_A6_DOT], k1_dot=number[wn.O_K1_DOT],
             a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
             xi=xi, support=support, terms=self.config.terms,
+            absent=_limits(self.config.terms, outcome.absent),
             rows=int(outcome.flag[wn.USED]), gaps=int(outcome.flag[wn.GAPS_SEEN]),
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report))
@@ -149,6 +151,12 @@ def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:
     if config.formulation == "filtered":
         return st.step_filtered, (1 if is_structured(config) else None, 1 if is_ranged(config) else None)
     return st.step_integral if config.formulation == "integral" else st.step_pointwise, ()
+
+
+def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
+    """Of the terms that are not active, by name."""
+    return MappingProxyType({term: limit for term, limit in zip(terms, absent.tolist(), strict=True)
+                             if not math.isnan(limit)})
 
 
 def _numbers(values: np.ndarray) -> list[float]:

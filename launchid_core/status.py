@@ -27,3 +27,5 @@ class EstimateStatus(IntEnum):
     LOW_INFORMATION = 4  # noise leaves nothing that can be known
     SATURATED = 5        # too few rows off the sensors' end stops
     NUMERICS = 6         # a result that is not finite
+    MODEL = 7            # the innovations contradict the model: numbers would lie
+    SEPARATION = 8       # a6 and k1 cannot be told apart: only a combination is known

@@ -12,6 +12,7 @@ from launchid_core import SLOWEST, Change, Config, Estimate, Estimator, Model, S
 from .effects import values
 from .errors import InputError, UsageError
 from .flight import parameters
+from .identify_fit import delay, judge
 from .log import Log
 from .nominal import Nominal
 
@@ -138,7 +139,8 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
     active = [(term, estimate.xi[j, 1]) for j, term in enumerate(estimate.terms) if estimate.support[j, 1]]
     return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
             "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
-            "terms": {term: number(value) for term, value in active}}
+            "terms": {term: number(value) for term, value in active},
+            "absent": {term: number(limit) for term, limit in estimate.absent.items()}}
 
 
 def tracked_json(estimate: Estimate) -> dict[str, Any]:
@@ -155,15 +157,26 @@ def change_json(change: Change) -> dict[str, Any]:
             "after": change.after, "size": change.size, "size_std": change.size_std}
 
 
-def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False) -> dict[str, Any]:
-    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples."""
-    counts = estimator.counts
-    windows = [window_json(estimate) for estimate in estimates]
+def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
+           log: Log | None = None) -> dict[str, Any]:
+    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
+
+    log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
+    """
+    counts, lead = estimator.counts, {}
+    if log is None:
+        windows = [window_json(estimate) for estimate in estimates]
+    else:
+        estimates, fits = judge(log, estimator.config, estimates)
+        windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
+                   for estimate, fit in zip(estimates, fits, strict=True)]
+        if estimator.config.formulation != "filtered":
+            lead = {"delay": delay(log, estimator.config)}
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
-    return {"windows": windows, **changes,
+    return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
@@ -201,6 +214,8 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
+    if not any(w["valid"] for w in result["windows"]):
+        lines.append("no window of this log is valid: the status of each says why")
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
