@@ -163,15 +163,17 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
 
     log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
     """
-    counts, lead = estimator.counts, {}
+    counts = estimator.counts
+    lead: dict[str, Any] = {}
     if log is None:
         windows = [window_json(estimate) for estimate in estimates]
     else:
-        estimates, fits = judge(log, estimator.config, estimates)
+        found = None if estimator.config.formulation == "filtered" else delay(log, estimator.config)
+        estimates, fits = judge(log, estimator.config, estimates, found)
         windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
                    for estimate, fit in zip(estimates, fits, strict=True)]
         if estimator.config.formulation != "filtered":
-            lead = {"delay": delay(log, estimator.config)}
+            lead = {"delay": found}
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)

@@ -8,7 +8,8 @@ which no differencing makes noisy.  Three questions:
   gives as well is none;
 * by how much beta leads (`delay`): the shift at which it explains most.
 
-A window whose fit predicts nothing, or whose beta is no better than the placebos, is refused with status `MODEL`.
+A window whose fit predicts nothing, or whose beta is no better than the placebos, is refused with status `MODEL`; so
+are all if beta follows theta_ddot: a term is missing.
 """
 
 import dataclasses
@@ -31,6 +32,9 @@ LAGS = 4             # of the portmanteau; even, for which its probability is el
 LEAST_WHITE = 2 * LAGS
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
+SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
+SURE = 3.0           # standard deviations by which beta must follow its effect, beyond
+SAME_TIME = 2.0      # sample periods that stamps may be off, before no window is believed
 MOST_DELAY = 0.3     # s either way
 FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 PIECE = 5.0          # s over which one set of coefficients holds while a delay is sought
@@ -188,17 +192,22 @@ def refused(estimate: Estimate) -> Estimate:
                                **dict.fromkeys(names, math.nan))
 
 
-def judge(log: Log, config: Config, estimates: list[Estimate]) -> tuple[list[Estimate], list[Fit]]:
-    """The estimates, those refused that the log contradicts (`filtered` judges itself), and the fit of each."""
+def judge(log: Log, config: Config, estimates: list[Estimate],
+          lead: dict[str, float] | None = None) -> tuple[list[Estimate], list[Fit]]:
+    """The estimates, those refused that the log contradicts (`filtered` judges itself), and the fit of each.
+
+    lead   `delay` of the log: a beta that follows what it should cause contradicts every window
+    """
     rows = usable(log)
     if rows is None:
         return estimates, [Fit() for _ in estimates]
     fits = [held_out(rows, e) if e.valid else Fit() for e in estimates]
     if config.formulation == "filtered":
         return estimates, [dataclasses.replace(fit, whiteness=None) for fit in fits]
-    vain = placebo(rows, estimates)
-    wrong = [v or (fit.upper is not None and fit.upper < 0.0) for v, fit in zip(vain, fits, strict=True)]
-    return [refused(e) if no else e for e, no in zip(estimates, wrong, strict=True)], fits
+    late = lead is not None and lead["value"] + SURE * lead["std"] < -SAME_TIME * config.sample_period
+    wrong = [late or vain or (fit.upper is not None and fit.upper < 0.0)
+             for vain, fit in zip(placebo(rows, estimates), fits, strict=True)]
+    return [refused(e) if no and e.valid else e for e, no in zip(estimates, wrong, strict=True)], fits
 
 
 def delay(log: Log, config: Config) -> dict[str, float] | None:
@@ -222,7 +231,7 @@ def delay(log: Log, config: Config) -> dict[str, float] | None:
     gains = [explained(moved(k * step)) for k in range(-most, most + 1)]
     best = int(np.argmax(gains))
     vain = [explained(rows.shifted(share)) for share in SHIFTS]
-    if best in (0, 2 * most) or sum(v >= gains[best] for v in vain) > BY_CHANCE:
+    if best in (0, 2 * most) or max(vain) >= SEARCHED * gains[best]:
         return None
     low, middle, high = gains[best - 1:best + 2]
     bend = low - 2.0 * middle + high
