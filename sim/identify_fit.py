@@ -71,7 +71,8 @@ def usable(log: Log) -> Rows | None:
     span = max(1, round(INCREMENT / log.period))
     if np.count_nonzero(forward) < 2 * span + 2:
         return None
-    return Rows(t[forward], *(getattr(log, name)[finite][forward] for name in ("theta", "theta_dot", "beta")), span)
+    theta, theta_dot, beta = (x[finite][forward] for x in (log.theta, log.theta_dot, log.beta))
+    return Rows(t[forward], theta, theta_dot, beta, span)
 
 
 def column(term: str, theta: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -185,11 +186,12 @@ def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
 
 def refused(estimate: Estimate) -> Estimate:
     """The window's numbers contradict the log."""
-    names = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition")
+    nan = math.nan
     xi, support = np.full_like(estimate.xi, math.nan), np.zeros_like(estimate.support)
     xi.flags.writeable = support.flags.writeable = False
     return dataclasses.replace(estimate, valid=False, status=EstimateStatus.MODEL, xi=xi, support=support, absent={},
-                               **dict.fromkeys(names, math.nan))
+                               a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
+                               a6_bound=nan, k1_bound=nan, condition=nan)
 
 
 def judge(log: Log, config: Config, estimates: list[Estimate],
