@@ -63,7 +63,13 @@ def bandwidth(scores):
             below += share * share
     if not below > 0.0:
         return 0
-    return int(min(BARTLETT * (above / below * count) ** (1.0 / 3.0), 0.5 * count))
+    cube = BARTLETT * BARTLETT * BARTLETT * count * above / below
+    lags = 0
+    for k in range(1, count // 2 + 1):
+        if k * k * k > cube:
+            break
+        lags = k
+    return lags
 
 
 @inner
