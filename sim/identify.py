@@ -12,7 +12,7 @@ from launchid_core import SLOWEST, Change, Config, Estimate, Estimator, Model, S
 from .effects import values
 from .errors import InputError, UsageError
 from .flight import parameters
-from .identify_fit import delay, judge
+from .identify_fit import delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
 
@@ -20,7 +20,6 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segm
                 "LEVEL_CLAMP": "noise levels' steps cut short"}
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
-ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 
 
@@ -95,7 +94,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]
-        t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
+        t = t[near_all(t, log.period)]
         timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
     else:
         try:

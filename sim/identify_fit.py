@@ -30,11 +30,13 @@ LIMIT = 1.645        # standard deviations to the upper 95 % limit
 OVERLAP = 2.0        # of the variance of a sum of 0.2 s blocks: an increment that begins in one ends in the next
 LAGS = 4             # of the portmanteau; even, for which its probability is elementary
 LEAST_WHITE = 2 * LAGS
+ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
 SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
 SURE = 3.0           # standard deviations by which beta must follow its effect, beyond
 SAME_TIME = 2.0      # sample periods that stamps may be off, before no window is believed
+LEAST_ALONE = 5      # increments in a window that is judged for itself too; shorter ones by the log's sum alone
 MOST_DELAY = 0.3     # s either way
 FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 PIECE = 5.0          # s over which one set of coefficients holds while a delay is sought
@@ -63,16 +65,29 @@ class Rows:
 def usable(log: Log) -> Rows | None:
     """None without a measured rate or without two increments."""
     finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.theta_dot) & np.isfinite(log.beta)
-    t = log.t[finite]
-    if len(t) < 2:
-        return None
-    latest = np.maximum.accumulate(t)
-    forward = np.concatenate([[True], t[1:] > latest[:-1]])
+    finite[finite] = near_all(log.t[finite], log.period)
+    finite[finite] = forward(log.t[finite])
     span = max(1, round(INCREMENT / log.period))
-    if np.count_nonzero(forward) < 2 * span + 2:
+    if np.count_nonzero(finite) < 2 * span + 2:
         return None
-    theta, theta_dot, beta = (x[finite][forward] for x in (log.theta, log.theta_dot, log.beta))
-    return Rows(t[forward], theta, theta_dot, beta, span)
+    return Rows(log.t[finite], log.theta[finite], log.theta_dot[finite], log.beta[finite], span)
+
+
+def near_all(t: np.ndarray, period: float) -> np.ndarray:
+    """Which stamps are times of this log."""
+    return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
+
+
+def forward(t: np.ndarray) -> np.ndarray:
+    """Stamps that go forward: later than all before, or earlier than all after, whichever leaves more.
+
+    One stamp too late spoils the first, one too early the second.
+    """
+    if len(t) == 0:
+        return np.zeros(0, bool)
+    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    earlier = np.concatenate([t[:-1] < np.minimum.accumulate(t[::-1])[::-1][1:], [True]])
+    return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
 
 
 def column(term: str, theta: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -155,12 +170,12 @@ def active_terms(estimate: Estimate) -> tuple[str, ...]:
     return tuple(term for term, on in zip(estimate.terms, estimate.support[:, 1].tolist(), strict=True) if on)
 
 
-def gain(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray) -> float:
-    """By how much the terms in beta lower the squared error."""
+def gain(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray) -> float | None:
+    """By how much the terms in beta lower the squared error; None where there are too few increments to say."""
     others = tuple(k for k, term in enumerate(terms) if "beta" not in term)
     _, _, y, phi = increments(rows, at, terms, beta)
     if len(y) <= len(terms):
-        return 0.0
+        return None
     before, after = left(phi[:, others], y), left(phi, y)
     return float(before @ before - after @ after)
 
@@ -174,13 +189,16 @@ def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
              for k, e in enumerate(estimates) for terms in [active_terms(e)]
              if e.valid and any("beta" in term for term in e.terms)}
     shifted = [rows.shifted(share) for share in SHIFTS]
-    true, false = np.zeros(len(estimates)), np.zeros((len(estimates), len(SHIFTS)))
+    gains = {}  # of the true beta, then of the shifted ones
     for k, terms in asked.items():
         at = rows.cut(estimates[k].t_start, estimates[k].t_end)
-        true[k] = gain(rows, at, terms, rows.beta)
-        false[k] = [gain(rows, at, terms, beta) for beta in shifted]
-    all_in_vain = bool(np.any(false.sum(axis=0) >= true.sum()))
-    return [k in asked and (all_in_vain or bool(np.sum(false[k] >= true[k]) > BY_CHANCE))
+        found = [gain(rows, at, terms, beta) for beta in (rows.beta, *shifted)]
+        if None not in found:
+            gains[k] = np.array(found, dtype=float)
+    total = sum(gains.values(), np.zeros(1 + len(SHIFTS)))
+    all_in_vain = bool(gains) and bool(np.any(total[1:] >= total[0]))
+    alone = [e.t_end - e.t_start > (LEAST_ALONE - 0.5) * INCREMENT for e in estimates]
+    return [k in gains and (all_in_vain or (alone[k] and bool(np.sum(gains[k][1:] >= gains[k][0]) > BY_CHANCE)))
             for k in range(len(estimates))]
 
 
@@ -218,12 +236,12 @@ def delay(log: Log, config: Config) -> dict[str, float] | None:
     if rows is None or not any("beta" in term for term in config.terms):
         return None
     t, period = rows.t, float(np.median(np.diff(rows.t)))
-    count = max(1, int((t[-1] - t[0]) / PIECE))
+    count = max(1, round(len(t) * period / PIECE))
     edges = np.linspace(0, len(t), count + 1).astype(int).tolist()
     pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
 
     def explained(beta: np.ndarray) -> float:
-        return sum(gain(rows, at, config.terms, beta) for at in pieces)
+        return sum(gain(rows, at, config.terms, beta) or 0.0 for at in pieces)
 
     def moved(lead: float) -> np.ndarray:
         return np.interp(t - lead, t, rows.beta)
@@ -233,7 +251,7 @@ def delay(log: Log, config: Config) -> dict[str, float] | None:
     gains = [explained(moved(k * step)) for k in range(-most, most + 1)]
     best = int(np.argmax(gains))
     vain = [explained(rows.shifted(share)) for share in SHIFTS]
-    if best in (0, 2 * most) or max(vain) >= SEARCHED * gains[best]:
+    if not gains[best] > 0.0 or best in (0, 2 * most) or max(vain) >= SEARCHED * gains[best]:
         return None
     low, middle, high = gains[best - 1:best + 2]
     bend = low - 2.0 * middle + high

@@ -213,7 +213,7 @@ def windows(log: Log, window: float, **choices) -> tuple[Config, list[Estimate]]
     return config, run(config, log.samples())[0]
 
 
-@pytest.mark.parametrize("window", [1.0, 5.0])
+@pytest.mark.parametrize("window", [0.3, 1.0, 5.0])
 def test_a_clean_flight_keeps_its_windows(clean, window):
     config, estimates = windows(clean, window)
     judged, fits = judge(clean, config, estimates)
@@ -222,10 +222,11 @@ def test_a_clean_flight_keeps_its_windows(clean, window):
     assert [fit.r2 is None for fit in fits] == [window < 3.0] * len(fits)
 
 
+@pytest.mark.parametrize("window", [0.3, 1.0])
 @pytest.mark.parametrize("share", [0.3, 0.4, 0.5])
-def test_a_shifted_beta_has_no_valid_k1(clean, share):
+def test_a_shifted_beta_has_no_valid_k1(clean, share, window):
     log = shifted(clean, share)
-    config, estimates = windows(log, 1.0)
+    config, estimates = windows(log, window)
     assert any(e.valid for e in estimates)  # without the placebo
     judged, _ = judge(log, config, estimates)
     assert not any(e.valid for e in judged)
@@ -275,6 +276,22 @@ def test_without_a_rate_nothing_is_judged(clean):
     config, estimates = windows(log, 5.0)
     judged, fits = judge(log, config, estimates)
     assert judged == estimates and set(fits) == {Fit()} and delay(log, config) is None
+
+
+def test_windows_without_increments_are_not_refused(clean):
+    """Shorter than an increment: nothing is said against them."""
+    config, estimates = windows(clean, 0.15, formulation="difference", threshold=0.0)
+    estimates = [dataclasses.replace(e, valid=True, status=EstimateStatus.OK, support=np.ones((2, 3), bool))
+                 for e in estimates]
+    assert all(e.valid for e in judge(clean, config, estimates)[0])
+
+
+@pytest.mark.parametrize("stamp", [1e308, 1e11, 500.0, -500.0])
+def test_one_wrong_stamp_changes_little(clean, stamp):
+    t = clean.t.copy()
+    t[3000] = stamp
+    rows = usable(dataclasses.replace(clean, t=t))
+    assert len(rows.t) == len(t) - 1 and (np.diff(rows.t) > 0.0).all()
 
 
 def test_ljung_box_is_the_chi_square_of_four_lags():
