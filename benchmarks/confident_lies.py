@@ -120,7 +120,8 @@ def main() -> int:
     pooled = {declared: np.zeros(6, np.int64) for declared in DEMAND}
     print(f"flights {args.flights}, seeds from {args.seed}, windows of {args.window:g} s, 100 Hz; shares of valid "
           f"answers more than {FAR:g} std off")
-    print(f"{'nominal':16} {'effect':62} {'declared':14} {'MODEL':>6} {'valid':>6} {'lies':>6} {'tracked':>7} {'lies':>6}")
+    print(f"{'nominal':16} {'effect':62} {'declared':14} {'MODEL':>6} {'valid':>6} {'lies':>6} {'tracked':>7} "
+          f"{'lies':>6}")
     for name in args.nominal or NOMINALS:
         rows = [("", False), *((text, False) for text in LARGE), *(() if args.large else limits(name))]
         jobs = [(name, text, seed, declared, args.window) for text, _ in rows for declared in DEMAND

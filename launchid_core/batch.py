@@ -15,6 +15,8 @@ from .window import EQUATIONS, Outcome, view_outcome
 KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, ENOUGH = range(8)
 N_PLAN = 8
 
+PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
+
 
 class Fixed(NamedTuple):
     """Never changes in flight."""
@@ -63,6 +65,19 @@ class Work(NamedTuple):
     xi: np.ndarray          # (q,)
     active: np.ndarray      # (q,) int64
     sparse: SparseWork
+    drift: np.ndarray       # (2*p,) drift columns, later in the coordinates of the factor
+    extended: np.ndarray    # ((q + 2)*p,) active and drift columns, and their factor
+    extended_order: np.ndarray     # (q + 2,) int64
+    extended_tau: np.ndarray       # (q + 2,)
+    extended_norms: np.ndarray     # (q + 2,)
+    extended_solution: np.ndarray  # (q + 2,)
+    extended_inverse: np.ndarray   # (q + 2, q + 2)
+    residual: np.ndarray    # (p,)
+    scores: np.ndarray      # (2*p,) of a6 and k1
+    change: np.ndarray      # (2,) of a6 and k1 where they may drift
+    covariance: np.ndarray  # (2, 2)
+    tried: np.ndarray       # (q,) int64
+    trial: np.ndarray       # (q,)
 
 
 @shared
@@ -112,5 +127,21 @@ def view_work(f, at, i, m, q, rows, p):
     xi, at = take(f, at, q)
     active, m = take(i, m, q)
     sparse, at, m = view_sparse(f, at, i, m, q)
+    width = q + PAIR
+    drift, at = take(f, at, PAIR * p)
+    extended, at = take(f, at, width * p)
+    extended_order, m = take(i, m, width)
+    extended_tau, at = take(f, at, width)
+    extended_norms, at = take(f, at, width)
+    extended_solution, at = take(f, at, width)
+    extended_inverse, at = take2(f, at, width, width)
+    residual, at = take(f, at, p)
+    scores, at = take(f, at, PAIR * p)
+    change, at = take(f, at, PAIR)
+    covariance, at = take2(f, at, PAIR, PAIR)
+    tried, m = take(i, m, q)
+    trial, at = take(f, at, q)
     return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, powers, row, previous,
-                running, order, tau, norms, tt, mt, xi, active, sparse), at, m
+                running, order, tau, norms, tt, mt, xi, active, sparse, drift, extended, extended_order, extended_tau,
+                extended_norms, extended_solution, extended_inverse, residual, scores, change, covariance,
+                tried, trial), at, m

@@ -1,6 +1,8 @@
 """What leaves the estimator."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +23,13 @@ class Tracked(NamedTuple):
     a6_std: float
     k1_std: float
     a6_k1_corr: float
+
+
+class Offset(NamedTuple):
+    """A constant that nobody knew before the flight, as it is believed at t_end, with its standard deviation."""
+
+    value: float
+    std: float
 
 
 class Level(NamedTuple):
@@ -78,8 +87,9 @@ class Estimate:
     valid                `status` is OK: the theta_ddot equation was identified
     status               why, or why not
     a6, k1       [1/s^2] coefficients of theta and beta in theta_ddot; 0 if thresholded away, NaN if not in the library
-    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: from the residual);
-                         NaN where the term is not active
+    a6_std, k1_std       their standard deviations (filtered: from the noise levels; others: from the residual and its
+                         autocorrelation, widened by what a drift within the window changes); of a term that was
+                         thresholded away what it would have
     a6_k1_corr           their correlation
     a6_dot, k1_dot [1/s^3]  coefficients of tau*theta, tau*beta
     a6_bound, k1_bound   Cramer-Rao bound of the window as standard deviations; NaN unless a noise model was given
@@ -90,6 +100,11 @@ class Estimate:
     rows                 rows used;  gaps: gaps inside the window
     tracked              the tracked estimate (formulation `filtered`), else None
     uncertainty          the uncertainty level (a model with sigma), else None
+    wind, wind_std [rad] all of the wind angle at t_end (a model with wind), else NaN
+    offsets              what the model does not know, by its name in `Model`, at t_end
+    whiteness            p-value of the innovations until t_end, were the model true (formulation `filtered`), else NaN
+    absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
+                         from the active ones; read-only
     """
 
     t_start: float
@@ -113,3 +128,8 @@ class Estimate:
     gaps: int
     tracked: Tracked | None = None
     uncertainty: Uncertainty | None = None
+    wind: float = math.nan
+    wind_std: float = math.nan
+    offsets: Mapping[str, Offset] = field(default_factory=dict)
+    whiteness: float = math.nan
+    absent: Mapping[str, float] = field(default_factory=dict)

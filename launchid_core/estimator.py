@@ -1,7 +1,8 @@
 """The one class: samples in by `update`, estimates out by `estimate`."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from . import window as wn
 from .assembly import allocate, is_ranged, is_structured, restart, state_arrays
 from .belief import A6
 from .config import Config
-from .estimate import Change, Estimate, Level, Tracked, Uncertainty
+from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
+from .model import OFFSETS, Model
 from .onboard import State
 from .predictor import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .sample import NAN, Sample
@@ -99,9 +101,11 @@ class Estimator:
             a6_k1_corr=number[wn.O_CORRELATION], a6_dot=number[wn.O_A6_DOT], k1_dot=number[wn.O_K1_DOT],
             a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
             xi=xi, support=support, terms=self.config.terms,
+            absent=_limits(self.config.terms, outcome.absent),
             rows=int(outcome.flag[wn.USED]), gaps=int(outcome.flag[wn.GAPS_SEEN]),
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
-            uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report))
+            uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report),
+            whiteness=number[wn.O_WHITENESS], **_air(report, self.config.model))
 
     def changes(self) -> tuple[Change, ...]:
         """Sudden changes found so far, oldest first (the last MAX_EVENTS alarms; formulation `filtered`)."""
@@ -151,9 +155,25 @@ def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:
     return st.step_integral if config.formulation == "integral" else st.step_pointwise, ()
 
 
+def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
+    """Of the terms that are not active, by name."""
+    return MappingProxyType({term: limit for term, limit in zip(terms, absent.tolist(), strict=True)
+                             if not math.isnan(limit)})
+
+
 def _numbers(values: np.ndarray) -> list[float]:
     """As Python's; the one NAN for what is none, so that equal answers compare equal."""
     return [NAN if math.isnan(x) else x for x in values.tolist()]
+
+
+def _air(report: rp.Report | None, model: Model | None) -> dict[str, Any]:
+    """Wind and offsets out of a report, as fields of `Estimate`."""
+    if report is None or model is None:
+        return {}
+    wind, wind_std = _numbers(report.air)
+    offsets = {name: Offset(*_numbers(report.offset[k])) for k, name in enumerate(OFFSETS)
+               if getattr(model, name) > 0.0}
+    return {"wind": wind, "wind_std": wind_std, "offsets": MappingProxyType(offsets)}
 
 
 def _uncertainty(report: rp.Report) -> Uncertainty:

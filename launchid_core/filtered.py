@@ -370,6 +370,37 @@ def select_columns(n, active, theta, beta, columns):
     return m + N_TESTS + 1
 
 
+@inner
+def reduce_columns(acc, work, r):
+    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
+    names."""
+    width, m = acc.window.shape[0], r.shape[0]
+    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
+    for c in range(m):
+        for i in range(m):
+            r[c, i] = 0.0
+        for i in range(width):
+            rt[c, i] = acc.window[i, work.columns[c]]
+    absorb_rows(r, rt, width)
+
+
+@once
+def solve_absent(acc, work, active, term):
+    """(coefficient, standard deviation) that a term would have beside the active ones, as of `solve_window`."""
+    n = acc.psi.shape[0]
+    m = n
+    for j in range(n):
+        work.columns[j] = j
+    for j in range(active.shape[0]):
+        if active[j] and j != term:
+            work.columns[m] = n + j
+            m += 1
+    work.columns[m], work.columns[m + 1] = n + term, acc.window.shape[0] - 1
+    r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
+    reduce_columns(acc, work, r)
+    return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
+
+
 @once
 def solve_window(belief, acc, work, active):
     """Least squares of the window's active terms on its own data.
@@ -380,18 +411,12 @@ def solve_window(belief, acc, work, active):
     Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
     true.
     """
-    width, n = acc.window.shape[0], acc.psi.shape[0]
+    n = acc.psi.shape[0]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     columns, coefficient, deviation = work.columns, work.coefficient, work.deviation
     m = select_columns(n, active, theta, beta, columns)
     r = work.scratch[:m * m].reshape((m, m))
-    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
-    for c in range(m):
-        for i in range(m):
-            r[c, i] = 0.0
-        for i in range(width):
-            rt[c, i] = acc.window[i, columns[c]]
-    absorb_rows(r, rt, width)
+    reduce_columns(acc, work, r)
     coefficient[:] = 0.0
     last = m - N_TESTS - 2  # of the terms
     for k in range(last, n - 1, -1):

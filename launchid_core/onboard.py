@@ -42,6 +42,7 @@ from .filtered import (
     jump,
     reduce_block,
     relinearise,
+    solve_absent,
     solve_window,
     start_window,
     take_sample,
@@ -64,7 +65,7 @@ from .predictor import (
     view_filter,
     view_filter_work,
 )
-from .report import report_changes, report_level, report_tracked
+from .report import report_air, report_changes, report_level, report_tracked
 from .status import EstimateStatus
 from .structure import PRIOR, Learner, absorb_structure, select_terms
 from .tracker import (
@@ -116,6 +117,7 @@ from .window import (
     view_outcome,
 )
 
+INTERVAL = 1.96       # standard deviations: 95 %
 NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
 SEPARATE = 0.3       # relative: with both bounds above it and a correlation beyond INSEPARABLE a window knows only what
 INSEPARABLE = 0.99   # a6 and k1 have in common
@@ -346,10 +348,33 @@ def close_filtered(fixed, state, work, learner, learning):
         judge_window(state.check, unexplained)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
+        limit_absent(belief, state, work.acc, t_centre, learner)
         out.number[O_WHITENESS] = likelihood_of_chance(state.check)
     state.check.flag[IN_WINDOW] = state.check.flag[RAISED]
     let_offsets_wander(belief, state.filter, fixed.limits[rb.WINDOW])
     begin_window(fixed, state, state.filter.time[LAST])
+
+
+@inner
+def limit_absent(belief, state, work, t_centre, learner):
+    """95 % limits of the terms that were left out of a valid window, if the configuration learns which are there; an
+    absent a6 or k1 is 0 with the standard deviation that it would have."""
+    if learner is not None:
+        out = state.outcome
+        if out.flag[STATUS] != OK:
+            return
+        a6, k1 = profile_at(belief, state.filter.cell, t_centre)
+        for j in range(state.active.shape[0]):
+            if state.active[j]:
+                continue
+            value, std = solve_absent(state.acc, work, state.active, j)
+            if j == belief.term[AT_THETA]:
+                value, std = a6 * (1.0 + value), abs(a6) * std
+                out.number[O_A6_STD] = std
+            elif j == belief.term[AT_BETA]:
+                value, std = k1 * (1.0 + value), abs(k1) * std
+                out.number[O_K1_STD] = std
+            out.absent[j] = abs(value) + INTERVAL * std
 
 
 @inner
@@ -431,6 +456,8 @@ def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, thet
 def report_now(fixed, state, gauge, rep):
     """Everything that leaves beside the outcome, as of now."""
     t_end = state.clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    report_tracked(fixed.belief, state.bank.total, state.check.flag[RAISED] == 1, t_end, rep)
+    contradicted = state.check.flag[RAISED] == 1
+    report_tracked(fixed.belief, state.bank.total, contradicted, t_end, rep)
+    report_air(fixed.belief, state.filter, state.bank.total, contradicted, rep)
     report_changes(fixed.belief, state.watch, rep)
     report_level(gauge, rep)

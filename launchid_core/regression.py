@@ -12,14 +12,15 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 import numpy as np
 
 from . import ring as rb
-from .batch import ENOUGH, KEEP, MEASURED, SOLVER, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
+from .batch import ENOUGH, KEEP, MEASURED, PAIR, SOLVER, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
 from .compress import choose_rows
 from .derivative import differentiate, mark_segments
 from .kernels import inner, once
 from .library import N_VARIABLES, TAU, library_row, raw_from_standard
 from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
+from .residual import drift_integral, drift_pointwise, report_absent, report_spread
 from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
-from .sparse import covariance_entry, invert_active, sparse_solve
+from .sparse import sparse_solve
 from .status import EstimateStatus
 from .window import (
     ATTITUDE,
@@ -38,6 +39,9 @@ from .window import (
 )
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
+ONE_DIRECTION = 0.99      # |correlation| beyond which a6 and k1 are one direction
+UNKNOWN_APART = 0.3       # relative standard deviation of both, in one direction: only a combination is known
+UNKNOWN = 1.0             # relative standard deviation of both: nothing is known
 STILL = 64.0 * EPS        # a variable that moves less than this of its size does not move
 
 OK = int(EstimateStatus.OK)
@@ -46,6 +50,8 @@ GAP = int(EstimateStatus.GAP)
 RANK = int(EstimateStatus.RANK)
 SATURATED = int(EstimateStatus.SATURATED)
 NUMERICS = int(EstimateStatus.NUMERICS)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+SEPARATION = int(EstimateStatus.SEPARATION)
 
 
 @once
@@ -188,32 +194,6 @@ def reduce_library(work, at, q):
             work.mt[i, r] = value
 
 
-@once
-def residual_square(work, y, q, count):
-    """|y - M xi|^2 over the whole window, y being Q' times the target."""
-    square = 0.0
-    for r in range(q, count):
-        square += y[r] * y[r]
-    for r in range(q):
-        value = y[r]
-        for i in range(q):
-            value -= work.mt[i, r] * work.xi[i]
-        square += value * value
-    return square
-
-
-@inner
-def position(active, term):
-    """Place of `term` among the active ones, -1 if it is not one (or the library lacks it)."""
-    if term < 0 or not active[term]:
-        return -1
-    place = 0
-    for j in range(term):
-        if active[j]:
-            place += 1
-    return place
-
-
 @inner
 def coefficient(work, term):
     """Coefficient of a term; NaN if the library lacks it."""
@@ -221,29 +201,23 @@ def coefficient(work, term):
 
 
 @once
-def report_attitude(plan, work, out, square, freedom):
-    """a6, k1, slopes, standard deviations and correlation from the theta_ddot equation just solved."""
-    a6, k1 = plan[TERM_A6], plan[TERM_K1]
-    out.number[O_A6] = coefficient(work, a6)
-    out.number[O_K1] = coefficient(work, k1)
+def report_attitude(plan, work, out, at, y, rows):
+    """a6, k1, slopes, standard deviations, correlation and limits from the theta_ddot equation just solved."""
+    out.number[O_A6] = coefficient(work, plan[TERM_A6])
+    out.number[O_K1] = coefficient(work, plan[TERM_K1])
     out.number[O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
     out.number[O_K1_DOT] = coefficient(work, plan[TERM_K1_DOT])
-    size = 0
-    for j in range(work.active.shape[0]):
-        if work.active[j]:
-            size += 1
-    freedom -= size
-    if size == 0 or freedom <= 0:
-        return
-    invert_active(work.sparse, size)
-    at_a6, at_k1 = position(work.active, a6), position(work.active, k1)
-    if at_a6 >= 0:
-        out.number[O_A6_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_a6, at_a6))
-    if at_k1 >= 0:
-        out.number[O_K1_STD] = np.sqrt(square / freedom * covariance_entry(work.sparse, at_k1, at_k1))
-    if at_a6 >= 0 and at_k1 >= 0:
-        product = covariance_entry(work.sparse, at_a6, at_a6) * covariance_entry(work.sparse, at_k1, at_k1)
-        out.number[O_CORRELATION] = covariance_entry(work.sparse, at_a6, at_k1) / np.sqrt(product)
+    report_spread(plan, work, out, at, y, rows)
+    report_absent(plan, work, out, at, y, rows)
+
+
+@once
+def judge_separation(number):
+    """OK, or why a6 and k1 are not known apart, or not at all."""
+    a6, k1 = number[O_A6_STD] / abs(number[O_A6]), number[O_K1_STD] / abs(number[O_K1])
+    if abs(number[O_CORRELATION]) > ONE_DIRECTION and a6 > UNKNOWN_APART and k1 > UNKNOWN_APART:
+        return SEPARATION
+    return LOW_INFORMATION if a6 > UNKNOWN and k1 > UNKNOWN else OK
 
 
 @inner
@@ -262,6 +236,9 @@ def regress(fixed, work, out, count, pieces):
     out.number[O_CONDITION] = pivot_ratio(at, rank)
     raw_from_standard(fixed.codes, work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
+    drift = work.drift[:PAIR * count].reshape((PAIR, count))
+    for d in range(PAIR):
+        apply_q_transposed(at, work.tau, q, drift[d])
     for e in range(EQUATIONS):
         y = target[e]
         apply_q_transposed(at, work.tau, q, y)
@@ -274,8 +251,8 @@ def regress(fixed, work, out, count, pieces):
             out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
             out.support[j, e] = int(work.active[j] == 1 and passes > 0)
         if e == ATTITUDE:
-            report_attitude(fixed.plan, work, out, residual_square(work, y, q, count), count - pieces)
-    return OK
+            report_attitude(fixed.plan, work, out, at, y, count - pieces)
+    return judge_separation(out.number)
 
 
 @inner
@@ -321,6 +298,7 @@ def close_pointwise(fixed, state, work):
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         standardise(work, fixed.centred, kept, t_centre)
         pointwise_rows(fixed.codes, work, kept, t_centre)
+        drift_pointwise(work, kept, t_centre)
         status = regress(fixed, work, state.outcome, kept, 0)
     end_close(state, status, kept, gaps)
 
@@ -337,6 +315,8 @@ def close_integral(fixed, state, work):
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         standardise(work, fixed.centred, kept, t_centre)
         integral_rows(fixed.codes, work, n, kept, t_centre)
+        drift_integral(work, n, kept, t_centre)
+        centre_segments(work.drift[:PAIR * kept].reshape((PAIR, kept)), work, kept)
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
         centre_segments(work.target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), work, kept)
         status = regress(fixed, work, state.outcome, kept, pieces)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import A6, K1, profile_at
+from .belief import A6, AIR_WIND, AIRY, AT_BETA, AT_THETA, K1, air_at, profile_at
 from .changes import (
     E_A6_BEFORE,
     E_A6_VARIANCE,
@@ -21,9 +21,12 @@ from .changes import (
 )
 from .kernels import inner, once, shared
 from .memory import take, take2
+from .model import MISALIGNMENT, OFFSETS, TURBULENCE, WALK
+from .predictor import LAST, N_STATES
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .uncertainty import OUT, RAISED
 
+N_OFFSETS = len(OFFSETS)
 KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
 
 # tracked (f8) of a report
@@ -52,6 +55,8 @@ class Report(NamedTuple):
     flag: np.ndarray     # (N_REPORT_FLAGS,) int64
     change: np.ndarray   # (2 MAX_EVENTS, N_CHANGE), oldest first
     changed: np.ndarray  # (2 MAX_EVENTS, 2) int64
+    air: np.ndarray      # (2,) wind angle and its standard deviation [rad] as of now, NaN without
+    offset: np.ndarray   # (5, 2) of model.OFFSETS: value and standard deviation, NaN where it is known
     cell: np.ndarray     # (1,) int64 scratch of the profile
 
 
@@ -65,8 +70,10 @@ def view_report(f, at, i, m):
     flag, m = take(i, m, N_REPORT_FLAGS)
     change, at = take2(f, at, 2 * MAX_EVENTS, N_CHANGE)
     changed, m = take2(i, m, 2 * MAX_EVENTS, N_CHANGED)
+    air, at = take(f, at, 2)
+    offset, at = take2(f, at, N_OFFSETS, 2)
     cell, m = take(i, m, 1)
-    return Report(tracked, level, band, raised, flag, change, changed, cell), at, m
+    return Report(tracked, level, band, raised, flag, change, changed, air, offset, cell), at, m
 
 
 @once
@@ -87,6 +94,50 @@ def report_tracked(belief, total, contradicted, t_end, rep):
     rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[VAR_K1])
     sign = -1.0 if a6 * k1 < 0.0 else 1.0
     rep.tracked[TRACKED_CORRELATION] = sign * total[COV] / np.sqrt(total[VAR_A6] * total[VAR_K1])
+
+
+@inner
+def report_part(total, value, variance, for_a6, for_k1, out):
+    """A value that depends on the deviations through `for_a6` and `for_k1`, and its standard deviation.  out (2,)"""
+    variance += for_a6 * for_a6 * total[VAR_A6] + 2.0 * for_a6 * for_k1 * total[COV] + for_k1 * for_k1 * total[VAR_K1]
+    out[0], out[1] = value, np.sqrt(variance)
+
+
+@once
+def report_air(belief, fil, total, contradicted, rep):
+    """Wind and offsets as of the filter's last sample.
+
+    In the filter the wind is an acceleration in units of the nominal's a6, the misalignment one of its k1.
+    """
+    rep.air[:] = np.nan
+    rep.offset[:, :] = np.nan
+    if contradicted:
+        return
+    n = fil.x.shape[0]
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    a, k = 1.0 + fil.p_bar[A6], 1.0 + fil.p_bar[K1]
+    wind = variance = for_a6 = for_k1 = 0.0
+    blows = False
+    for j in range(belief.role.shape[0]):
+        at, role = N_STATES + j, belief.role[j]
+        x, p = fil.x[at], fil.p[at, at]
+        if role == WALK or role == TURBULENCE:
+            wind += x
+            for i in range(belief.role.shape[0]):
+                if belief.role[i] == WALK or belief.role[i] == TURBULENCE:
+                    variance += fil.p[at, N_STATES + i]
+            for_a6 += fil.s[at, theta]
+            for_k1 += fil.s[at, beta]
+            blows = True
+        elif role == MISALIGNMENT:
+            report_part(total, x / k, p / (k * k), fil.s[at, theta] / k, (fil.s[at, beta] - x / k) / k,
+                        rep.offset[role - MISALIGNMENT])
+        else:
+            report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])
+    if blows:
+        known = air_at(belief.air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
+        report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air)
+        rep.air[0] += known
 
 
 @once

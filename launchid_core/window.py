@@ -26,6 +26,7 @@ class Outcome(NamedTuple):
     flag: np.ndarray     # (N_FLAGS,) int64
     xi: np.ndarray       # (q, 3)
     support: np.ndarray  # (q, 3) int64, 1: active
+    absent: np.ndarray   # (q,) 95 % limit of a term of theta_ddot that is not active; NaN for those that are
 
 
 @shared
@@ -35,7 +36,8 @@ def view_outcome(f, at, i, m, q):
     flag, m = take(i, m, N_FLAGS)
     xi, at = take2(f, at, q, EQUATIONS)
     support, m = take2(i, m, q, EQUATIONS)
-    return Outcome(number, flag, xi, support), at, m
+    absent, at = take(f, at, q)
+    return Outcome(number, flag, xi, support, absent), at, m
 
 
 @shared
@@ -44,4 +46,5 @@ def clear_outcome(out, status):
     out.number[:] = np.nan
     out.xi[:, :] = np.nan
     out.support[:, :] = 0
+    out.absent[:] = np.nan
     out.flag[STATUS] = status

@@ -1,6 +1,7 @@
 """What the filtered formulation believes, out of a nominal."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def _nodes(nominal: Nominal) -> np.ndarray:
     return np.unique(np.concatenate([nominal.vehicle.t, jumps, np.array(jumps) - JUST_BEFORE]))
 
 
-def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, float]:
+def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
     """The actuator with the delays and bandwidths that the nominal knows of."""
     delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
     bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
@@ -82,7 +83,7 @@ def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, float]:
             "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay}
 
 
-def _known(nominal: Nominal) -> dict[str, float]:
+def _known(nominal: Nominal) -> dict[str, Any]:
     """Constants that the nominal's effects fix."""
     known = {"known_lean": 0.0, "known_theta": 0.0, "known_theta_dot": 0.0, "known_beta": 0.0, "gyro_scale": 1.0,
              "command_gain": 1.0, "command_offset": 0.0}
@@ -106,7 +107,7 @@ def _known(nominal: Nominal) -> dict[str, float]:
     return known
 
 
-def _air(nominal: Nominal) -> dict[str, tuple[float, ...]]:
+def _air(nominal: Nominal) -> dict[str, Any]:
     """What is known of wind and drift beforehand."""
     found: dict[str, tuple[float, ...]] = {}
     forecasts = [] if nominal.wind is None or nominal.wind.profile is None else [nominal.wind.profile]
@@ -133,7 +134,7 @@ def _blown(of: dict[str, float], t: np.ndarray) -> np.ndarray:
     return np.where((phase >= 0.0) & (phase <= 1.0), 0.5 * of["angle"] * (1.0 - np.cos(2.0 * np.pi * phase)), 0.0)
 
 
-def _unknown(nominal: Nominal) -> dict[str, float]:
+def _unknown(nominal: Nominal) -> dict[str, Any]:
     """Levels of what nobody knows before the flight.  An angle of attack measured in the air holds the wind."""
     found: dict[str, float] = {}
     if nominal.wind is not None and nominal.sensors.alpha_source == "inertial":

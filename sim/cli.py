@@ -322,7 +322,7 @@ def identify_command(args: argparse.Namespace) -> None:
         say(f"{args.log}: slower than the controller: the commands between its rows are taken as held, and the "
             "standard deviations are wider for it")
     estimates, estimator = run(config, log.samples())
-    result = report(estimates, estimator, args.tracked)
+    result = report(estimates, estimator, args.tracked, log)
     if args.plot:
         from .plots import identify_figure, save
         save(identify_figure(log, estimates, nominal), args.plot)

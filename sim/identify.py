@@ -10,16 +10,16 @@ import numpy as np
 from launchid_core import Change, Config, Estimate, Estimator, Sample, Status
 
 from .believed import MODELLED, onboard_model
-from .errors import InputError, UsageError
+from .errors import UsageError
+from .identify_fit import delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
 
-__all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run", "structure_lines",
-           "table", "tracked_json", "whole_log", "window_json"]
+__all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
+           "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
                 "LEVEL_CLAMP": "noise levels' steps cut short"}
-ABSURD = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
@@ -48,7 +48,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]
-        t = t[np.abs(t - np.median(t)) <= ABSURD * len(t) * log.period]
+        t = t[near_all(t, log.period)]
         timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
     else:
         try:
@@ -92,7 +92,15 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
     active = [(term, estimate.xi[j, 1]) for j, term in enumerate(estimate.terms) if estimate.support[j, 1]]
     return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
             "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
-            "terms": {term: number(value) for term, value in active}}
+            "terms": {term: number(value) for term, value in active},
+            "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate)}
+
+
+def air_json(estimate: Estimate) -> dict[str, Any]:
+    """Wind and offsets at t_end."""
+    return {"wind": number(estimate.wind), "wind_std": number(estimate.wind_std),
+            "offsets": {name: {"value": number(offset.value), "std": number(offset.std)}
+                        for name, offset in estimate.offsets.items()}}
 
 
 def tracked_json(estimate: Estimate) -> dict[str, Any]:
@@ -100,7 +108,8 @@ def tracked_json(estimate: Estimate) -> dict[str, Any]:
     tracked = estimate.tracked
     assert tracked is not None
     return {"valid": tracked.valid, **{name: number(getattr(tracked, name))
-                                       for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr")}}
+                                       for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr")},
+            **air_json(estimate)}
 
 
 def change_json(change: Change) -> dict[str, Any]:
@@ -109,15 +118,28 @@ def change_json(change: Change) -> dict[str, Any]:
             "after": change.after, "size": change.size, "size_std": change.size_std}
 
 
-def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False) -> dict[str, Any]:
-    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples."""
+def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
+           log: Log | None = None) -> dict[str, Any]:
+    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
+
+    log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
+    """
     counts = estimator.counts
-    windows = [window_json(estimate) for estimate in estimates]
+    lead: dict[str, Any] = {}
+    if log is None:
+        windows = [window_json(estimate) for estimate in estimates]
+    else:
+        found = None if estimator.config.formulation == "filtered" else delay(log, estimator.config)
+        estimates, fits = judge(log, estimator.config, estimates, found)
+        windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
+                   for estimate, fit in zip(estimates, fits, strict=True)]
+        if estimator.config.formulation != "filtered":
+            lead = {"delay": found}
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
-    return {"windows": windows, **changes,
+    return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
@@ -155,6 +177,8 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
+    if not any(w["valid"] for w in result["windows"]):
+        lines.append("no window of this log is valid: the status of each says why")
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")

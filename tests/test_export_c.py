@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
+from launchid_core.model import OFFSETS
 from sim.cli import main
 from sim.effects import from_text
 from sim.errors import InputError
@@ -68,7 +69,8 @@ def window_words(e: Estimate) -> list[str]:
     for value, active in zip(e.xi.ravel().tolist(), e.support.ravel().tolist(), strict=True):
         words += [bits(value), str(int(active))]
     tracked = e.tracked or (False, *(NAN,) * 5)
-    return [*words, str(int(tracked[0])), *(bits(x) for x in tracked[1:])]
+    offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
+    return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets))]
 
 
 def level_words(e: Estimate) -> list[list[str]]:

@@ -17,6 +17,7 @@
 #define LAUNCHID_SAMPLE_PERIOD $period /* s */
 #define LAUNCHID_TERMS $terms
 #define LAUNCHID_MAX_CHANGES $max_changes
+#define LAUNCHID_OFFSETS 5
 
 /* Answer of `launchid_update`: >= 0 the sample was used, < 0 it changed nothing but a counter. */
 typedef enum {
@@ -66,6 +67,9 @@ typedef struct {
     bool support[LAUNCHID_TERMS][3];
     int64_t rows, gaps;
     launchid_tracked tracked;
+    double wind, wind_std;              /* rad, all of the wind angle at t_end; NaN without wind in the model */
+    double offset[LAUNCHID_OFFSETS][2]; /* value and standard deviation: thrust misalignment, moment, attitude bias, gyro
+                                           bias, nozzle sensor bias; NaN where the model knows it */
 } launchid_estimate;
 
 /* A sudden change at t [s]: before and after [1/s^2], the alarm [s]; final: two seconds of data are behind its size. */

@@ -5,6 +5,10 @@ static void report_into(const launchid_state *state, launchid_work *work, launch
     (void)state;
     (void)work;
     estimate->tracked = (launchid_tracked){false, NAN, NAN, NAN, NAN, NAN};
+    estimate->wind = estimate->wind_std = NAN;
+    for (int k = 0; k < LAUNCHID_OFFSETS; k++) {
+        estimate->offset[k][0] = estimate->offset[k][1] = NAN;
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

@@ -23,7 +23,12 @@ static void print_estimate(const launchid_estimate *e)
         }
     }
     const launchid_tracked *t = &e->tracked;
-    printf(" %d %a %a %a %a %a\n", t->valid, t->a6, t->k1, t->a6_std, t->k1_std, t->a6_k1_corr);
+    printf(" %d %a %a %a %a %a", t->valid, t->a6, t->k1, t->a6_std, t->k1_std, t->a6_k1_corr);
+    printf(" %a %a", e->wind, e->wind_std);
+    for (int k = 0; k < LAUNCHID_OFFSETS; k++) {
+        printf(" %a %a", e->offset[k][0], e->offset[k][1]);
+    }
+    printf("\n");
 }
 
 static void print_level(const char *name, const launchid_level *l)

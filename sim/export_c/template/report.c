@@ -8,6 +8,12 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
         rep->flag[REPORT_IS_TRACKED] != 0, rep->tracked[REPORT_TRACKED_A6], rep->tracked[REPORT_TRACKED_K1],
         rep->tracked[REPORT_TRACKED_A6_STD], rep->tracked[REPORT_TRACKED_K1_STD],
         rep->tracked[REPORT_TRACKED_CORRELATION]};
+    estimate->wind = rep->air[0];
+    estimate->wind_std = rep->air[1];
+    for (int k = 0; k < LAUNCHID_OFFSETS; k++) {
+        estimate->offset[k][0] = rep->offset[2 * k];
+        estimate->offset[k][1] = rep->offset[2 * k + 1];
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

@@ -1,0 +1,289 @@
+"""Standard deviations of a window's regression from its own residual, which is not white.
+
+A coefficient's error is sum c_i e_i over the rows: c its influence (its row of the
+pseudo-inverse), e what the model misses.  Two things make the textbook's s^2 (Phi'Phi)^-1
+too small, and both are measured on the window itself:
+
+* e is autocorrelated (a running integral of the sensors' noise is a random walk).  The variance of
+  the sum is that of the series v_i = c_i r_i at frequency zero:
+
+      S = sum_i v_i v_i' + sum_{l=1}^{L} (1 - l/(L + 1)) sum_i (v_i v_{i-l}' + v_{i-l} v_i'),   times n/(n - k)
+
+  Newey & West, Econometrica 55, 1987; n/(n - k): MacKinnon & White, J. Econometrics 29, 1985.  L by the plug-in of
+  Andrews, Econometrica 59, 1991, eq. 5.3, 6.2 and 6.4 (Bartlett's weights, a first order autoregression a series,
+  each series by its own scale).
+* a6 and k1 are not constant over the window, and the residual does not show it, for a common drift of both looks
+  like another pair of constants.  The equation is solved again with tau*theta and tau*beta beside its active terms:
+  S is that solution's, and the square of what the two solutions differ by is added.
+
+The estimates stay those of the constant model.
+"""
+
+import math
+
+import numpy as np
+
+from .batch import PAIR, TERM_A6, TERM_A6_DOT
+from .kernels import inner, once
+from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .ring import BETA, THETA, T
+from .sparse import ACTIVE_TOLERANCE, invert_active, solve_active
+from .window import O_A6, O_A6_STD, O_CORRELATION
+
+STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
+BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
+INTERVAL = 1.96      # standard deviations of a 95 % limit
+
+
+@inner
+def apply_q(at, tau, rank, y):
+    """y <- Q y for the factor made by `qr_factor`.  y (m,) inout."""
+    m = at.shape[1]
+    for back in range(rank):
+        k = rank - 1 - back
+        v = at[k]
+        s = tau[k] * (y[k] + dot(v, y, k + 1, m))
+        y[k] -= s
+        for i in range(k + 1, m):
+            y[i] -= s * v[i]
+
+
+@once
+def bandwidth(scores):
+    """Lags L that the series need together, 0..n/2.  scores (k, n) in"""
+    count = scores.shape[1]
+    above = below = 0.0
+    for a in range(scores.shape[0]):
+        v = scores[a]
+        before = dot(v, v, 0, count - 1)
+        if before > 0.0:
+            rho = min(max(dot(v[1:], v, 0, count - 1) / before, -STEADIEST), STEADIEST)
+            share = (1.0 + rho) / (1.0 - rho)  # the innovation's variance over the series', by (1 - rho)^2
+            above += 4.0 * rho * rho * share * share / ((1.0 - rho * rho) * (1.0 - rho * rho))
+            below += share * share
+    if not below > 0.0:
+        return 0
+    cube = BARTLETT * BARTLETT * BARTLETT * count * above / below
+    lags = 0
+    for k in range(1, count // 2 + 1):
+        if k * k * k > cube:
+            break
+        lags = k
+    return lags
+
+
+@inner
+def long_run(scores, freedom, covariance):
+    """S of the module's head, of series with n - k = `freedom`.
+
+    scores     (k, n) in
+    covariance (>=k, >=k) out
+    """
+    size, count = scores.shape
+    lags = bandwidth(scores)
+    for a in range(size):
+        for b in range(size):
+            value = 0.0
+            for lag in range(lags + 1):
+                both = dot(scores[a][lag:], scores[b], 0, count - lag)
+                if lag > 0:
+                    both += dot(scores[b][lag:], scores[a], 0, count - lag)
+                value += (1.0 - lag / (lags + 1.0)) * both
+            covariance[a, b] = value * count / freedom
+
+
+@inner
+def place_of(order, column, n):
+    """Where the pivoted order has a column."""
+    for k in range(n):
+        if order[k] == column:
+            return k
+    return -1
+
+
+@inner
+def score(row, norm, columns, tau, at, window_tau, residual, v):
+    """v <- influence times residual, a row of the window at a time: v = (Q Q' (row of R^-1)/norm) r.
+
+    row (>=k,)         in   of the inverted triangle of the solve's factor
+    columns (k, m), tau    in   that factor, in the rotated coordinates, of which it may hold the first m alone
+    at (q, n), window_tau  in   the window's factor, which rotates back
+    residual (n,)      in   in time;  v (n,) out
+    """
+    n = columns.shape[0]
+    v[:] = 0.0
+    for k in range(n):
+        v[k] = row[k] / norm
+    apply_q(columns, tau, n, v[:columns.shape[1]])
+    apply_q(at, window_tau, at.shape[0], v)
+    for i in range(v.shape[0]):
+        v[i] *= residual[i]
+
+
+@inner
+def count_active(active):
+    """How many terms are active."""
+    size = 0
+    for j in range(active.shape[0]):
+        if active[j]:
+            size += 1
+    return size
+
+
+@inner
+def position(active, term):
+    """Place of `term` among the active ones, -1 if it is not one (or the library lacks it)."""
+    if term < 0 or not active[term]:
+        return -1
+    place = 0
+    for j in range(term):
+        if active[j]:
+            place += 1
+    return place
+
+
+@once
+def drift_pointwise(work, count, t_centre):
+    """tau*theta and tau*beta at the kept rows."""
+    drift = work.drift[:PAIR * count].reshape((PAIR, count))
+    for r in range(count):
+        i = work.kept[r]
+        tau = work.signal[T, i] - t_centre
+        drift[0, r] = tau * work.signal[THETA, i]
+        drift[1, r] = tau * work.signal[BETA, i]
+
+
+@once
+def drift_integral(work, n, count, t_centre):
+    """Their running integrals (trapezoid, from 0 after each gap) at the kept rows."""
+    drift = work.drift[:PAIR * count].reshape((PAIR, count))
+    r = 0
+    theta = beta = 0.0
+    for i in range(n):
+        if i == 0 or work.segment[i] != work.segment[i - 1]:
+            theta = beta = 0.0
+        else:
+            half = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
+            now, before = work.signal[T, i] - t_centre, work.signal[T, i - 1] - t_centre
+            theta += half * (before * work.signal[THETA, i - 1] + now * work.signal[THETA, i])
+            beta += half * (before * work.signal[BETA, i - 1] + now * work.signal[BETA, i])
+        if r < count and work.kept[r] == i:
+            drift[0, r] = theta
+            drift[1, r] = beta
+            r += 1
+
+
+@inner
+def has_drift(plan, active, d):
+    """Whether the solution is widened by the drift of a6 (d = 0) or k1 (d = 1): active, its slope not."""
+    return position(active, plan[TERM_A6 + d]) >= 0 and position(active, plan[TERM_A6_DOT + d]) < 0
+
+
+@once
+def fill_extended(plan, active, mt, drift, with_drifts, columns):
+    """Active columns and, where `with_drifts` is 1, the drifts', in the rotated coordinates; returns how many.
+
+    mt (q, q), drift (2, n)  in;  columns (>= (q + 2)*n,)  out  one after the other
+    """
+    q, count = active.shape[0], drift.shape[1]
+    n = 0
+    for j in range(q):
+        if active[j]:
+            for i in range(count):
+                columns[n * count + i] = mt[j, i] if i < q else 0.0
+            n += 1
+    for d in range(PAIR):
+        if with_drifts == 1 and has_drift(plan, active, d):
+            for i in range(count):
+                columns[n * count + i] = drift[d, i]
+            n += 1
+    return n
+
+
+@once
+def report_spread(plan, work, out, at, y, rows):
+    """Standard deviations and correlation of a6 and k1, the active ones.
+
+    at (q, n), y (n,)  in  the window's factor and Q' times theta_ddot;  rows  n less what the pieces' means took
+    """
+    q, count = at.shape
+    drift = work.drift[:PAIR * count].reshape((PAIR, count))
+    width = 0
+    for attempt in range(2):  # without the drifts where the window cannot tell them from the rest
+        width = fill_extended(plan, work.active, work.mt, drift, 1 - attempt, work.extended)
+        factors = work.extended[:width * count].reshape((width, count))
+        scale_columns(factors, work.extended_norms)
+        if qr_factor(factors, work.extended_order, work.extended_tau, ACTIVE_TOLERANCE) == width < rows:
+            break
+        if attempt == 1:
+            return
+    if width == 0:
+        return
+    columns = work.extended[:width * count].reshape((width, count))
+    residual = work.residual[:count]
+    for i in range(count):
+        residual[i] = y[i]
+    apply_q_transposed(columns, work.extended_tau, width, residual)
+    solve_triangle(columns, width, residual, work.extended_solution)
+    invert_triangle(columns, width, work.extended_inverse)
+    for k in range(width):
+        residual[k] = 0.0
+    apply_q(columns, work.extended_tau, width, residual)
+    apply_q(at, work.tau, q, residual)
+    scores = work.scores[:PAIR * count].reshape((PAIR, count))
+    for p in range(PAIR):
+        place = position(work.active, plan[TERM_A6 + p])
+        work.change[p] = 0.0
+        scores[p, :] = 0.0
+        if place >= 0:
+            k = place_of(work.extended_order, place, width)
+            norm = work.extended_norms[place]
+            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
+            score(work.extended_inverse[k], norm, columns, work.extended_tau, at, work.tau, residual, scores[p])
+    long_run(scores, rows - width, work.covariance)
+    for p in range(PAIR):
+        for r in range(PAIR):
+            work.covariance[p, r] += work.change[p] * work.change[r]
+        if position(work.active, plan[TERM_A6 + p]) >= 0:
+            out.number[O_A6_STD + p] = math.sqrt(work.covariance[p, p])
+    product = work.covariance[0, 0] * work.covariance[1, 1]
+    if product > 0.0:  # both are active
+        out.number[O_CORRELATION] = min(max(work.covariance[0, 1] / math.sqrt(product), -1.0), 1.0)
+
+
+@once
+def report_absent(plan, work, out, at, y, rows):
+    """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
+
+    inf: the window cannot tell it from the active ones.  Overwrites work.sparse.
+    """
+    q, count = at.shape
+    size = count_active(work.active)
+    residual, scores = work.residual[:count], work.scores[:count].reshape((1, count))
+    for j in range(q):
+        if work.active[j]:
+            continue
+        for k in range(q):
+            work.tried[k] = 1 if k == j or work.active[k] else 0
+        out.absent[j] = np.inf
+        if rows <= size + 1 or solve_active(work.mt, y[:q], work.tried, work.trial, work.sparse) > 0:
+            continue
+        for i in range(count):
+            residual[i] = y[i]
+        for k in range(q):
+            for i in range(q):
+                residual[i] -= work.mt[k, i] * work.trial[k]
+        apply_q(at, work.tau, q, residual)
+        n = size + 1
+        invert_active(work.sparse, n)
+        column = position(work.tried, j)
+        k = place_of(work.sparse.order, column, n)
+        factors = work.sparse.columns[:n * q].reshape((n, q))
+        norm = work.sparse.norms[column]
+        score(work.sparse.inverse[k], norm, factors, work.sparse.tau, at, work.tau, residual, scores[0])
+        long_run(scores, rows - n, work.covariance)
+        std = math.sqrt(work.covariance[0, 0])
+        out.absent[j] = abs(work.trial[j]) + INTERVAL * std
+        for p in range(PAIR):
+            if j == plan[TERM_A6 + p]:
+                out.number[O_A6_STD + p] = std

@@ -1,0 +1,274 @@
+"""What the log itself says against a window's answer, where no nominal does.
+
+All of it is in the weak form: increments of theta_dot over 0.2 s against the integrals of the terms over the same time,
+which no differencing makes noisy.  Three questions:
+
+* does the fit of a window's first two thirds predict its last third (`fit`);
+* does beta at its own time explain more than beta at other times of the same log, the placebo: a k1 that a shifted beta
+  gives as well is none;
+* by how much beta leads (`delay`): the shift at which it explains most.
+
+A window whose fit predicts nothing, or whose beta is no better than the placebos, is refused with status `MODEL`; so
+are all if beta follows theta_ddot: a term is missing.
+"""
+
+import dataclasses
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from launchid_core import Config, Estimate, EstimateStatus, parse_term
+
+from .log import Log
+
+INCREMENT = 0.2      # s: above it sensor noise is small beside what moves, below it a loop's period is seen
+HELD_OUT = 3         # the last of so many parts is held out
+LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
+LIMIT = 1.645        # standard deviations to the upper 95 % limit
+OVERLAP = 2.0        # of the variance of a sum of 0.2 s blocks: an increment that begins in one ends in the next
+LAGS = 4             # of the portmanteau; even, for which its probability is elementary
+LEAST_WHITE = 2 * LAGS
+ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
+SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
+BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
+SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
+SURE = 3.0           # standard deviations by which beta must follow its effect, beyond
+SAME_TIME = 2.0      # sample periods that stamps may be off, before no window is believed
+LEAST_ALONE = 5      # increments in a window that is judged for itself too; shorter ones by the log's sum alone
+MOST_DELAY = 0.3     # s either way
+FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
+PIECE = 5.0          # s over which one set of coefficients holds while a delay is sought
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The usable rows of a log: times that increase, everything finite."""
+
+    t: np.ndarray
+    theta: np.ndarray
+    theta_dot: np.ndarray
+    beta: np.ndarray
+    span: int  # rows in an increment
+
+    def cut(self, t_start: float, t_end: float) -> slice:
+        """Rows of a window."""
+        first, end = np.searchsorted(self.t, (t_start, t_end)).tolist()
+        return slice(first, end)
+
+    def shifted(self, share: float) -> np.ndarray:
+        """beta of another time of the log."""
+        return np.roll(self.beta, round(share * len(self.t)))
+
+
+def usable(log: Log) -> Rows | None:
+    """None without a measured rate or without two increments."""
+    finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.theta_dot) & np.isfinite(log.beta)
+    finite[finite] = near_all(log.t[finite], log.period)
+    finite[finite] = forward(log.t[finite])
+    span = max(1, round(INCREMENT / log.period))
+    if np.count_nonzero(finite) < 2 * span + 2:
+        return None
+    return Rows(log.t[finite], log.theta[finite], log.theta_dot[finite], log.beta[finite], span)
+
+
+def near_all(t: np.ndarray, period: float) -> np.ndarray:
+    """Which stamps are times of this log."""
+    return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
+
+
+def forward(t: np.ndarray) -> np.ndarray:
+    """Stamps that go forward: later than all before, or earlier than all after, whichever leaves more.
+
+    One stamp too late spoils the first, one too early the second.
+    """
+    if len(t) == 0:
+        return np.zeros(0, bool)
+    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    earlier = np.concatenate([t[:-1] < np.minimum.accumulate(t[::-1])[::-1][1:], [True]])
+    return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
+
+
+def column(term: str, theta: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """A library term at every row."""
+    *powers, function, argument = parse_term(term)
+    value = np.ones(len(theta))
+    for power, x in zip(powers, (theta, theta_dot, beta, tau), strict=True):
+        value = value * x**power
+    if function:
+        value = value * FUNCTIONS[function]((theta, theta_dot, beta)[argument])
+    return value
+
+
+def increments(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of a window, from every row that has one: times they begin and end, of theta_dot (k,), of the terms (k, n)."""
+    t, span = rows.t[at], rows.span
+    if len(t) <= span:
+        return t[:0], t[:0], t[:0], np.zeros((0, len(terms)))
+    tau = t - 0.5 * (t[0] + t[-1])
+    half = 0.5 * np.diff(t)
+    made = []
+    for term in terms:
+        x = column(term, rows.theta[at], rows.theta_dot[at], beta[at], tau)
+        whole = np.concatenate([[0.0], np.cumsum(half * (x[1:] + x[:-1]))])
+        made.append(whole[span:] - whole[:-span])
+    rate = rows.theta_dot[at]
+    near = t[span:] - t[:-span] <= 1.5 * INCREMENT  # no gap within
+    phi = np.column_stack(made) if made else np.zeros((len(t) - span, 0))
+    return t[:-span][near], t[span:][near], (rate[span:] - rate[:-span])[near], phi[near]
+
+
+def left(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """What least squares leaves of y."""
+    return y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0] if phi.shape[1] else y
+
+
+def ljung_box(e: np.ndarray) -> float | None:
+    """p-value of whiteness (Ljung & Box, Biometrika 65, 1978); None for too few."""
+    n = len(e)
+    e = e - e.mean() if n else e
+    square = float(e @ e)
+    if n < LEAST_WHITE or square == 0.0:
+        return None
+    q = n * (n + 2) * sum((float(e[k:] @ e[:-k]) / square) ** 2 / (n - k) for k in range(1, LAGS + 1))
+    return math.exp(-0.5 * q) * sum((0.5 * q) ** k / math.factorial(k) for k in range(LAGS // 2))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Of a window's last third: share of the variance predicted, its upper 95 % limit, whiteness; None: too short."""
+
+    r2: float | None = None
+    upper: float | None = None
+    whiteness: float | None = None
+
+
+def held_out(rows: Rows, estimate: Estimate) -> Fit:
+    """How well the first two thirds of a window predict its last third."""
+    terms = active_terms(estimate)
+    begin, end, y, phi = increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms, rows.beta)
+    split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT
+    fitted, judged = end <= split, begin >= split
+    n = np.count_nonzero(judged)
+    if n < (LEAST_HELD_OUT - 1) * rows.span or np.count_nonzero(fitted) <= len(terms):
+        return Fit()
+    xi = np.linalg.lstsq(phi[fitted], y[fitted], rcond=None)[0] if terms else np.zeros(0)
+    e, s = y[judged] - phi[judged] @ xi, y[judged] - y[judged].mean()
+    e = e - e.mean()  # of the variance: a steady moment is no contradiction
+    if not s @ s > 0.0:
+        return Fit()
+    blocks = np.arange(n) // rows.span
+    ratio = float(e @ e) / float(s @ s)
+    off = np.bincount(blocks, e * e) - ratio * np.bincount(blocks, s * s)
+    std = math.sqrt(OVERLAP * float(off @ off) * len(off) / (len(off) - 1)) / float(s @ s)
+    return Fit(1.0 - ratio, 1.0 - ratio + LIMIT * std, ljung_box(e[::rows.span]))
+
+
+def active_terms(estimate: Estimate) -> tuple[str, ...]:
+    """Of the theta_ddot equation."""
+    return tuple(term for term, on in zip(estimate.terms, estimate.support[:, 1].tolist(), strict=True) if on)
+
+
+def gain(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray) -> float | None:
+    """By how much the terms in beta lower the squared error; None where there are too few increments to say."""
+    others = tuple(k for k, term in enumerate(terms) if "beta" not in term)
+    _, _, y, phi = increments(rows, at, terms, beta)
+    if len(y) <= len(terms):
+        return None
+    before, after = left(phi[:, others], y), left(phi, y)
+    return float(before @ before - after @ after)
+
+
+def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
+    """Of each window, whether its beta explains no more than that of other times; of all, if that holds of the sum.
+
+    A beta that was thresholded away is asked too: that the beta of another time does nothing says nothing of k1.
+    """
+    asked = {k: terms if any("beta" in term for term in terms) else (*terms, "beta")
+             for k, e in enumerate(estimates) for terms in [active_terms(e)]
+             if e.valid and any("beta" in term for term in e.terms)}
+    shifted = [rows.shifted(share) for share in SHIFTS]
+    gains = {}  # of the true beta, then of the shifted ones
+    for k, terms in asked.items():
+        at = rows.cut(estimates[k].t_start, estimates[k].t_end)
+        found = [gain(rows, at, terms, beta) for beta in (rows.beta, *shifted)]
+        if None not in found:
+            gains[k] = np.array(found, dtype=float)
+    total = sum(gains.values(), np.zeros(1 + len(SHIFTS)))
+    all_in_vain = bool(gains) and bool(np.any(total[1:] >= total[0]))
+    alone = [e.t_end - e.t_start > (LEAST_ALONE - 0.5) * INCREMENT for e in estimates]
+    return [k in gains and (all_in_vain or (alone[k] and bool(np.sum(gains[k][1:] >= gains[k][0]) > BY_CHANCE)))
+            for k in range(len(estimates))]
+
+
+def refused(estimate: Estimate) -> Estimate:
+    """The window's numbers contradict the log."""
+    nan = math.nan
+    xi, support = np.full_like(estimate.xi, math.nan), np.zeros_like(estimate.support)
+    xi.flags.writeable = support.flags.writeable = False
+    return dataclasses.replace(estimate, valid=False, status=EstimateStatus.MODEL, xi=xi, support=support, absent={},
+                               a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
+                               a6_bound=nan, k1_bound=nan, condition=nan)
+
+
+def judge(log: Log, config: Config, estimates: list[Estimate],
+          lead: dict[str, float] | None = None) -> tuple[list[Estimate], list[Fit]]:
+    """The estimates, those refused that the log contradicts (`filtered` judges itself), and the fit of each.
+
+    lead   `delay` of the log: a beta that follows what it should cause contradicts every window
+    """
+    rows = usable(log)
+    if rows is None:
+        return estimates, [Fit() for _ in estimates]
+    fits = [held_out(rows, e) if e.valid else Fit() for e in estimates]
+    if config.formulation == "filtered":
+        return estimates, [dataclasses.replace(fit, whiteness=each.whiteness if math.isfinite(each.whiteness) else None)
+                           for fit, each in zip(fits, estimates, strict=True)]
+    late = lead is not None and lead["value"] + SURE * lead["std"] < -SAME_TIME * config.sample_period
+    wrong = [late or vain or (fit.upper is not None and fit.upper < 0.0)
+             for vain, fit in zip(placebo(rows, estimates), fits, strict=True)]
+    return [refused(e) if no and e.valid else e for e, no in zip(estimates, wrong, strict=True)], fits
+
+
+def delay(log: Log, config: Config) -> dict[str, float] | None:
+    """By how much beta leads [s], and its standard deviation; None where beta explains nothing."""
+    rows = usable(log)
+    if rows is None or not any("beta" in term for term in config.terms):
+        return None
+    t, period = rows.t, float(np.median(np.diff(rows.t)))
+    count = max(1, round(len(t) * period / PIECE))
+    edges = np.linspace(0, len(t), count + 1).astype(int).tolist()
+    pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+    def explained(beta: np.ndarray) -> float:
+        return sum(gain(rows, at, config.terms, beta) or 0.0 for at in pieces)
+
+    def moved(lead: float) -> np.ndarray:
+        return np.interp(t - lead, t, rows.beta)
+
+    step = max(period, MOST_DELAY / 60.0)
+    most = round(MOST_DELAY / step)
+    gains = [explained(moved(k * step)) for k in range(-most, most + 1)]
+    best = int(np.argmax(gains))
+    vain = [explained(rows.shifted(share)) for share in SHIFTS]
+    if not gains[best] > 0.0 or best in (0, 2 * most) or max(vain) >= SEARCHED * gains[best]:
+        return None
+    low, middle, high = gains[best - 1:best + 2]
+    bend = low - 2.0 * middle + high
+    value = (best - most) * step + (0.5 * step * (low - high) / bend if bend < 0.0 else 0.0)
+    above = below = 0.0
+    for at in pieces:
+        _, _, y, phi = increments(rows, at, config.terms, moved(value))
+        if len(y) <= len(config.terms):
+            continue
+        xi = np.linalg.lstsq(phi, y, rcond=None)[0]
+        later, sooner = (increments(rows, at, config.terms, moved(value + side * step))[3] for side in (1, -1))
+        slope = left(phi, (later - sooner) @ xi / (2.0 * step))
+        v = slope * (y - phi @ xi)
+        lags = min(2 * rows.span, len(v) - 1)
+        above += float(v @ v) + 2.0 * sum((1.0 - k / (lags + 1)) * float(v[k:] @ v[:-k]) for k in range(1, lags + 1))
+        below += float(slope @ slope)
+    if not (below > 0.0 and above >= 0.0):
+        return None
+    return {"value": value, "std": math.sqrt(above) / below}
