@@ -416,7 +416,9 @@ def abandon_window(state):
 @inner
 def follow_range(fixed, state, sigma, gauge, complete):
     """The uncertainty level after a block, if the configuration has one."""
-    if gauge is not None and state.check.flag[RAISED] == 0:
+    if gauge is not None:
+        if state.check.flag[RAISED] == 1:
+            return
         total, watch, clock = state.bank.total, state.watch, state.clock
         watch_range(sigma, gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
         if complete:

@@ -215,13 +215,12 @@ def exponential(m, total, term, spare):
         for j in range(5):
             row += abs(m[i, j])
         norm = max(norm, row)
-    squarings = 0
+    squarings, scale = 0, 1.0
     for _ in range(MAX_SQUARINGS):
-        if norm <= SCALED:
+        if norm * scale <= SCALED:
             break
-        norm *= 0.5
+        scale *= 0.5
         squarings += 1
-    scale = 0.5**squarings
     for i in range(5):
         for j in range(5):
             m[i, j] *= scale

@@ -38,6 +38,7 @@ STEADY_WINDOW = 15.0    # 6e-4 a window
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = math.log(4.0)  # of the sensors', the command's and the acceleration's noise levels
 MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
+SMALLEST = 1.0e-30      # of a statistic whose logarithm is asked for
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
 
 # sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
@@ -175,5 +176,6 @@ def forget_blocks(check):
 def likelihood_of_chance(check):
     """p-value of the statistic: a chi square of FREEDOM, by the cube root (Wilson & Hilferty, PNAS 17, 1931)."""
     share = 2.0 / (9.0 * FREEDOM)
-    z = ((check.number[STATISTIC] / MEAN_STATISTIC) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share)
+    root = math.exp(math.log(max(check.number[STATISTIC] / MEAN_STATISTIC, SMALLEST)) / 3.0)
+    z = (root - 1.0 + share) / math.sqrt(share)
     return 0.5 * math.erfc(z / math.sqrt(2.0))
