@@ -51,8 +51,8 @@ def with_levels(declared: Nominal, seed: int) -> Nominal:
     true = with_noise(declared, factors[:FACTORS])
     if true.wind is None:
         return true
-    wind = dataclasses.replace(true.wind, walk=true.wind.walk * factors[-2], turbulence=true.wind.turbulence * factors[-1])
-    return dataclasses.replace(true, wind=wind)
+    walk, turbulence = true.wind.walk * factors[-2], true.wind.turbulence * factors[-1]
+    return dataclasses.replace(true, wind=dataclasses.replace(true.wind, walk=walk, turbulence=turbulence))
 
 
 def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
