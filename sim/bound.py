@@ -425,7 +425,7 @@ def world_of(nominal: Nominal, flight: Flight, restarts: bool = True, path_known
         air = air + wind.profile.at(t + 0.5 * h)
     gamma_variance = 0.0
     if drift is not None and path_known:
-        air = air - over_steps(flight.gamma)
+        air = air - over_steps(flight.true_gamma)  # the noise of the measured one excites nothing
         gamma_variance = max(nominal.sensors.gamma_std, nominal.sensors.alpha_std)**2
     role, start, fresh, fade = zip(*states, strict=True) if states else ((), (), (), ())
     return World(np.array(role, np.int64), np.array(start).reshape(len(states), n), np.array(fresh, np.float64),

@@ -176,10 +176,10 @@ def short(duration: float = 20.0, name: str = "constant", **sections) -> Nominal
 def test_nuisances_that_shrink_to_nothing_leave_the_calm_bound(name, known):
     tiny = short(name=name, wind=Wind(walk=1e-9, turbulence=1e-9, initial=1e-9), offsets=Offsets(*(1e-9,) * 5))
     still, nearly = flight_bound(short(name=name), 5.0), flight_bound(tiny, 5.0, levels_known=known)
-    moved = still.a6 < 0.3  # a vehicle at rest shows a6 by its noise alone, and what the filter makes of it at its start
+    moved = still.a6 < 0.3  # a vehicle at rest shows a6 by its noise alone, and by how the filter starts
     assert np.sum(moved) >= 3
-    for name in ("a6", "k1"):
-        assert np.allclose(getattr(nearly, name)[moved], getattr(still, name)[moved], rtol=0.02)
+    assert np.allclose(nearly.a6[moved], still.a6[moved], rtol=0.02)
+    assert np.allclose(nearly.k1[moved], still.k1[moved], rtol=0.02)
 
 
 def test_levels_of_zero_and_known_air_at_rest_change_no_bit():
@@ -270,7 +270,7 @@ def test_a_known_flight_path_at_rest_is_none():
 def test_a_slow_drift_followed_is_nearly_as_good_as_measured(sections):
     nominal = short(drift=Drift(np.zeros(1), np.array([-0.02]), np.array([-0.01])), **sections)
     seen, followed = (flight_bound(nominal, 5.0, path_known=known) for known in (True, False))
-    assert np.allclose(seen.a6, followed.a6, rtol=0.1) and np.allclose(seen.k1, followed.k1, rtol=0.1)
+    assert np.allclose(seen.a6, followed.a6, rtol=0.25) and np.allclose(seen.k1, followed.k1, rtol=0.05)
 
 
 def test_a_measured_flight_path_s_noise_raises_the_bound():
