@@ -9,10 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sim.nominal import Nominal, built_in, load_nominal
+from sim.nominal import Multisine, Nominal, Offsets, Wind, built_in, load_nominal
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
 FACTORS = 5  # theta, theta_dot, beta, command, acceleration
+AIRS = ("calm", "offsets", "wind", "excited")  # calm; unknown offsets; wind too; a multisine on the command too
+OFFSETS = Offsets(thrust_misalignment=0.004, attitude_bias=0.005)
+WIND = Wind(walk=0.005, turbulence=0.005)
+TONES = (1.5, 3.1, 5.0, 7.2, 9.9, 13.0)  # rad/s, no two in a ratio of whole numbers, about the loop's bandwidth
+TEST_RMS = math.radians(0.5)             # of the multisine, rad
+WRONG_LEVEL = 2.0                        # a level is declared within this factor of the true one
 
 
 def nominal(name: str, command_noise: float | None = None) -> Nominal:
@@ -22,6 +28,31 @@ def nominal(name: str, command_noise: float | None = None) -> Nominal:
         return loaded
     assert loaded.actuator is not None
     return dataclasses.replace(loaded, actuator=dataclasses.replace(loaded.actuator, command_noise_std=command_noise))
+
+
+def multisine(duration: float) -> Multisine:
+    """TONES of equal amplitude with Schroeder's phases, TEST_RMS in all."""
+    n = len(TONES)
+    return Multisine(start=0.0, duration=duration, frequency=TONES, amplitude=(TEST_RMS * math.sqrt(2.0 / n),) * n,
+                     phase=tuple(-math.pi * k * (k + 1) / n for k in range(n)))
+
+
+def in_air(believed: Nominal, air: str) -> Nominal:
+    """The nominal in one of AIRS."""
+    assert believed.simulation is not None
+    return dataclasses.replace(
+        believed, offsets=None if air == "calm" else OFFSETS, wind=WIND if air in ("wind", "excited") else None,
+        test_input=multisine(believed.simulation.duration) if air == "excited" else None)
+
+
+def with_levels(declared: Nominal, seed: int) -> Nominal:
+    """The vehicle and air whose noise levels, of the wind too, are each a factor within WRONG_LEVEL off."""
+    factors = np.exp(np.random.default_rng((918, seed)).uniform(-1.0, 1.0, FACTORS + 2) * math.log(WRONG_LEVEL))
+    true = with_noise(declared, factors[:FACTORS])
+    if true.wind is None:
+        return true
+    walk, turbulence = true.wind.walk * factors[-2], true.wind.turbulence * factors[-1]
+    return dataclasses.replace(true, wind=dataclasses.replace(true.wind, walk=walk, turbulence=turbulence))
 
 
 def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
