@@ -106,7 +106,8 @@ class _Program:
 
     def _bytes(self, kind: str) -> int:
         """Of the arrays."""
-        return sum(array.nbytes for name in self._of(kind) for _, array in _arrays(self.there[name], name))
+        return sum(max(array.nbytes, array.itemsize) for name in self._of(kind)
+                   for _, array in _arrays(self.there[name], name))
 
     def source(self) -> str:
         """launchid.c"""
@@ -141,7 +142,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):
-            numbers = [literal(x) for x in each.ravel()]
+            numbers = [literal(x) for x in each.ravel()] or ["0"]  # C has no empty array
             rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
             lines.append(f"{space}.{name} = {{{f',{chr(10)}{space}    '.join(rows)}}}")
         else:

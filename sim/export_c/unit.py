@@ -68,7 +68,7 @@ class Unit:
     def _field(self, name: str, kind: Kind) -> str:
         if isinstance(kind, Array):
             shape = f"  /* {' x '.join(map(str, kind.extents))} */" if kind.dimensions > 1 else ""
-            return f"{kind.element.c} {name}[{math.prod(kind.extents)}];{shape}"
+            return f"{kind.element.c} {name}[{max(math.prod(kind.extents), 1)}];{shape}"  # C has no empty array
         assert isinstance(kind, Struct)
         return f"{self.struct(kind)} {name};"
 
