@@ -1,11 +1,14 @@
 """Sudden loss of control effectiveness and a staging jump: delay, size, and false alarms on held-out clean flights.
 
-    python benchmarks/changes.py [--flights 200] [--hours 30] [--seed 100000]
+    python benchmarks/changes.py [--flights 200] [--hours 30] [--seed 100000] [--air wind] [--nominal NAME]
 
 `flight` suite, 100 Hz, noise levels estimated, vehicles dispersed over the whole box (sigma 0.25).  Loss: 30 % of
 k1 at a time drawn after the first manoeuvre.  Staging: |k1| 8.4 -> 2.9 (the Atlas booster's, read off a figure).
 Floor: the time any test needs, even one that knows the size: when the expected log likelihood ratio reaches the
 alarm's threshold.  The threshold was chosen on seeds below 100000; the hours here start there.
+
+--air wind: the nominal declares wind (walk 0.005 rad/sqrt(s), turbulence 0.01 rad) and offsets, which are flown; losses
+are flown with a multisine of 0.5 degrees rms on the command.  The floor is that of calm air.
 """
 
 import argparse
@@ -14,7 +17,7 @@ import math
 import sys
 
 import numpy as np
-from flights import NOMINALS, nominal, run_jobs
+from flights import NOMINALS, in_air, nominal, run_jobs
 
 from launchid_core import Config, Estimator, Status
 from launchid_core.changes import THRESHOLD
@@ -24,9 +27,19 @@ from sim.identify import onboard_model
 from sim.nominal import Nominal, constant_profile
 
 LOSS = 0.3
+TURBULENCE = 0.01  # rad
 FIRST_MANOEUVRE = 6.5  # s
 LAST_ONSET_BEFORE_END = 8.0  # s
 INTERVAL = 1.96
+
+
+def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
+    """The nominal in calm air, or in wind."""
+    if name == "calm":
+        return believed
+    rough = in_air(believed, "excited" if excited else "wind")
+    assert rough.wind is not None
+    return dataclasses.replace(rough, wind=dataclasses.replace(rough.wind, turbulence=TURBULENCE))
 
 
 def staging() -> Nominal:
@@ -39,9 +52,9 @@ def estimator(believed: Nominal, flight: Flight) -> Estimator:
     return Estimator(Config(sample_period=flight.period, formulation="filtered", model=onboard_model(believed)))
 
 
-def clean_job(name: str, seed: int) -> tuple[float, int, list[tuple[float, ...]]]:
+def clean_job(name: str, seed: int, around: str) -> tuple[float, int, list[tuple[float, ...]]]:
     """Seconds flown, alarms, and what they were, on one clean dispersed flight."""
-    believed = nominal(name)
+    believed = air(nominal(name), around)
     delta = np.random.default_rng((733, seed)).uniform(-1.0, 1.0, 2)
     factors = dispersion(believed, *delta)
     flight = fly_whole(believed, seed, a6_factor=factors[0], k1_factor=factors[1])
@@ -52,9 +65,9 @@ def clean_job(name: str, seed: int) -> tuple[float, int, list[tuple[float, ...]]
     return float(flight.t[-1]), len(alarms), [(seed, alarm) for alarm in alarms]
 
 
-def loss_job(name: str, seed: int) -> dict[str, float]:
+def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
     """One flight with a loss: delay of the alarm, size and its std two seconds later, the floor of the delay."""
-    believed = staging() if name == "staging" else nominal(name)
+    believed = air(staging() if name == "staging" else nominal(name), around, excited=True)
     fraction = 1.0 - 2.9 / 8.4 if name == "staging" else LOSS
     rng = np.random.default_rng((734, seed))
     delta = rng.uniform(-1.0, 1.0, 2)
@@ -95,12 +108,12 @@ def floor(believed: Nominal, flight: Flight, onset: float, fraction: float, a6_f
     return float(times[np.argmax(enough)] - onset) if enough.any() else math.inf
 
 
-def clean_hours(name: str, hours: float, seed: int) -> None:
+def clean_hours(name: str, hours: float, seed: int, around: str) -> None:
     """Print false alarms over at least `hours` of clean flight."""
     model = nominal(name)
     assert model.simulation is not None
     flights = math.ceil(3600.0 * hours / model.simulation.duration)
-    results = run_jobs(clean_job, [(name, seed + k) for k in range(flights)])
+    results = run_jobs(clean_job, [(name, seed + k, around) for k in range(flights)])
     flown = sum(r[0] for r in results) / 3600.0
     alarms = sum(r[1] for r in results)
     verdict = "" if alarms / flown <= 0.1 else "  MISSED"
@@ -108,9 +121,9 @@ def clean_hours(name: str, hours: float, seed: int) -> None:
           f"{10 * alarms / flown:.2f} per 10 h{verdict}  {[event for r in results for event in r[2]][:6]}", flush=True)
 
 
-def losses(name: str, flights: int, seed: int) -> None:
+def losses(name: str, flights: int, seed: int, around: str) -> None:
     """Print delays and sizes over flights with a loss."""
-    rows = run_jobs(loss_job, [(name, seed + k) for k in range(flights)])
+    rows = run_jobs(loss_job, [(name, seed + k, around) for k in range(flights)])
     delay = np.array([r["delay"] for r in rows])
     z = np.array([r["z"] for r in rows])
     final = np.isfinite(z)
@@ -134,12 +147,15 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--hours", type=float, default=30.0)
     parser.add_argument("--seed", type=int, default=100000)
+    parser.add_argument("--air", choices=["calm", "wind"], default="calm")
+    parser.add_argument("--nominal", choices=NOMINALS, action="append")
     args = parser.parse_args()
-    print(f"100 Hz, noise estimated, box +-25 %, seeds from {args.seed}, threshold {THRESHOLD} nats")
-    for name in (*NOMINALS, "staging"):
-        losses(name, args.flights, args.seed)
-    for name in NOMINALS:
-        clean_hours(name, args.hours, args.seed)
+    names = tuple(args.nominal or NOMINALS)
+    print(f"100 Hz, noise estimated, box +-25 %, seeds from {args.seed}, threshold {THRESHOLD} nats, air {args.air}")
+    for name in names if args.nominal else (*names, "staging"):
+        losses(name, args.flights, args.seed, args.air)
+    for name in names:
+        clean_hours(name, args.hours, args.seed, args.air)
     return 0
 
 

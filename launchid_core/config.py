@@ -13,6 +13,7 @@ from .ring import LAST_SAMPLE
 
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4
+FASTEST_SERVO = 1.0e4  # of a step's matrix: squarings then cost 12 of the 16 digits of the slow part
 SAME_PERIOD = 1.0e-3  # relative: a sample period so near the controller's is the controller's
 T_LIMIT_MAX = 1.0e12  # s: stamps are counted in windows, in 64 bits
 
@@ -113,6 +114,11 @@ class Config:
             raise ValueError(
                 f"sample_period={self.sample_period!r}: formulation 'filtered' expected at most {SLOWEST} of the "
                 f"controller's periods of {self.model.noise_period:g} s: more commands would be missing")
+        speed = self.model.natural_frequency * max(1.0, 2.0 * self.model.damping_ratio)
+        if self.model.time_constant == 0.0 and speed * self.sample_period > FASTEST_SERVO:
+            raise ValueError(f"model.natural_frequency={self.model.natural_frequency!r}: expected natural_frequency "
+                             f"max(1, 2 damping_ratio) sample_period of at most {FASTEST_SERVO:g}; a servo that fast is "
+                             "a first-order one with a time_constant")
         if self.model.delay > MAX_DELAY_SAMPLES * self.sample_period - 2 * self.sample_period:
             raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} "
                              "sample periods")

@@ -3,9 +3,9 @@
 For the right model, parameters and noise levels the sum of a block's normalised innovations, less what the
 uncertainty of a6 and k1 adds to its variance, is a white sequence for each channel.  Anything else that acts (wind
 where none is declared, slosh, a bending mode, a sensor's offset) is correlated from block to block.  Kept are fading
-sums over MEMORY of each channel's mean and of its products with the LAGS blocks before; divided by their standard
+sums over CHECK_MEMORY of each channel's mean and of its products with the LAGS blocks before; divided by their standard
 deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biometrika 65, 1978), approximately chi
-square, and the model is contradicted beyond RAISE.  It is believed again below CLEAR, of which white innovations
+square, and the model is contradicted beyond CONTRADICTED.  It is believed again below BELIEVED, which white innovations
 exceed 8 %.
 
 A part that stays, an acceleration or an offset of the gyro, is asked for in every window beside a6 and k1 and their
@@ -15,7 +15,7 @@ Camb. Phil. Soc. 44, 1948).
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  A noise level that had to be raised beyond HIGHEST_LEVEL of the declared is one.
 
-False alarms: white innovations exceed RAISE about once in 40 h (tests/test_whiteness.py).
+False alarms: white innovations exceed CONTRADICTED about once in 40 h (tests/test_whiteness.py).
 """
 
 import math
@@ -31,9 +31,9 @@ from .predictor import N_CHANNELS
 from .tracker import COV, VAR_A6, VAR_K1
 
 LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
-MEMORY = 10.0           # s
-RAISE = 200.0           # of the statistic
-CLEAR = 90.0
+CHECK_MEMORY = 10.0     # s
+CONTRADICTED = 200.0    # of the statistic
+BELIEVED = 90.0
 STEADY_WINDOW = 15.0    # 6e-4 a window
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = math.log(4.0)  # of the sensors', the command's and the acceleration's noise levels
@@ -114,7 +114,7 @@ def take_block(check, dt):
     slot = check.flag[OLDEST]
     check.flag[OLDEST] = (slot + 1) % ONSETS
     check.flag[WAITING] -= 1
-    fade = math.exp(-dt / MEMORY)
+    fade = math.exp(-dt / CHECK_MEMORY)
     weight = fade * fade * check.number[WEIGHT] + 1.0
     check.number[WEIGHT] = weight
     statistic = 0.0
@@ -138,9 +138,9 @@ def judge_model(check, level):
     for k in range(N_NOISES):
         highest = max(highest, level[k])
     flag, before = check.flag, check.flag[RAISED]
-    if flag[RAISED_BY_WINDOW] == 1 or check.number[STATISTIC] > RAISE or highest > HIGHEST_LEVEL:
+    if flag[RAISED_BY_WINDOW] == 1 or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
         flag[RAISED] = 1
-    elif check.number[STATISTIC] < CLEAR:
+    elif check.number[STATISTIC] < BELIEVED:
         flag[RAISED] = 0
     flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[RAISED])
     return before == 1 and flag[RAISED] == 0

@@ -152,7 +152,8 @@ CONFIGS = {
 
 def flight(name: str = "constant", suite: str = "flight", **sections) -> list[Sample]:
     """A flight that loses control efficiency on the way."""
-    return list(fly(dataclasses.replace(load_nominal(name), **sections), seed=3, suite=suite, effects=[from_text("control_loss:fraction=0.4,time=20")]))
+    lost = from_text("control_loss:fraction=0.4,time=20")
+    return list(fly(dataclasses.replace(load_nominal(name), **sections), seed=3, suite=suite, effects=[lost]))
 
 
 @needs_compiler
