@@ -117,8 +117,8 @@ class Config:
         speed = self.model.natural_frequency * max(1.0, 2.0 * self.model.damping_ratio)
         if self.model.time_constant == 0.0 and speed * self.sample_period > FASTEST_SERVO:
             raise ValueError(f"model.natural_frequency={self.model.natural_frequency!r}: expected natural_frequency "
-                             f"max(1, 2 damping_ratio) sample_period of at most {FASTEST_SERVO:g}; a servo that fast is "
-                             "a first-order one with a time_constant")
+                             f"max(1, 2 damping_ratio) sample_period of at most {FASTEST_SERVO:g}; a servo that fast "
+                             "is a first-order one with a time_constant")
         if self.model.delay > MAX_DELAY_SAMPLES * self.sample_period - 2 * self.sample_period:
             raise ValueError(f"model.delay={self.model.delay!r}: expected at most {MAX_DELAY_SAMPLES - 2} "
                              "sample periods")
