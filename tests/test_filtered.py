@@ -31,9 +31,9 @@ absorb_rows, fill_transition, profile_at, set_step, take_sample = map(compiled, 
 
 
 def parts(noise: str = "estimated"):
-    """Memory of the constant nominal's filter: belief, filter, its scratch, accumulator."""
+    """Memory of the constant nominal's filter: belief, filter, its scratch, accumulator, check of the model."""
     _, cut = allocate(filtered(load_nominal("constant"), noise=noise))
-    return cut.fixed.belief, cut.state.filter, cut.work.filter, cut.state.acc
+    return cut.fixed.belief, cut.state.filter, cut.work.filter, cut.state.acc, cut.state.check
 
 
 def system(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
@@ -54,9 +54,9 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 
 
 def test_one_step_is_the_matrix_exponential():
-    belief, fil, work, _ = parts()
+    belief, fil, work, *_ = parts()
     set_step(belief.constant, PERIOD, work, fil.step)
-    fill_transition(fil, work.transition, 2.0, -7.0)
+    fill_transition(fil, work.transition, 2.0, -7.0, belief.role, work.push)
     exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
     left_out = 2.0 * PERIOD**2 / 6.0  # of the nozzle's effect: a6 h^2/6, as `fill_transition` says
     assert np.allclose(work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
@@ -101,10 +101,10 @@ def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
 def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood(seed):
     rows = rows_of(seed, 40)
     levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3])
-    belief, fil, work, acc = parts()
+    belief, fil, work, acc, check = parts()
     fil.level[...] = levels
     for row in rows:
-        take_sample(belief, fil, work, acc, row, 0.015)
+        take_sample(belief, fil, work, acc, check, row, 0.015)
         acc.counts[fl.ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
@@ -123,13 +123,13 @@ def test_innovations_are_linear_in_the_parameters():
     rows = rows_of(3, 900, quiet)[600:]
     results = []
     for shift in (0.0, 1e-3):
-        belief, fil, work, acc = parts("declared")
+        belief, fil, work, acc, check = parts("declared")
         fil.p_bar[...] = shift, -shift
         out = []
         for row in rows:
-            take_sample(belief, fil, work, acc, row, 0.015)
+            take_sample(belief, fil, work, acc, check, row, 0.015)
             k = acc.counts[fl.ROWS]
-            h_theta, h_beta, target = (acc.rows[j, :k].copy() for j in (4, 5, 6))
+            h_theta, h_beta, target = (acc.rows[j, :k].copy() for j in (4, 5, len(acc.rows) - 1))
             out.append((h_theta, h_beta, target - h_theta * fil.p_bar[0] - h_beta * fil.p_bar[1]))
             acc.counts[fl.ROWS] = 0
         results.append(out)

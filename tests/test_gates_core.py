@@ -360,7 +360,7 @@ def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
     fil, bank = cut.state.filter, cut.state.bank
     step = np.array([0.4 - 0.1, -0.3 + 0.2])
     assert fil.p_bar.tolist() == [0.4, -0.3]
-    assert fil.s[:, 4:] == pytest.approx(np.full(QUIET, 1.5))
+    assert fil.s[:, 4:6] == pytest.approx(np.full(QUIET, 1.5)) and (fil.s[:, 6:] == 2.0).all()
     assert fil.x == pytest.approx(np.full(4, 2.0 * (0.1 - 0.2) + 1.5 * step.sum()))
     blocks = 4  # onset 1 of 0..4
     assert fil.p == pytest.approx(np.full((4, 4), (1.5 * step.sum()) ** 2 / (12.0 * blocks**2)))

@@ -8,6 +8,7 @@ import pytest
 from compiled import compiled
 
 from launchid_core import Config, Estimator, Sample, Status
+from launchid_core import belief as bl
 from launchid_core import changes as ch
 from launchid_core import filtered as fl
 from launchid_core import predictor as pr
@@ -42,7 +43,7 @@ def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int
     """Give the filter one sample; returns how many rows it became."""
     state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
     row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
-    take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, row, MAX_GAP)
+    take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, state.check, row, MAX_GAP)
     return int(state.acc.counts[fl.ROWS]) - before
 
 
@@ -73,7 +74,7 @@ def test_a_measurement_is_an_outlier_beyond_eight_sigma_of_its_innovation(channe
     limit = 8.0 * math.sqrt(0.75 + 0.25)
     for e, outlier, row, total in ((limit, False, 0, 0), (1.001 * limit, True, 1, 1), (-1.001 * limit, True, 2, 2),
                                    (-limit, False, 0, 2), (1.001 * limit, True, 1, 3)):
-        assert is_outlier(fil, channel, 1.0 + e, 0.25) == outlier
+        assert is_outlier(fil, channel, bl.NONE, 1.0 + e, 0.25) == outlier
         assert fil.outliers[channel] == row and fil.note[pr.OUTLIERS] == total
     assert fil.outliers.sum() == 1  # the other channels' are their own
 
@@ -83,10 +84,10 @@ def test_a_measurement_that_is_missing_saturated_or_an_outlier_is_no_row():
     assert take(cut, 0.0) == 3
     assert take(cut, 0.01, theta_dot=math.nan) == 2
     assert take(cut, 0.02, theta_dot=0.1) == 2 and take(cut, 0.03, theta_dot=-0.1) == 2
-    assert cut.state.filter.note.tolist() == [0, 0, 0]  # an end stop is the sensor's own word
+    assert cut.state.filter.note.tolist() == [0, 0, 0, 1]  # an end stop is the sensor's own word; one segment began
     x = cut.state.filter.x.copy()
     assert take(cut, 0.04, theta=1.0) == 2
-    assert cut.state.filter.note.tolist() == [1, 0, 0]
+    assert cut.state.filter.note.tolist() == [1, 0, 0, 1]
     assert abs(cut.state.filter.x[0] - x[0]) < 1e-3  # it moved nothing
     assert cut.state.acc.counts[fl.SAMPLES] == 5
 
@@ -108,7 +109,7 @@ def test_a_flight_with_so_many_spikes_counts_so_many_outliers(samples, channel, 
 def test_when_a_segment_begins():
     fil = parts().state.filter
     assert begins_anew(fil, 0.0, MAX_GAP) and begins_anew(fil, 0.01, MAX_GAP)  # the first sample of all, whatever its t
-    start_segment(parts().fixed.belief, fil, 1.0, 0.0, 0.0, 0.0)
+    start_segment(parts().fixed.belief, fil, 1.0, 0.0, 0.0, 0.0, math.nan)
     for dt, anew in ((0.01, False), (0.0149, False), (0.0151, True), (0.0, True), (-0.01, True), (math.nan, True)):
         assert begins_anew(fil, 1.0 + dt, MAX_GAP) == anew
     for channel in range(3):
@@ -122,19 +123,19 @@ def test_when_a_segment_begins():
 def test_a_segment_begins_with_its_sample_and_nothing_of_before():
     cut = parts()
     fil, belief = cut.state.filter, cut.fixed.belief
-    for array in (fil.x, fil.p, fil.s, fil.sx, fil.sp, fil.command):
+    for array in (fil.x, fil.p, fil.s, fil.sx, fil.sp, fil.command, fil.time):
         array[...] = 9.0
     fil.outliers[:], fil.level[:], fil.note[:] = 5, 0.1, 7
     variance = belief.variance[:3] * math.exp(0.2)
-    start_segment(belief, fil, 3.0, 0.1, 0.2, 0.3)
-    assert fil.x.tolist() == [0.1, 0.2, 0.3, 0.0] and fil.time.tolist() == [3.0, 1.0]
+    start_segment(belief, fil, 3.0, 0.1, 0.2, 0.3, math.nan)
+    assert fil.x.tolist() == [0.1, 0.2, 0.3, 0.0] and fil.time.tolist() == [3.0, 1.0, 9.0]
     assert fil.p == pytest.approx(np.diag([*variance, pr.START_NOZZLE_RATE_STD**2]))
     assert fil.s.tolist() == np.eye(4, fil.s.shape[1]).tolist() and not fil.sx.any()
     assert fil.sp == pytest.approx(np.array([np.diag(2.0 * p * row) for p, row in zip(
         [*variance, 0.0, 0.0], np.eye(5, 4), strict=True)]))
     assert np.isnan(fil.command).all() and not fil.outliers.any()
-    assert fil.level.tolist() == [0.1] * 5 and fil.note.tolist() == [7] * 3  # what it has learned stays
-    start_segment(belief, fil, 3.0, 0.1, math.nan, 0.3)
+    assert fil.level.tolist() == [0.1] * 5 and fil.note.tolist() == [7, 7, 7, 8]  # what it has learned stays
+    start_segment(belief, fil, 3.0, 0.1, math.nan, 0.3, math.nan)
     assert fil.x[1] == 0.0 and fil.p[1, 1] == pr.UNKNOWN_RATE_STD**2 and not fil.sp[1].any()
 
 
@@ -256,13 +257,13 @@ def test_a_noise_levels_step_is_cut_at_its_limit_and_counted():
     wanted = np.array([0.2, -0.3, 0.01, -0.02, 0.0501])
     acc.information[...] = np.diag([1e3, 2e3, 3e3, 4e3, 5e3]) + 100.0
     acc.score[:] = (acc.information + fl.LEVEL_PRIOR * np.eye(5)) @ wanted
-    update_levels(fil, acc, cut.work.acc)
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
     assert fil.level == pytest.approx([0.05, -0.05, 0.01, -0.02, 0.05], rel=1e-9)
-    assert fil.note.tolist() == [0, 0, 3]
+    assert fil.note.tolist() == [0, 0, 3, 0]
     assert not acc.score.any() and not acc.information.any()
     acc.score[:] = 1.0
-    update_levels(fil, acc, cut.work.acc)
-    assert fil.note.tolist() == [0, 0, 3]  # small steps are not
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.note.tolist() == [0, 0, 3, 0]  # small steps are not
 
 
 def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():
@@ -272,7 +273,7 @@ def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():
     prior = fl.LEVEL_PRIOR * np.eye(5)
     expected = prior + fl.LEVEL_MEMORY * (acc.level_information - prior) + 2.0 * np.eye(5)
     acc.information[...] = 2.0 * np.eye(5)
-    update_levels(fil, acc, cut.work.acc)
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
     assert acc.level_information == pytest.approx(expected)
 
 
@@ -283,8 +284,8 @@ def test_noise_levels_that_nothing_is_known_of_stay():
     acc.level_information[...] = fl.LEVEL_PRIOR * np.eye(5)
     acc.information[...] = -fl.LEVEL_PRIOR * np.eye(5)
     acc.score[:] = 1.0
-    update_levels(fil, acc, cut.work.acc)
-    assert fil.level.tolist() == [0.3] * 5 and fil.note.tolist() == [0, 0, 0]
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.level.tolist() == [0.3] * 5 and fil.note.tolist() == [0, 0, 0, 0]
 
 
 def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples):
@@ -324,7 +325,8 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     assert state.filter.level.tolist() == level.tolist() and learner.r.tolist() == structure.tolist()
     assert not state.acc.score.any() and not state.acc.information.any()
     terms = np.zeros_like(state.acc.window)
-    terms[range(4, len(terms) - 1), range(4, len(terms) - 1)] = fl.WEAK_PRIOR
+    known = range(4, len(terms) - 1 - pr.N_TESTS)
+    terms[known, known] = fl.WEAK_PRIOR
     assert state.acc.window.tolist() == terms.tolist() and state.acc.counts[fl.SAMPLES] == 0
 
 
