@@ -15,7 +15,7 @@ Camb. Phil. Soc. 44, 1948).
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  A noise level that had to be raised beyond HIGHEST_LEVEL of the declared is one.
 
-False alarms: white innovations exceed CONTRADICTED about once in 40 h (tests/test_whiteness.py).
+False alarms: white innovations exceed CONTRADICTED about once in 40 h (tests/test_onboard_wind.py).
 """
 
 import math

@@ -421,7 +421,7 @@ def test_white_innovations_are_as_the_statistic_says_and_raise_nothing_in_two_ho
     assert raised == 0
     assert np.mean(settled) == pytest.approx(wh.MEAN_STATISTIC, abs=4.0 * 16.3 / math.sqrt(360))
     assert np.std(settled) == pytest.approx(16.3, rel=0.25)
-    assert np.mean(settled > wh.CLEAR) == pytest.approx(0.08, abs=0.05)
+    assert np.mean(settled > wh.BELIEVED) == pytest.approx(0.08, abs=0.05)
 
 
 @pytest.mark.parametrize("channel", range(3))
@@ -431,8 +431,8 @@ def test_what_stays_or_swings_raises_it_and_it_clears(channel, habit):
     habitual = np.ones(600) if habit == "constant" else (-1.0) ** np.arange(600)
     blocks[:600, channel] = habitual * 1.5
     check, raised, statistic = checked(blocks)
-    assert raised == 1 and statistic[599] > wh.RAISE
-    assert check.flag[wh.RAISED] == 0 and statistic[-1] < wh.CLEAR
+    assert raised == 1 and statistic[599] > wh.CONTRADICTED
+    assert check.flag[wh.RAISED] == 0 and statistic[-1] < wh.BELIEVED
     assert check.flag[wh.IN_WINDOW] == 1  # the window closes as contradicted, whatever came after
 
 
