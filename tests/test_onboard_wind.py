@@ -48,6 +48,8 @@ DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]),
 
 set_step, fill_push, fill_transition, take_sample = map(compiled, (
     pr.set_step, pr.fill_push, pr.fill_transition, fl.take_sample))
+start_segment, let_offsets_wander, believe_nuisances = map(compiled, (
+    pr.start_segment, pr.let_offsets_wander, fl.believe_nuisances))
 solve_window, report_filtered = compiled(fl.solve_window), compiled(ob.report_filtered)
 note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
     compiled, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
@@ -201,11 +203,86 @@ class Plain:
         return innovations, variances
 
 
+def windy_rows(seed: int) -> np.ndarray:
+    """Samples of a flight, as the ring holds them."""
+    flight = windy_flight(seed)
+    return np.column_stack([flight.t, flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd,
+                            flight.gamma])
+
+
+def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
+    """Log-likelihood of the plain filter at these log noise levels."""
+    model = onboard_model(WINDY)
+    scaled = {name: getattr(model, name) * math.exp(level) for name, level in zip(model.levels, levels, strict=True)}
+    plain, total = Plain(dataclasses.replace(model, **scaled), rows[0]), 0.0
+    for k, row in enumerate(rows):
+        if k > 0:
+            plain.predict(rows[k - 1, 5])
+        for e, s in zip(*plain.correct(row[1:4]), strict=True):
+            total -= 0.5 * (math.log(s) + e * e / s)
+    return total
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_score_of_the_levels_in_wind_is_the_slope_of_a_plain_filters_likelihood(seed):
+    rows = windy_rows(seed)[500:560]
+    levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3, 0.4, 0.0])  # a segment begins with the turbulence as declared
+    _, cut = allocate(config())
+    state = cut.state
+    state.filter.level[...] = levels
+    for row in rows:
+        take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, state.check, row, 0.015)
+        state.acc.counts[fl.ROWS] = 0
+    step = 1e-4
+    slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
+              for unit in np.eye(7)]
+    assert np.allclose(state.acc.score, slopes, rtol=2e-4, atol=2e-3)
+
+
+def test_after_a_gap_the_walk_has_gone_on_and_the_offsets_are_as_declared():
+    _, cut = allocate(config())
+    belief, fil, model = cut.fixed.belief, cut.state.filter, onboard_model(WINDY)
+    for t in (3.0, 40.0):
+        fil.p[...], fil.sx[...] = 9.0, 9.0
+        start_segment(belief, fil, t, 0.1, 0.2, 0.3, math.nan)
+        walk = model.wind_initial**2 + model.walk**2 * (t - 3.0)
+        offsets = [getattr(model, name)**2 for name in OFFSETS]
+        assert np.diag(fil.p)[4:] == pytest.approx([walk, model.turbulence**2, *offsets], rel=1e-12)
+        assert fil.p[[0, 1, 2], [8, 9, 10]] == pytest.approx(np.negative(offsets[2:]))
+        assert fil.p[0, 0] == pytest.approx(model.theta_std**2 + model.attitude_bias**2)
+        assert not fil.x[3:].any() and not fil.sx.any() and (fil.p == fil.p.T).all()
+    start_segment(belief, fil, 41.0, 0.1, math.nan, 0.3, math.nan)
+    assert fil.p[1].tolist() == [0.0, pr.UNKNOWN_RATE_STD**2, *np.zeros(9)] and fil.x[1] == 0.0
+
+
+def test_offsets_wander_where_a_window_ends_and_the_wind_does_not():
+    _, cut = allocate(config())
+    p = cut.state.filter.p
+    let_offsets_wander(cut.fixed.belief, cut.state.filter, 60.0)
+    expected = [0.0, 0.0, *(getattr(onboard_model(WINDY), name)**2 * 60.0 / pr.OFFSET_TIME for name in OFFSETS)]
+    assert np.diag(p)[4:] == pytest.approx(expected, rel=1e-12) and np.count_nonzero(p) == 5
+
+
+def test_a_window_begins_with_what_is_declared_of_the_nuisances():
+    """Its rows say: x + s (p - p_bar) + d, over the declared spread, is 0 with unit variance."""
+    _, cut = allocate(config())
+    belief, fil, acc, model = cut.fixed.belief, cut.state.filter, cut.state.acc, onboard_model(WINDY)
+    random = np.random.default_rng(5)
+    fil.x[:], fil.s[...], fil.p_bar[:] = random.standard_normal(11), random.standard_normal(fil.s.shape), (0.1, -0.2)
+    acc.window[...] = 0.0
+    believe_nuisances(belief, fil, acc, 9.0)  # the first sample of all at 0
+    d, p = random.standard_normal(11), random.standard_normal(2)
+    spread = np.sqrt([model.wind_initial**2 + 9.0 * model.walk**2, model.turbulence**2,
+                      *(getattr(model, name)**2 for name in OFFSETS)])
+    said = (fil.x + fil.s[:, 11:13] @ (p - [0.1, -0.2]) + d)[4:] / spread
+    rows = acc.window[4:11]
+    assert rows[:, :11] @ d + rows[:, 11:13] @ p - rows[:, -1] == pytest.approx(said, rel=1e-12)
+    assert not acc.window[:4].any() and not acc.window[11:].any()
+
+
 def test_the_filter_in_wind_is_a_plain_kalman_filter():
     """200 samples at p_bar = 0 and the declared levels; rows carry e/sqrt(S), x and P what S and the gain make."""
-    flight = windy_flight(0)
-    table = np.column_stack([flight.t, flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd,
-                             flight.gamma])[2000:2200]
+    table = windy_rows(0)[2000:2200]
     of = config(noise="declared")
     _, cut = allocate(of)
     state, fil = cut.state, cut.state.filter
@@ -332,6 +409,21 @@ def test_a_known_effect_is_flown_and_believed(text):
     assert all(estimate.valid and far_off(estimate, flight) < 4.0 for estimate in estimates)
     unaware, estimator = run(config(CALM), flight.samples())
     assert any(not estimate.valid or far_off(estimate, flight) > 4.0 for estimate in unaware) or estimator.changes()
+
+
+def test_a_first_order_servo_is_flown_and_believed():
+    """The control: a servo twice as quick, believed of the same flight, needs louder commands (beta is measured)."""
+    assert CALM.actuator is not None
+    slow, quick = (dataclasses.replace(CALM, actuator=dataclasses.replace(
+        CALM.actuator, natural_frequency=math.nan, damping_ratio=math.nan, time_constant=t)) for t in (0.04, 0.02))
+    flight = fly_whole(slow, 2)
+    estimates, estimator = run(config(slow), flight.samples())
+    assert len(estimates) == 14
+    assert all(estimate.valid and far_off(estimate, flight) < 4.0 for estimate in estimates)
+    assert estimator.noise_levels["command_noise_std"] == pytest.approx(1.0, abs=0.1)
+    assert estimator.noise_levels["beta_std"] == pytest.approx(1.0, abs=0.05)
+    _, mistaken = run(config(quick), flight.samples())
+    assert mistaken.noise_levels["command_noise_std"] > 1.5 and mistaken.noise_levels["beta_std"] > 1.2
 
 
 def test_an_effect_that_the_filter_cannot_hold_is_one_error_naming_it():
