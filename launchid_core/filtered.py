@@ -40,6 +40,7 @@ WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data i
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
 WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
 LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
+LEVEL_RELAXES = 0.97     # of a log level in a block, while the model is contradicted: 3 s at 0.1 s
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
 
@@ -314,6 +315,17 @@ def update_levels(belief, fil, acc, work):
         fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
 
 
+@once
+def relax_levels(belief, fil, acc):
+    """A model that is contradicted teaches nothing about noise: the levels go back towards the declared."""
+    for i in range(acc.score.shape[0]):
+        fil.level[i] *= LEVEL_RELAXES
+        acc.score[i] = 0.0
+        for j in range(acc.score.shape[0]):
+            acc.information[i, j] = 0.0
+            acc.level_information[i, j] = belief.prior[i] if i == j else 0.0
+
+
 @inner
 def relinearise(belief, fil, a, k):
     """Move the point of linearisation to relative deviations (a, k), and the state with it."""
@@ -429,7 +441,7 @@ def solve_window(belief, acc, work, active):
         a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
         deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
         deviation[STD_K1] = 1.0 / abs(c)
-        deviation[CORR] = -(b / c) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
+        deviation[CORR] = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
     elif active[theta]:
         deviation[STD_A6] = 1.0 / abs(r[last, last])
     elif active[beta]:

@@ -41,6 +41,7 @@ from .filtered import (
     believe_nuisances,
     jump,
     reduce_block,
+    relax_levels,
     relinearise,
     solve_absent,
     solve_window,
@@ -245,7 +246,7 @@ def remind(belief, fil, bank, work, dt):
 def watch_block(fixed, state, work, dt, t_end):
     """Track the block and look for a sudden change; returns True if the alarm was raised."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
-    queue_block(state.check, bank.total)
+    queue_block(state.check, fil.level, bank.total)
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
     block = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
@@ -256,7 +257,7 @@ def watch_block(fixed, state, work, dt, t_end):
         return False
     before = state.watch.before[slot]
     blocks = (state.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
-    drop_blocks(state.check, blocks)
+    drop_blocks(state.check, blocks, t_end)
     raise_alarm(state.watch, slot, kind, factor, dt, t_end, belief)
     jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
          belief[MEAN_A6], belief[MEAN_K1])
@@ -294,10 +295,12 @@ def close_block(fixed, state, work, learner, learning, period):
         if learner is not None:
             absorb_structure(learner.r, work.acc.triangle, fil.x.shape[0], work.acc.scratch, dt)
         absorb_block(acc, work.acc)
-        if fixed.option[ESTIMATE_LEVELS] == 1:
+        if state.check.flag[RAISED] == 1:
+            relax_levels(belief, fil, acc)
+        elif fixed.option[ESTIMATE_LEVELS] == 1:
             update_levels(belief, fil, acc, work.acc)
         relinearise_about(belief, fil, state.bank)
-    if watch_model(state.check, fil.level, dt):  # what was learned meanwhile is not to be trusted
+    if watch_model(state.check, fil.level, t_end, dt):  # what was learned meanwhile is not to be trusted
         total = state.bank.total
         restart_bank(state.bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
     acc.counts[ROWS] = 0
@@ -345,7 +348,7 @@ def close_filtered(fixed, state, work, learner, learning):
         out.flag[STATUS] = GAP if acc.counts[GAPS] > 0 else SHORT
     else:
         unexplained = solve_window(belief, acc, work.acc, state.active)
-        judge_window(state.check, unexplained)
+        judge_window(state.check, state.filter.level, unexplained)
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
         limit_absent(belief, state, work.acc, t_centre, learner)

@@ -264,9 +264,13 @@ def set_step(constant, h, work, step):
 def spread_at(belief, fil, j, t):
     """Variance of nuisance j at t [s] before any data: a walk has gone on since the first sample."""
     variance = belief.spread[j] * belief.spread[j]
-    if belief.role[j] == WALK and belief.level[j] >= 0:
-        variance += belief.variance[belief.level[j]] * max(t - fil.time[FIRST], 0.0)
-    return variance
+    at = belief.level[j]
+    if at < 0:
+        return variance
+    factor = np.exp(2.0 * fil.level[at])
+    if belief.role[j] == WALK:
+        return variance + factor * belief.variance[at] * max(t - fil.time[FIRST], 0.0)
+    return factor * variance
 
 
 @once

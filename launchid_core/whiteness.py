@@ -13,7 +13,8 @@ slopes: by how much it would reduce the sum of squares is a chi square for the t
 Camb. Phil. Soc. 44, 1948).
 
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
-the onset of a change are dropped.  A noise level that had to be raised beyond HIGHEST_LEVEL of the declared is one.
+the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
+level that had to be raised beyond HIGHEST_LEVEL of the declared.
 
 False alarms: white innovations exceed CONTRADICTED about once in 40 h (tests/test_onboard_wind.py).
 """
@@ -27,16 +28,17 @@ from .changes import ONSETS
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import N_NOISES
-from .predictor import N_CHANNELS
+from .predictor import ACCELERATION_NOISE, N_CHANNELS
 from .tracker import COV, VAR_A6, VAR_K1
 
 LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
 CHECK_MEMORY = 10.0     # s
 CONTRADICTED = 200.0    # of the statistic
 BELIEVED = 90.0
+MERGED = 2.5            # s: alarms so near to one another are of one change
 STEADY_WINDOW = 15.0    # 6e-4 a window
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
-HIGHEST_LEVEL = math.log(4.0)  # of the sensors', the command's and the acceleration's noise levels
+HIGHEST_LEVEL = math.log(10.0)  # of the sensors', the command's and the acceleration's noise levels
 MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
 SMALLEST = 1.0e-30      # of a statistic whose logarithm is asked for
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
@@ -44,12 +46,15 @@ FREEDOM = 30.0          # of the chi square of that mean and of the statistic's 
 # sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
 MEAN = 0
 # number (f8)
-STATISTIC, WEIGHT = range(2)  # WEIGHT: sum of squared fading weights, the variance of each sum
-N_NUMBERS = 2
+STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS = range(4)
+# WEIGHT: sum of squared fading weights, the variance of each sum; LAST_CHANGE, RESTLESS [s]: alarm of a sudden change,
+# of one soon after another
+N_NUMBERS = 4
 # flag (i8)
-OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW = range(5)
-# place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed
-N_FLAGS = 5
+OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS = range(7)
+# place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed;
+# there was a sudden change; and another one soon after
+N_FLAGS = 7
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
 INNOVATION, FOR_A6, FOR_K1 = range(3)
 
@@ -88,14 +93,24 @@ def note_innovation(check, channel, e, for_a6, for_k1):
     check.seen[channel] += 1
 
 
+@inner
+def quiet(level):
+    """Share of the declared noise where there is less: what hides in the declared noise contradicts nothing."""
+    return math.exp(min(level, 0.0))
+
+
 @once
-def queue_block(check, total):
-    """The block's sums, normalised, begin to wait.  total (N_BELIEF,) in: the belief about which they were made."""
+def queue_block(check, level, total):
+    """The block's sums, normalised, begin to wait.
+
+    level (L,), total (N_BELIEF,)  in  log noise levels, and the belief about which they were made
+    """
     slot = (check.flag[OLDEST] + check.flag[WAITING]) % ONSETS
     for c in range(N_CHANNELS):
         e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
         variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
         u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
+        u *= quiet(max(level[c], level[ACCELERATION_NOISE]))
         check.pending[slot, c] = min(max(u, -LARGEST), LARGEST)
         check.seen[c] = 0
     check.mean[:, :] = 0.0
@@ -103,9 +118,16 @@ def queue_block(check, total):
 
 
 @inner
-def drop_blocks(check, blocks):
-    """The newest blocks are a sudden change's."""
+def drop_blocks(check, blocks, t):
+    """The newest blocks are a sudden change's, whose alarm was raised at t [s].  One that follows another within
+    CHECK_MEMORY is none: what keeps changing was not understood.  Within MERGED it is the same one's."""
     check.flag[WAITING] = max(check.flag[WAITING] - blocks, 0)
+    since = t - check.number[LAST_CHANGE]
+    if check.flag[CHANGED] == 1 and MERGED < since < CHECK_MEMORY:
+        check.number[RESTLESS] = t
+        check.flag[IS_RESTLESS] = 1
+    check.number[LAST_CHANGE] = t
+    check.flag[CHANGED] = 1
 
 
 @once
@@ -132,13 +154,16 @@ def take_block(check, dt):
 
 
 @inner
-def judge_model(check, level):
-    """Raise or clear the contradiction; returns True where it clears.  level (L,) in: log noise levels."""
+def judge_model(check, level, t):
+    """Raise or clear the contradiction at t [s]; returns True where it clears.  level (L,) in: log noise levels."""
     highest = 0.0
     for k in range(N_NOISES):
         highest = max(highest, level[k])
     flag, before = check.flag, check.flag[RAISED]
-    if flag[RAISED_BY_WINDOW] == 1 or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
+    if t - check.number[RESTLESS] > CHECK_MEMORY:
+        flag[IS_RESTLESS] = 0
+    persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == 1
+    if persists or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
         flag[RAISED] = 1
     elif check.number[STATISTIC] < BELIEVED:
         flag[RAISED] = 0
@@ -147,19 +172,23 @@ def judge_model(check, level):
 
 
 @inner
-def judge_window(check, unexplained):
-    """A window closed, whose tests would reduce its sum of squares by `unexplained`."""
+def judge_window(check, level, unexplained):
+    """A window closed, whose tests would reduce its sum of squares by `unexplained`.  level (L,) in"""
+    highest = level[0]
+    for k in range(1, N_NOISES):
+        highest = max(highest, level[k])
+    unexplained *= quiet(highest) * quiet(highest)
     check.flag[RAISED_BY_WINDOW] = int(unexplained > STEADY_WINDOW)
     if unexplained > STEADY_WINDOW:
         check.flag[RAISED], check.flag[IN_WINDOW] = 1, 1
 
 
 @inner
-def watch_model(check, level, dt):
+def watch_model(check, level, t, dt):
     """After a block: take those that have waited, judge; returns True where the model is believed again."""
     if check.flag[WAITING] >= ONSETS:
         take_block(check, dt)
-    return judge_model(check, level)
+    return judge_model(check, level, t)
 
 
 @inner

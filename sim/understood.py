@@ -1,5 +1,7 @@
 """What a command has no model of is refused in one line, not ignored."""
 
+import numpy as np
+
 from .errors import InputError
 from .log import Log
 from .nominal import Nominal
@@ -28,7 +30,7 @@ def refuse_foreign_world(nominal: Nominal, who: str) -> None:
 def refuse_flight_path(log: Log, who: str) -> None:
     """InputError naming the column of a log that tells of the flight path."""
     for name in FLIGHT_PATH:
-        if name in log.columns:
+        if name in log.columns and np.isfinite(getattr(log, name)).any():
             raise InputError(f"{log.path}: line 1: column {name}: {who} has no model of the flight path yet; "
                              "expected a log without it")
 

@@ -342,6 +342,7 @@ def test_faults_of_rows_are_masked_and_faults_of_columns_are_not(monkeypatch, ki
     faults = tuple(Fault(kind, "theta", 0.0, 1.0, 1, kind) for kind in kinds)
     monkeypatch.setattr(verdict, "check", lambda *given: SimpleNamespace(is_bad=True, faults=faults))
     examined = []
+    monkeypatch.setattr(verdict, "_refuse_foreign", lambda *given: None)
     monkeypatch.setattr(verdict, "_examined", lambda made, *given: examined.append(made))
     made = verdict.diagnose(None, None)
     assert (made.verdict, made.where, made.causes) == ("bad-data", "data", ()) and len(examined) == rest
