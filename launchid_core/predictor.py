@@ -11,7 +11,7 @@ acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
 * the derivative of x and of the covariance for the L log noise levels.
 
 What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of
-a model with nuisances are those of its nominal: whitening that moves with a6 would
+a model with wind levels are those of its nominal: whitening that moves with a6 would
 want the log-determinant in the fit of a6.
 
 The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that
@@ -89,8 +89,8 @@ J2 = 10    # 3: double integral
 KEEP = 13  # what is left of the turbulence
 N_STEP = 14
 
-# path (f8): flight-path angle at the last stamp [rad], and half a step before the coming one
-GAMMA_NOW, GAMMA_MIDDLE = range(2)
+# path (f8): flight-path angle at the last stamp [rad]
+GAMMA_NOW = 0
 # process noise beside the levels' (index of the command's and the acceleration's levels)
 COMMAND_NOISE, ACCELERATION_NOISE = 3, 4
 
@@ -107,7 +107,7 @@ class Filter(NamedTuple):
     sp: np.ndarray         # (L, n, n) derivative of p for the levels
     command: np.ndarray    # (MAX_DELAY_SAMPLES,) past commands, newest first
     time: np.ndarray       # (N_TIME,) LAST, RUNNING, FIRST
-    path: np.ndarray       # (2,) GAMMA_NOW, GAMMA_MIDDLE
+    path: np.ndarray       # (1,) GAMMA_NOW
     step: np.ndarray       # (N_STEP,) constants of the last time step
     cell: np.ndarray       # (1,) int64 cell of the profile
     outliers: np.ndarray   # (3,) int64 measurements in a row that each channel's gate refused
@@ -147,7 +147,7 @@ def view_filter(f, at, i, m, q, n, levels):
     sp, at = take3(f, at, levels, n, n)
     command, at = take(f, at, MAX_DELAY_SAMPLES)
     time, at = take(f, at, N_TIME)
-    path, at = take(f, at, 2)
+    path, at = take(f, at, 1)
     step, at = take(f, at, N_STEP)
     cell, m = take(i, m, 1)
     outliers, m = take(i, m, N_CHANNELS)

@@ -592,6 +592,17 @@ def test_a_change_soon_after_another_is_the_models_fault_but_not_the_same_ones_a
         assert check.flag[wh.RAISED] == 0
 
 
+def test_a_clock_set_back_ends_what_later_changes_contradicted():
+    _, cut = allocate(config(CALM))
+    check, level = cut.state.check, np.zeros(5)
+    drop_blocks(check, 1, 100.0)
+    drop_blocks(check, 1, 105.0)
+    judge_model(check, level, 105.0)
+    assert check.flag[wh.RAISED] == 1
+    judge_model(check, level, 0.0)
+    assert check.flag[wh.RAISED] == 0
+
+
 def test_what_hides_in_the_declared_noise_contradicts_nothing():
     """Levels far below the declared: the same surprise, in declared noise, is none."""
     _, cut = allocate(config(CALM))
