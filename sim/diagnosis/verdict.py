@@ -7,7 +7,6 @@ from dataclasses import replace
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from ..understood import refuse_flight_path, refuse_foreign_loop, refuse_foreign_world
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import is_slow, with_commands
@@ -25,7 +24,8 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Say, Selection, select
+from .search.selection import THRESHOLD, Say, Selection
+from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -48,7 +48,6 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     bootstrap     clean flights to measure the threshold on; 0: take `threshold`
     say           told what is being done
     """
-    _refuse_foreign(nominal, log, holdout)
     say("data check")
     data = check(log, nominal)
     made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
@@ -56,15 +55,6 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
         made.where = "data"
         return made if not all(fault.kind in MASKED for fault in data.faults) else _beneath(made, say)
     return _examined(made, holdout, bootstrap, hypotheses, say)
-
-
-def _refuse_foreign(nominal: Nominal, log: Log, holdout: Log | None) -> None:
-    """InputError where the nominal or a log has what the diagnosis would have to ignore."""
-    refuse_foreign_loop(nominal, "diagnose")
-    refuse_foreign_world(nominal, "diagnose")
-    for each in (log, holdout):
-        if each is not None:
-            refuse_flight_path(each, "diagnose")
 
 
 def _beneath(made: Diagnosis, say: Say) -> Diagnosis:

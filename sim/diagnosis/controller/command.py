@@ -35,7 +35,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     """The command of every tick."""
     nominal = draft.nominal
     known = np.isfinite(command)
-    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+    recomputable = nominal.controller is not None and draft.fine == 1 and np.isfinite(draft.reference).any() \
         and np.isfinite(draft.z[:, THETA]).any()
     if draft.tick > draft.every:
         held = draft.tick // draft.every
@@ -58,12 +58,24 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     rows = np.arange(draft.rows)
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
+    if draft.fine > 1:
+        return replace(draft, commands=_placed(draft, command, known, source), input=source,
+                       logged=known if source == "beta_cmd" else None)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
         early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
         issued = issued + early * np.diff(issued, append=issued[-1])
     m = draft.every // draft.tick
     ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
     return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
+
+
+def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
+    """(ticks,) [rad] of a jittered log: each held from its own stamp on, the measured nozzle linear between them."""
+    ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
+    at, values = draft.at[known], command[known]
+    if source == "beta":
+        return np.interp(ticks + 2.0 * DIRECT_DAMPING / DIRECT, at, values)
+    return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])
 
 
 def _phase(command: np.ndarray, held: int) -> int:

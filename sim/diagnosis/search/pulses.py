@@ -30,7 +30,7 @@ STARTS = 0.25          # of a duration, between gusts tried
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Responses of the residual (3n + 4,) to unit pieces, what is in the model projected out.
+    """Responses of the residual (3n + 5,) to unit pieces, what is in the model projected out.
 
     t         (j + 1,) [s] ends of the cells
     slope     (j,) response times residual;  energy (j, j) responses' products
@@ -45,7 +45,7 @@ def pieces(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray, sha
            amount: float) -> Pieces:
     """Pieces of an acceleration `shape` (rows,) [rad/s^2 per unit], tried at `amount`.
 
-    basis (3n + 4, k) orthonormal, rest (3n + 4,): what the model explains, and the residual without it
+    basis (3n + 5, k) orthonormal, rest (3n + 5,): what the model explains, and the residual without it
     """
     record = problem.record
     rows, ticks = record.rows, record.every // record.tick

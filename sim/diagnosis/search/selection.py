@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
+from ..data.world import TURBULENCE, WALK, Source
 from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
@@ -62,6 +63,25 @@ class Ranked:
     evidence: float
 
 
+@dataclass(frozen=True, eq=False)
+class Weather:
+    """A disturbance that nobody declared (`weather`).
+
+    source  the state that is free;  level, std  fitted, in the source's unit;  gain  [nats] that it brings beside the
+    causes, its penalty taken off;  rivals  the wind's other names that explain as much
+    """
+
+    source: Source
+    level: float
+    std: float
+    gain: float
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def is_wind(self) -> bool:
+        return self.source.name in (TURBULENCE, WALK)
+
+
 @dataclass(eq=False)
 class Selection:
     """What was found.
@@ -71,6 +91,7 @@ class Selection:
     evidence   of each cause of `model`: what is lost without it, everything else refitted, less its penalty
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
+    weather    that nobody declared and both models are in; None: there is none
     """
 
     nominal: Model
@@ -78,6 +99,7 @@ class Selection:
     evidence: list[float] = field(default_factory=list)
     rivals: list[list[Ranked]] = field(default_factory=list)
     rankings: list[list[Ranked]] = field(default_factory=list)
+    weather: "Weather | None" = None
 
 
 def needed(threshold: float, causes: int) -> float:
@@ -141,21 +163,12 @@ def as_simulated(record: Record) -> Model:
         if np.isfinite(e[:, k]).any():
             ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
             seen[k] *= ratio
-    seen[3:] *= UNSEEN
+    seen[3:5] *= UNSEEN
     models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
     return max(models, key=lambda model: model.log_likelihood)
 
 
-def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hypothesis] | None = None,
-           say: Say = lambda text: None) -> Selection:
-    """Find up to three causes."""
-    known = tuple(hypotheses) if hypotheses is not None else SOUGHT
-    say("noise levels")
-    nominal = as_simulated(record)
-    return select_from(nominal, known, threshold, MOST_CAUSES, say, _swinging(nominal) if hypotheses is None else ())
-
-
-def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
+def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
     """Of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at once."""
     r, theta = nominal.fit.record, nominal.fit.states[:, 0]
     a6 = float(r.a6[0])
@@ -166,13 +179,14 @@ def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
 
 
 def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
-                blocks: Sequence[tuple[Cause, ...]] = ()) -> Selection:
+                blocks: Sequence[tuple[Cause, ...]] = (), start: Model | None = None) -> Selection:
     """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
 
     blocks  causes that make sense together only, tried as the first
+    start   a model of the same record whose causes are kept as long as they are needed; None: the nominal
     """
     record, known = nominal.fit.record, tuple(known)
-    found = Selection(nominal, nominal)
+    found = Selection(nominal, nominal if start is None else start)
     while len(found.model.causes) < most:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = needed(threshold, len(found.model.causes))
@@ -186,7 +200,8 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
             found.model = better
             continue
         found.model = reformed
-        found.rankings.pop()
+        if found.rankings:
+            found.rankings.pop()
     for swap in range(SWAPS, -1, -1):
         found.model = _dropped(record, found.model, needed(threshold, 1))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
@@ -328,7 +343,10 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         model = found.model
         others = model.causes[:k] + model.causes[k + 1:]
         if not others:
-            without, ranked = found.nominal, found.rankings[0]
+            without = found.nominal
+            if not found.rankings:  # begun with causes
+                found.rankings.append(ranking_of(record, without, known))
+            ranked = found.rankings[0]
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
