@@ -49,7 +49,8 @@ def named(result):
 
 def test_every_cause_of_the_catalogue_has_a_hypothesis():
     hypotheses = {h.cause for h in SOUGHT}
-    assert hypotheses | {"missing_term", "controller_mismatch"} == set(CATALOGUE)
+    chance = {"turbulence", "wind_walk"}   # found in what is left, not by a search
+    assert hypotheses | {"missing_term", "controller_mismatch"} | chance == set(CATALOGUE)
 
 
 def test_a_clean_flight_is_consistent():

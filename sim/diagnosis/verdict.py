@@ -135,7 +135,8 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     made.where = causes[0].where if causes else None
     if causes:
         assert made.record is not None
-        made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller)
+        made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
+                                  made.record.centre)
         say("gain for the estimator's user")
         made.user = user_gain(made.nominal, made.extension)
 

@@ -27,6 +27,7 @@ THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
 SERVO_STEP = 0.2         # rad a step, of the servo
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
+CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
 DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
 DIRECT_DAMPING = 0.7
@@ -110,6 +111,11 @@ class Record:
     def t(self) -> np.ndarray:
         """(n,) [s] the grid's clock, which is what effects with a time read"""
         return np.round((self.first_step + self.at) * self.step, CLOCK_DIGITS)
+
+    @property
+    def centre(self) -> float:
+        """[s] the grid's clock between first and last row, about which a slope turns"""
+        return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -216,7 +222,7 @@ def _shifted(nominal: Nominal, shift: float) -> Nominal:
     """The nominal with the times of its effects on the grid's clock."""
     if shift == 0.0 or not nominal.effects:
         return nominal
-    moved = [effect(of.name, **{name: value - shift if name == "time" and not isinstance(value, str) else value
+    moved = [effect(of.name, **{name: value - shift if name in CLOCKED and not isinstance(value, str) else value
                                 for name, value in values(of).items()}) for of in nominal.effects]
     return replace(nominal, effects=tuple(moved))
 

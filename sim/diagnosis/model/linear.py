@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...effects import actuator, plant
-from ...effects.plant import AERO_DAMPING, BENDING, SLOSH
+from ...effects.plant import AERO_DAMPING, BENDING, NOZZLE_INERTIA, SLOSH
 from ...effects.table import CODE, MEMORY, MEMORY_DOT, N_COLUMNS, P1
 from ...vehicle import step as st
 from ...vehicle.actuator import nozzle_acceleration
@@ -70,13 +70,14 @@ def slopes(fx, slots, a6, k1, w, zeta, lag, x, dx):
             fx[e, MEMORY], fx[e, MEMORY_DOT] = x[slots[e]], x[slots[e] + 1]
     dx[:] = 0.0
     dx[0] = x[1]
-    dx[1] = (angular_acceleration(a6, k1, x[0], x[2], x[5])
-             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]))
     if lag:
         dx[2] = w * (x[4] - x[2])
+        swing = -w * dx[2]
     else:
         dx[2] = x[3]
-        dx[3] = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
+        dx[3] = swing = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
+    dx[1] = (angular_acceleration(a6, k1, x[0], x[2], x[5])
+             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]) + plant.reaction(fx, swing))
     for e in range(len(slots)):
         if slots[e] >= 0:
             dx[slots[e]] = x[slots[e] + 1]
@@ -95,7 +96,7 @@ def state_matrix(moments, servo, slots, a6, k1, frequency, damping, lag, a, c):
     count = 0
     for e in range(len(moments)):
         code = moments[e, CODE]
-        if code in (SLOSH, BENDING, AERO_DAMPING):
+        if code in (SLOSH, BENDING, AERO_DAMPING, NOZZLE_INERTIA):
             linear[count] = moments[e]
             where[count] = slots[e]
             count += 1

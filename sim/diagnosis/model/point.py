@@ -35,7 +35,7 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
 
     extra  (ticks,) [rad/s^2] a further acceleration, None: none
     """
-    table = packed(record.nominal, point.effects)
+    table = packed(record.nominal, point.effects, record.centre)
     a6_middle, k1_middle, a6_slope, k1_slope, later = point.deviations
     a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
     k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
