@@ -9,6 +9,7 @@ Assumptions: the first row is at a controller tick; stamps jitter by less than h
 
 import functools
 import math
+import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,6 +56,7 @@ class Record:
     at          (n,) steps from the first row to each;  fine  ticks a row that stand for one command (jittered logs)
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
+    until       [s] of the monotonic clock, when the search of its causes has to end
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
     """
@@ -82,6 +84,7 @@ class Record:
     noise: str = "bounded"
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
+    until: float = math.inf
 
     def __post_init__(self) -> None:
         if self.at is None:
@@ -90,6 +93,11 @@ class Record:
     @property
     def rows(self) -> int:
         return len(self.z)
+
+    @property
+    def is_late(self) -> bool:
+        """The time for its search is over (monotonic clock)."""
+        return time.monotonic() > self.until
 
     @property
     def period(self) -> float:

@@ -37,8 +37,8 @@ class Gain:
 
     log_likelihood  per row, (nominal, extended);  nats: their difference over the whole log
     nrmse           horizon -> channel -> (nominal, extended): RMS prediction error over the RMS change of the channel
-    squared         channel -> mean square of the errors over the longest horizon of nominal and extended model, and what
-                    noise alone would give each [of the channel's unit]
+    squared         channel -> mean square of the errors over the longest horizon of nominal and extended model, and
+                    what noise alone would give each [of the channel's unit]
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
     """

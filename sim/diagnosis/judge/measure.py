@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from ..search.selection import Selection
+from ..search.selection import Selection, Weather
 from .constancy import CONSTANCY_LIMIT, Constancy
 from .gain import Gain
 from .leftover import Leftover
@@ -92,8 +92,8 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span
     for each in named:
         varies = variation(each.constancy, each.record.neutral)
         if varies > bounds.variation:
-            found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} %, "
-                         f"at most {100 * bounds.variation:.0f} %)")
+            found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} % "
+                         f"of itself, at most {100 * bounds.variation:.0f} %)")
         found += undetermined(each, *span)
     more = left_beyond(left, named, rows, bounds, same_place)
     if more is not None:
@@ -133,6 +133,11 @@ def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selectio
         return Remainder(share, best.where, f"a disturbance {best.words} at the {best.disturbance.place} "
                                             f"({best.gain:.0f} nats)")
     return Remainder(share, "plant", noisy or "what is left is no more than noise")
+
+
+def small(weather: Weather, named: tuple[Named, ...]) -> bool:
+    """It is not worth a word beside these causes."""
+    return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
 
 
 def weather_words(selection: Selection) -> str:

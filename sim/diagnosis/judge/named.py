@@ -8,7 +8,8 @@ import numpy as np
 
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
-from ..search.selection import TOLD_APART, Model, Ranked, Selection, penalty, profile
+from ..data.world import TURBULENCE, WALK
+from ..search.selection import TOLD_APART, Model, Ranked, Selection, Weather, penalty, profile
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
@@ -45,6 +46,11 @@ class Named:
     @property
     def where(self) -> str:
         return self.record.where
+
+    @property
+    def is_weather(self) -> bool:
+        """A level of the wind, which is not in the model's effects."""
+        return self.cause in (TURBULENCE, WALK)
 
     @property
     def label(self) -> str:
@@ -128,6 +134,17 @@ def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
     best = max(each.evidence for each in ranking)
     near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART]
     return tuple(dict.fromkeys(each for each in near if each != name))
+
+
+def named_weather(weather: Weather) -> Named:
+    """Wind that nobody declared."""
+    source = weather.source
+    values: dict[str, float | str] = {"level": weather.level}
+    std = {"level": weather.std}
+    if source.name == TURBULENCE:
+        values["time_constant"] = source.time_constant
+    units = {name: RECORDS[source.name].unit(name) for name in values}
+    return Named(source.name, values, std, units, weather.rivals, weather.gain, None)
 
 
 def mismatch(controller: ControllerCheck) -> Named:

@@ -91,7 +91,7 @@ class Selection:
     evidence   of each cause of `model`: what is lost without it, everything else refitted, less its penalty
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
-    weather    that nobody declared and both models are in; None: there is none
+    weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
     """
 
     nominal: Model
@@ -99,7 +99,8 @@ class Selection:
     evidence: list[float] = field(default_factory=list)
     rivals: list[list[Ranked]] = field(default_factory=list)
     rankings: list[list[Ranked]] = field(default_factory=list)
-    weather: "Weather | None" = None
+    weather: Weather | None = None
+    calm: "Model | None" = None
 
 
 def needed(threshold: float, causes: int) -> float:
@@ -120,7 +121,7 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
     """
     found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
     made = _model(record, found, mask)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if not record.is_late else 0):
         fitted = made.fit
         new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
         if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:
@@ -187,7 +188,7 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
     """
     record, known = nominal.fit.record, tuple(known)
     found = Selection(nominal, nominal if start is None else start)
-    while len(found.model.causes) < most:
+    while len(found.model.causes) < most and not record.is_late:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = needed(threshold, len(found.model.causes))
         better = _next(record, found, known, limit, blocks if not found.model.causes else ())
@@ -202,7 +203,7 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
         found.model = reformed
         if found.rankings:
             found.rankings.pop()
-    for swap in range(SWAPS, -1, -1):
+    for swap in range(SWAPS if not record.is_late else 0, -1, -1):
         found.model = _dropped(record, found.model, needed(threshold, 1))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
             break
@@ -253,7 +254,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
         promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
         most = known or 0.0
         for candidate in promising[:TRIED]:
-            if candidate.gain < HOPELESS * most:
+            if candidate.gain < HOPELESS * most or (record.is_late and fits):
                 continue
             fitted = _joined(problem, start.fit, candidate)
             most = max(most, start.fit.cost - fitted.cost)
@@ -316,6 +317,19 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
     return model
 
 
+def fewer(of: Selection) -> Selection:
+    """The selection with its strongest cause alone."""
+    k = max(range(len(of.evidence)), key=lambda k: of.evidence[k])
+    fitted = of.nominal.fit
+    model = profile(fitted.record, of.model.causes[k:k + 1], fitted.delta, of.model.fit.filter)
+    cause = model.causes[0]
+    evidence = model.log_likelihood - of.nominal.log_likelihood - penalty(fitted.record, cause.hypothesis)
+    others = [each for each in (of.rankings[0] if of.rankings else [])
+              if each.cause.hypothesis.label != cause.hypothesis.label]
+    rivals = [Ranked(cause, evidence), *others]
+    return Selection(of.nominal, model, [evidence], [rivals], of.rankings, of.weather, of.calm)
+
+
 def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
     """The model with one of its causes in another form, where that explains clearly more; else None."""
     for k in range(len(model.causes)):
@@ -350,7 +364,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
-            models = _ranking(record, without, _allowed(known, others), gain)
+            models = _ranking(record, without, _allowed(known, others) if not record.is_late else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
         if others and models and models[0][1] > own + least:

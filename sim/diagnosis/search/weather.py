@@ -64,7 +64,7 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
         return _in_weather(nominal, first, known, threshold, say)
     found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model) if one.model.causes else one
     beside = _weathered(found.model) if found.model.causes else first
-    if beside is None or beside.gain < needed(threshold, len(found.model.causes)):
+    if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
     return _in_weather(nominal, beside, known, threshold, say)
 
@@ -78,6 +78,7 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
         return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
+    found.calm = calm
     found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals)
     return found
 
