@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .log import Log
 
 USAGE_STATUS, INPUT_STATUS, INTERRUPTED_STATUS = 2, 3, 130
+LOG_HELP = "a file, or the name of a measured log of the package such as dfki_pendulum_dircol"
 
 
 class Parser(argparse.ArgumentParser):
@@ -61,7 +62,7 @@ def parser() -> Parser:
     sub.set_defaults(run=simulate_command)
 
     sub = commands.add_parser("identify", help="a6, k1 and the active terms of a log, window by window")
-    sub.add_argument("log", metavar="LOG.csv")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("--nominal", metavar="NOMINAL.toml", help="what the simulation believes")
     sub.add_argument("--window", default="1", metavar="S|all")
     add_choices(sub)
@@ -76,7 +77,7 @@ def parser() -> Parser:
     sub.add_argument("--out", required=True, metavar="NEW.toml")
     sub.set_defaults(run=plan_command)
     sub = commands.add_parser("diagnose", help="what the simulation gets wrong on a log, why, and what fixing it gains")
-    sub.add_argument("log", metavar="LOG.csv")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
     sub.add_argument("--holdout", metavar="LOG2.csv", help="a second log, to judge the extended model on")
     sub.add_argument("--json", metavar="PATH|-")

@@ -4,6 +4,8 @@ Required columns t, theta, beta; optional theta_dot, theta_ddot, beta_cmd,
 theta_ref, rate_ref, and gamma or alpha; others are ignored with one line of notice.  SI units.  An empty cell
 or `nan` is "not measured".  What cannot be read is an InputError naming file,
 line and column; bad time stamps and values are data, and pass.
+
+The logs of `data/logs`, which others measured (SOURCES.md there), are read by their names.
 """
 
 import csv
@@ -25,6 +27,7 @@ from .files import reads, write_text
 if TYPE_CHECKING:
     from .flight import Flight
 
+MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 REQUIRED = ("t", "theta", "beta")
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
 
@@ -106,20 +109,33 @@ def _cell(path: Path, line: int, name: str, text: str) -> float:
     return float(text)
 
 
+def measured_logs() -> tuple[str, ...]:
+    """Names of the logs that come with the package."""
+    return tuple(sorted(path.stem for path in MEASURED.glob("*.csv")))
+
+
+def locate_log(text: str) -> Path:
+    """A log by path, or by the name of one that comes with the package when no such file exists."""
+    path = Path(text)
+    return MEASURED / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
+
+
 def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     """Read a log; InputError in one line if it cannot be used.
 
+    path      of a file, or the name of a log that comes with the package
     required  columns without which it cannot be; a row is usable where all of them are finite
     """
-    path = Path(path)
+    path, file_path = Path(path), locate_log(str(path))
     known: dict[str, int] = {}
     names: dict[str, int] = {}
     rows: list[list[float]] = []
     try:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta")
-        reads(path)
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        if not file_path.is_file():
+            raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta, or one of "
+                             + ", ".join(measured_logs()))
+        reads(file_path)
+        with file_path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
             header = next(reader, None)
             if header is None:
