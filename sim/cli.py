@@ -1,4 +1,4 @@
-"""The command `launchid` (`python -m sim` is the same).  The only place that prints.
+"""The command `launchid` (`python -m sim` is the same).
 
 Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a
 traceback.  stdout is data, stderr is talk.
@@ -8,22 +8,21 @@ is that compiles: help, wrong words and missing files answer at once.
 """
 
 import argparse
+import contextlib
 import json
-import os
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, __version__
 
-from .errors import InputError, UsageError
+from .errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extra_needed
 from .files import check_output, inputs_spared, make_folder, write_text
+from .terminal import Progress, answer, leave_stdout, open_streams, say
 
 if TYPE_CHECKING:
     from .log import Log
 
-USAGE_STATUS, INPUT_STATUS, INTERRUPTED_STATUS = 2, 3, 130
-LOG_HELP = "a file, or the name of a measured log of the package such as dfki_pendulum_dircol"
+USAGE_STATUS, INPUT_STATUS = 2, 3
 
 
 class Parser(argparse.ArgumentParser):
@@ -33,73 +32,123 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
 
 
-def say(text: str) -> None:
-    """Talk, on stderr: one line, whatever a path or a key holds."""
-    print("".join(c if c.isprintable() else ascii(c)[1:-1] for c in text), file=sys.stderr)
-
-
 def parser() -> Parser:
     """The command's words."""
-    top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.")
-    top.add_argument("--version", action="version", version=f"launchid {__version__}")
+    top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.",
+                 epilog="launchid COMMAND --help says more of one. Files, units, exit status: docs/formats.md; "
+                        "exit status 0 done, 2 wrong usage, 3 bad input.")
+    top.add_argument("--version", action="version", version=f"launchid {__version__}", help="print the version")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     from .experiments import CASES, CONFIDENCE
-    sub = commands.add_parser("reproduce", help="the paper's experiments: figures, table, verdict")
-    sub.add_argument("--case", default="all", choices=[*CASES, CONFIDENCE, "all"])
-    sub.add_argument("--seeds", type=int, default=20, help="flights per case (20, the paper's)")
-    sub.add_argument("--out", default="results", metavar="DIR", help="folder for figures and tables (results)")
+    sub = add_command(commands, "reproduce", "the paper's experiments: figures, table, verdict",
+                      "launchid reproduce --case windowed --seeds 3 --out results")
+    sub.add_argument("--case", default="all", choices=[*CASES, CONFIDENCE, "all"],
+                     help="one experiment, or all of them (default %(default)s)")
+    sub.add_argument("--seeds", type=int, default=20, metavar="N",
+                     help="flights per case (default %(default)s, the paper's)")
+    sub.add_argument("--out", default="results", metavar="DIR",
+                     help="folder for figures and tables (default %(default)s)")
     sub.set_defaults(run=reproduce_command)
 
-    sub = commands.add_parser("simulate", help="fly a nominal and write its log")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help="a file, or constant | vega_like | greensite_cr826")
-    sub.add_argument("--out", required=True, metavar="LOG.csv")
-    sub.add_argument("--seed", type=int, default=0)
-    sub.add_argument("--suite", default="flight", choices=["flight", "ideal"])
-    sub.add_argument("--period", type=float, metavar="S", help="of the log; the suite's own if left out")
+    sub = add_command(commands, "simulate", "fly a nominal and write its log",
+                      "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("--out", required=True, metavar="LOG.csv", help="the log to write")
+    sub.add_argument("--seed", type=int, default=0, metavar="N",
+                     help="of all noise, from 0 on; the same seed gives the same bytes (default %(default)s)")
+    sub.add_argument("--suite", default="flight", choices=["flight", "ideal"],
+                     help="flight: the nominal's sensors; ideal: the truth, with theta_ddot (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S",
+                     help="between rows [s], a multiple of the simulation's step (default: the suite's own)")
     sub.add_argument("--effect", action="append", default=[], metavar="NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]",
-                     help="fly a cause of the catalogue too; repeatable")
+                     help="fly a cause of the catalogue too, see launchid effects; repeatable (default: none)")
     sub.set_defaults(run=simulate_command)
 
-    sub = commands.add_parser("identify", help="a6, k1 and the active terms of a log, window by window")
+    sub = add_command(commands, "identify", "a6, k1 and the active terms of a log, window by window",
+                      "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    sub.add_argument("--nominal", metavar="NOMINAL.toml", help="what the simulation believes")
-    sub.add_argument("--window", default="1", metavar="S|all")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml",
+                     help=f"what the simulation believes: {NOMINAL_HELP} (default: none, nothing is believed)")
+    sub.add_argument("--window", default="1", metavar="S|all",
+                     help="length of a window [s], or all: the whole log is one (default %(default)s)")
     add_choices(sub)
-    sub.add_argument("--tracked", action="store_true", help="also the tracked estimate and sudden changes (filtered)")
-    sub.add_argument("--json", metavar="PATH|-")
-    sub.add_argument("--plot", metavar="PATH")
+    sub.add_argument("--tracked", action="store_true",
+                     help="also the estimate tracked from window to window, and sudden changes (needs --nominal)")
+    add_outputs(sub, plot=True)
     sub.set_defaults(run=identify_command)
-    sub = commands.add_parser("plan", help="the smallest test input that reaches an accuracy")
-    sub.add_argument("nominal", metavar="NOMINAL.toml")
-    sub.add_argument("--accuracy", type=float, required=True, metavar="X", help="relative, one sigma, of a6 and k1")
-    sub.add_argument("--window", type=float, required=True, metavar="S")
-    sub.add_argument("--out", required=True, metavar="NEW.toml")
+
+    sub = add_command(commands, "plan", "the smallest test input that reaches an accuracy",
+                      "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("--accuracy", type=float, required=True, metavar="X",
+                     help="relative standard deviation of a6 and k1 that is to be reached, above 0 and below 1")
+    sub.add_argument("--window", type=float, required=True, metavar="S", help="length of a window [s]")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [test_input] to write")
     sub.set_defaults(run=plan_command)
-    sub = commands.add_parser("diagnose", help="what the simulation gets wrong on a log, why, and what fixing it gains")
-    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
-    sub.add_argument("--holdout", metavar="LOG2.csv", help="a second log, to judge the extended model on")
-    sub.add_argument("--json", metavar="PATH|-")
+
+    sub = add_command(commands, "diagnose", "what the simulation gets wrong on a log, why, and what fixing it gains",
+                      "launchid diagnose v.csv vega_like --report report")
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; beta may be missing")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
+    sub.add_argument("--holdout", metavar="LOG2.csv",
+                     help="a second log, to judge the extended model on (default: parts of the first, left out)")
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
-                     help="measure the threshold on N clean flights of the nominal along this log (cached)")
-    sub.add_argument("--report", metavar="DIR", help="folder for report.html, verdict.json, extension.toml, figures")
+                     help="measure the threshold on N clean flights of the nominal along this log, cached; "
+                          "0: the built-in one (default %(default)s)")
+    sub.add_argument("--report", metavar="DIR",
+                     help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
+    add_outputs(sub)
     sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
     add_export(commands)
+    sub = add_command(commands, "effects", "the causes that can be flown and diagnosed, with their parameters",
+                      "launchid effects --json -")
+    add_outputs(sub)
+    sub.set_defaults(run=effects_command)
     return top
+
+
+NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
+LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or the "
+            "name of a measured log of the package such as dfki_pendulum_dircol")
+
+
+def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
+    """A command with its words of help and one example."""
+    sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
+                                      epilog=f"example: {example}")
+    return sub
+
+
+def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
+    """Where the answer goes beside the terminal."""
+    sub.add_argument("--json", metavar="PATH|-", help="write the answer as JSON too; -: JSON alone, on stdout "
+                                                      "(default: none)")
+    if plot:
+        sub.add_argument("--plot", metavar="PATH", help="draw it into a .png, .svg or .pdf; needs launchid[plots] "
+                                                        "(default: none)")
 
 
 def add_choices(sub: argparse.ArgumentParser) -> None:
     """The words of an estimator's choices that a log or a nominal does not make."""
-    sub.add_argument("--compression", type=int, default=1)
-    sub.add_argument("--library", default="rigid-body")
-    sub.add_argument("--formulation", choices=FORMULATIONS)
-    sub.add_argument("--solver", default="stls", choices=SOLVERS)
-    sub.add_argument("--threshold", type=float, metavar="X")
-    sub.add_argument("--seed", type=int, default=0)
+    sub.add_argument("--compression", type=int, default=1, metavar="N",
+                     help="keep one of N rows of a window, at random (default %(default)s: all)")
+    sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
+                     help="candidate terms: rigid-body | linear | quadratic | quadratic+sin | lpv, or a comma list "
+                          "such as 'theta,beta,sin(theta)' (default %(default)s)")
+    sub.add_argument("--formulation", choices=FORMULATIONS,
+                     help="where theta_ddot comes from (default: filtered with a nominal, else measured if the log "
+                          "has it, else integral)")
+    sub.add_argument("--solver", default="stls", choices=SOLVERS,
+                     help="of the sparse regression (default %(default)s)")
+    sub.add_argument("--threshold", type=float, metavar="X",
+                     help="a term whose coefficient is smaller, in its own unit, is left out (default: the library's)")
+    sub.add_argument("--seed", type=int, default=0, metavar="N",
+                     help="of the rows that compression keeps, from 0 on (default %(default)s)")
     sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
-                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared)")
+                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared) "
+                          "(default %(default)s)")
 
 
 def choices(args: argparse.Namespace) -> dict[str, Any]:
@@ -109,11 +158,13 @@ def choices(args: argparse.Namespace) -> dict[str, Any]:
 
 def add_export(commands: Any) -> None:
     """The words of `export-c`."""
-    sub = commands.add_parser("export-c", help="the estimator in C, for a flight computer: the same bits")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes")
+    sub = add_command(commands, "export-c", "the estimator in C, for a flight computer: the same bits",
+                      "launchid export-c constant --out port --window 5")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
     sub.add_argument("--out", required=True, metavar="DIR", help="folder for launchid.h, launchid.c, replay.c")
-    sub.add_argument("--window", type=float, default=1.0, metavar="S")
-    sub.add_argument("--period", type=float, metavar="S", help="between samples; the nominal's if left out")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S", help="between samples [s] (default: the nominal's)")
     add_choices(sub)
     sub.set_defaults(run=export_command)
 
@@ -144,19 +195,25 @@ def export_command(args: argparse.Namespace) -> None:
 
 def add_uncertainty(commands: Any) -> None:
     """The words of `uncertainty` and `fit-lft`."""
-    sub = commands.add_parser("uncertainty", help="where in its range each parameter is, and whether it left it")
-    sub.add_argument("log", metavar="LOG.csv")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help="what the simulation believes, with [uncertainty]")
-    sub.add_argument("--window", type=float, default=1.0, metavar="S")
-    sub.add_argument("--json", metavar="PATH|-")
-    sub.add_argument("--plot", metavar="PATH")
+    sub = add_command(commands, "uncertainty", "where in its range each parameter is, and whether it left it",
+                      "launchid uncertainty v.csv vega_like --plot level.png")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml",
+                     help=f"what the simulation believes, with [uncertainty]: {NOMINAL_HELP}")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    add_outputs(sub, plot=True)
     sub.set_defaults(run=uncertainty_command)
-    sub = commands.add_parser("fit-lft", help="the range sigma of a6 and k1, fitted from flights")
+    sub = add_command(commands, "fit-lft", "the range sigma of a6 and k1, fitted from flights",
+                      "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
     sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml", help="one log a flight, the nominal last")
-    sub.add_argument("--out", required=True, metavar="NEW.toml")
-    sub.add_argument("--share", type=float, default=0.95, help="of vehicles that the range holds (0.95)")
-    sub.add_argument("--confidence", type=float, default=0.95, help="that it holds them (0.95)")
-    sub.add_argument("--profile", action="store_true", help="sigma over flight time, where the flights tell it")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [uncertainty] to write")
+    sub.add_argument("--share", type=float, default=0.95, metavar="X",
+                     help="of vehicles that the range holds, between 0 and 1 (default %(default)s)")
+    sub.add_argument("--confidence", type=float, default=0.95, metavar="X",
+                     help="that it holds them, between 0 and 1 (default %(default)s)")
+    sub.add_argument("--profile", action="store_true",
+                     help="sigma over flight time, where the flights tell it, as a CSV beside NEW.toml")
     sub.set_defaults(run=fit_lft_command)
 
 
@@ -166,6 +223,7 @@ def uncertainty_command(args: argparse.Namespace) -> None:
     log = read_noting(args.log)
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
+    check_plot(args.plot)
     from .uncertainty import level
     try:
         estimates = level.follow(log, nominal, args.window)
@@ -176,13 +234,13 @@ def uncertainty_command(args: argparse.Namespace) -> None:
         save(uncertainty_figure(log, estimates, nominal), args.plot)
     text = json.dumps(level.report(estimates), indent=1)
     if args.json == "-":
-        print(text)
+        answer(text)
         return
     if args.json:
         write_text(args.json, [text, "\n"])
-    print(f"{args.log}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, window {args.window:g} s, "
+    answer(f"{args.log}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, window {args.window:g} s, "
           f"period {log.period:g} s, range of {args.nominal}")
-    print(level.table(estimates))
+    answer(level.table(estimates))
 
 
 def fit_lft_command(args: argparse.Namespace) -> None:
@@ -201,7 +259,7 @@ def fit_lft_command(args: argparse.Namespace) -> None:
     flights = [greybox.deviations(log, nominal) for log in logs]
     fit = greybox.fit(flights, args.share, args.confidence, args.profile)
     write_nominal(greybox.with_range(nominal, fit), args.out)
-    print(greybox.table(fit, args.out))
+    answer(greybox.table(fit, args.out))
 
 
 def plan_command(args: argparse.Namespace) -> None:
@@ -213,14 +271,14 @@ def plan_command(args: argparse.Namespace) -> None:
     result = plan(nominal, args.accuracy, args.window)
     write_nominal(result.nominal, args.out)
     multisine = result.nominal.test_input
-    print(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
+    answer(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
           f"without input, {100 * result.after:.3g} % with it")
     if multisine is None:
-        print(f"{args.out}: no test input needed")
+        answer(f"{args.out}: no test input needed")
         return
     lines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
                       for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
-    print(f"{args.out}: {lines}; {result.root_mean_square:.2e} rad rms, peak {result.peak:.2e} rad")
+    answer(f"{args.out}: {lines}; {result.root_mean_square:.2e} rad rms, peak {result.peak:.2e} rad")
 
 
 def diagnose_command(args: argparse.Namespace) -> None:
@@ -242,28 +300,24 @@ def diagnose_command(args: argparse.Namespace) -> None:
         write_report(made, result, args.report)
     text = json.dumps(result, indent=1)
     if args.json == "-":
-        print(text)
+        answer(text)
         return
     if args.json:
         write_text(args.json, [text, "\n"])
-    print("\n".join(lines(made)))
+    answer("\n".join(lines(made)))
 
 
-class Progress:
-    """A bar of the steps done and what is being done, on a terminal only: one line that is written over."""
-
-    STEPS = 8  # of a diagnosis with one cause
-
-    def __init__(self) -> None:
-        self.done = 0
-
-    def __call__(self, text: str) -> None:
-        """An empty text clears the line."""
-        if sys.stderr.isatty():
-            full = min(self.done, self.STEPS)
-            sys.stderr.write("\r\x1b[K" + (f"[{'#' * full}{'.' * (self.STEPS - full)}] {text}" if text else ""))
-            sys.stderr.flush()
-        self.done += 1
+def effects_command(args: argparse.Namespace) -> None:
+    """launchid effects"""
+    check_outputs(args.json)
+    from .reference import effects_report, effects_table
+    text = json.dumps(effects_report(), indent=1)
+    if args.json == "-":
+        answer(text)
+        return
+    if args.json:
+        write_text(args.json, [text, "\n"])
+    answer(effects_table())
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -283,7 +337,7 @@ def reproduce_command(args: argparse.Namespace) -> None:
     """launchid reproduce"""
     at_least("--seeds", args.seeds, 1)
     from .experiments.report import reproduce
-    print(reproduce(args.case, args.seeds, args.out))
+    answer(reproduce(args.case, args.seeds, args.out))
 
 
 def simulate_command(args: argparse.Namespace) -> None:
@@ -317,6 +371,7 @@ def identify_command(args: argparse.Namespace) -> None:
     log = read_noting(args.log)
     nominal = load_nominal(args.nominal) if args.nominal else None
     check_outputs(args.json, args.plot)
+    check_plot(args.plot)
     from .identify import log_config, report, run, table
     config = log_config(log, nominal, args.window, args.formulation, args.tracked, **choices(args))
     if config.missing_commands > 0.0:
@@ -328,22 +383,42 @@ def identify_command(args: argparse.Namespace) -> None:
         from .plots import identify_figure, save
         save(identify_figure(log, estimates, nominal), args.plot)
     if args.json == "-":
-        print(json.dumps(result, indent=1))
+        answer(json.dumps(result, indent=1))
         return
     if args.json:
         write_text(args.json, [json.dumps(result, indent=1), "\n"])
-    print(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
+    answer(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
           f"window {config.window:g} s, period {config.sample_period:g} s, {config.kept_rows} of {config.rows} rows")
-    print(table(result))
+    answer(table(result))
+
+
+@contextlib.contextmanager
+def extras_named() -> Iterator[None]:
+    """A module of an extra that is not installed is wrong usage, in one line."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None
+
+
+def check_plot(path: str | None) -> None:
+    """Refuse a plot that cannot be drawn before anything is computed."""
+    if path:
+        from .plots import check_suffix
+        check_suffix(path)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
+    open_streams()
     try:
-        args = parser().parse_args(argv)
-        with inputs_spared():
+        try:
+            args = parser().parse_args(argv)
+        except SystemExit:  # help and version, on stdout
+            answer(end="")
+            raise
+        with inputs_spared(), extras_named():
             args.run(args)
-        sys.stdout.flush()
     except UsageError as error:
         say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))
         return USAGE_STATUS
@@ -351,8 +426,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         say(f"launchid: {error}")
         return INPUT_STATUS
     except KeyboardInterrupt:
-        say("launchid: interrupted; files already written are whole")
+        say(INTERRUPTED)
         return INTERRUPTED_STATUS
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone (as `| head` does)
+        leave_stdout()  # the reader has gone (as `| head` does)
     return 0

@@ -1,4 +1,4 @@
-"""Flight logs: CSV in and out.
+"""Flight logs: CSV in and out; a file, a FIFO (a shell's `<(...)`), or `-` for standard input.
 
 Required columns t, theta, beta; optional theta_dot, theta_ddot, beta_cmd,
 theta_ref, rate_ref, and gamma or alpha; others are ignored with one line of notice.  SI units.  An empty cell
@@ -8,27 +8,32 @@ line and column; bad time stamps and values are data, and pass.
 The logs of `data/logs`, which others measured (SOURCES.md there), are read by their names.
 """
 
+import contextlib
 import csv
 import math
+import os
 import re
+import stat
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 
 from launchid_core import Sample
 
 from .errors import InputError
-from .files import reads, write_text
+from .files import is_read, reads, write_text
 
 if TYPE_CHECKING:
     from .flight import Flight
 
 MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 REQUIRED = ("t", "theta", "beta")
+STANDARD_INPUT = "-"
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
 
 # float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
@@ -85,7 +90,7 @@ def _shown(cell: str) -> str:
     return ascii(cell if len(cell) <= 40 else cell[:40] + "...")
 
 
-def _header(path: Path, header: list[str], required: tuple[str, ...]) -> dict[str, int]:
+def _header(path: str, header: list[str], required: tuple[str, ...]) -> dict[str, int]:
     names = [name.strip() for name in header]
     for name in names:
         if names.count(name) > 1:
@@ -99,7 +104,7 @@ def _header(path: Path, header: list[str], required: tuple[str, ...]) -> dict[st
     return {name: k for k, name in enumerate(names)}
 
 
-def _cell(path: Path, line: int, name: str, text: str) -> float:
+def _cell(path: str, line: int, name: str, text: str) -> float:
     text = text.strip()
     if text == "" or text.lower() == "nan":
         return math.nan
@@ -120,22 +125,42 @@ def locate_log(text: str) -> Path:
     return MEASURED / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
 
 
+@contextlib.contextmanager
+def _opened(path: str) -> Iterator[TextIO]:
+    """A log's text: of standard input for `-`, of a regular file, of a FIFO (which can be read once), of the package."""
+    located = locate_log(path)
+    if path == STANDARD_INPUT:
+        if sys.stdin is None:
+            raise InputError("-: standard input is closed; expected a CSV log there")
+        number = sys.stdin.fileno()
+        reads(number)
+        with open(number, encoding="utf-8-sig", newline="", closefd=False) as file:
+            yield file
+        return
+    if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
+        if is_read(path):
+            raise InputError(f"{path}: named twice, and a pipe can be read once; expected another log")
+    elif not os.path.isfile(path) and not located.is_file():
+        what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
+        raise InputError(f"{path}: {what}; expected a CSV log with the columns t, theta, beta, or one of "
+                         + ", ".join(measured_logs()))
+    reads(located)
+    with open(located, encoding="utf-8-sig", newline="") as file:
+        yield file
+
+
 def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     """Read a log; InputError in one line if it cannot be used.
 
-    path      of a file, or the name of a log that comes with the package
+    path      of a file, `-`: standard input, or the name of a log that comes with the package
     required  columns without which it cannot be; a row is usable where all of them are finite
     """
-    path, file_path = Path(path), locate_log(str(path))
+    path = str(path)
     known: dict[str, int] = {}
     names: dict[str, int] = {}
     rows: list[list[float]] = []
     try:
-        if not file_path.is_file():
-            raise InputError(f"{path}: no such file; expected a CSV log with the columns t, theta, beta, or one of "
-                             + ", ".join(measured_logs()))
-        reads(file_path)
-        with file_path.open(encoding="utf-8-sig", newline="") as file:
+        with _opened(path) as file:
             reader = csv.reader(file, strict=True)
             header = next(reader, None)
             if header is None:
@@ -162,7 +187,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
     missing = {name: np.full(len(rows), math.nan) for name in REQUIRED + OPTIONAL if name not in known}
     ignored = tuple(name for name in names if name not in known)
-    return Log(path=str(path), columns=tuple(known), ignored=ignored, **values, **missing)
+    return Log(path=path, columns=tuple(known), ignored=ignored, **values, **missing)
 
 
 def write_flight(path: str | Path, flight: "Flight") -> None:

@@ -18,6 +18,7 @@ from matplotlib.patches import FancyBboxPatch
 
 from launchid_core import EDGES, Estimate, Level, polynomial
 
+from .errors import UsageError
 from .experiments.cases import CASES
 from .experiments.flights import A6, END, K1, START, TRUE_A6, TRUE_K1, Result, case_nominal
 from .files import atomic_path
@@ -28,18 +29,23 @@ from .nominal import Nominal
 DPI = 110
 GREYS = {-1: ("0.55", ":"), 0: ("0.0", "-"), 1: ("0.35", "--")}
 UNIT = "1/s$^2$"
+METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is left out
+    ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+
+
+def check_suffix(path: str | Path) -> str:
+    """The format that the path's suffix asks for; UsageError if it is none."""
+    suffix = Path(path).suffix.lower() or ".png"
+    if suffix not in METADATA:
+        raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
+    return suffix
 
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a PNG (or what the suffix says) whole or not at all, the same bytes each time."""
-    suffix = Path(path).suffix.lower() or ".png"
-    if suffix not in (".png", ".svg", ".pdf"):
-        from .errors import UsageError
-        raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
-    metadata: dict[str, Any] = {".png": {"Software": None}, ".svg": {"Date": None},
-                                ".pdf": {"CreationDate": None}}[suffix]
+    suffix = check_suffix(path)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=metadata)
+        figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=METADATA[suffix])
     plt.close(figure)
 
 

@@ -161,8 +161,8 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
 # ---- both
 
 
-@pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/cli.py"], ids=name_of)
-def test_nothing_prints_but_the_command(path):
+@pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/terminal.py"], ids=name_of)
+def test_nothing_prints_but_the_terminal(path):
     said = [line for name, line in calls(tree_of(path))
             if name in {"print", "input"} or name.endswith(("stdout.write", "stderr.write"))]
     assert said == [], f"{name_of(path)}: lines {said}"
