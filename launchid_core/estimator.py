@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from . import checkpoint
 from . import report as rp
 from . import ring as rb
 from . import step as st
@@ -65,6 +66,27 @@ class Estimator:
         """Forget every sample and estimate and restart the row generator; configuration and memory stay."""
         restart(self.config, self._parts)
         self._busy = False
+
+    def save(self) -> bytes:
+        """Everything that persists between samples, to go on from with `restore`; a few tens of kilobytes.
+
+        RuntimeError while an update runs (in another thread, or below a signal handler): the state is between two.
+        """
+        self._refuse_busy("save")
+        return checkpoint.save(self.config, self._parts)
+
+    def restore(self, saved: bytes) -> None:
+        """Go on where `save` of an estimator with an equal configuration stood, to the same bits.
+
+        ValueError says what is wrong with bytes that are damaged, not whole, of another configuration or another
+        version; the estimator is then as before.  RuntimeError while an update runs.
+        """
+        self._refuse_busy("restore")
+        checkpoint.restore(self.config, self._parts, saved)
+
+    def _refuse_busy(self, call: str) -> None:
+        if self._busy:
+            raise RuntimeError(f"{call}: an update is running: one estimator belongs to one thread")
 
     def update(self, sample: Sample) -> Status:
         """Take one sample (seven floats in the order of `Sample`); never raises for any float."""
