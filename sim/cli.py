@@ -89,13 +89,16 @@ def parser() -> Parser:
 
     sub = add_command(commands, "diagnose", "what the simulation gets wrong on a log, why, and what fixing it gains",
                       "launchid diagnose v.csv vega_like --report report")
-    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; beta may be missing")
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and beta_cmd, is enough")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
     sub.add_argument("--holdout", metavar="LOG2.csv",
                      help="a second log, to judge the extended model on (default: parts of the first, left out)")
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
                      help="measure the threshold on N clean flights of the nominal along this log, cached; "
                           "0: the built-in one (default %(default)s)")
+    sub.add_argument("--noise", default="bounded", choices=["bounded", "declared", "free"],
+                     help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at all, or "
+                          "however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
                      help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
     add_outputs(sub)
@@ -285,14 +288,14 @@ def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
     from .nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", "theta"), load_nominal(args.nominal)
-    holdout = read_noting(args.holdout, "t", "theta") if args.holdout else None
+    log, nominal = read_noting(args.log, "t"), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t") if args.holdout else None
     check_outputs(args.json)
     from .diagnosis.report.answer import report
     from .diagnosis.report.words import lines
     from .diagnosis.verdict import diagnose
     progress = Progress()
-    made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress)
+    made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress, noise=args.noise)
     progress("")
     result = report(made)
     if args.report:

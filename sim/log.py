@@ -127,7 +127,8 @@ def locate_log(text: str) -> Path:
 
 @contextlib.contextmanager
 def _opened(path: str) -> Iterator[TextIO]:
-    """A log's text: of standard input for `-`, of a regular file, of a FIFO (which can be read once), of the package."""
+    """A log's text: of standard input for `-`, of a regular file, of the package's, of a FIFO (which can be read
+    once)."""
     located = locate_log(path)
     if path == STANDARD_INPUT:
         if sys.stdin is None:

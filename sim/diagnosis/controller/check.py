@@ -51,7 +51,7 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     if fair.sum() < FEWEST:
         return None
     before = _rms(logged - expected, fair)
-    if before < ROUNDING:
+    if before < max(ROUNDING, record.nominal.diagnosis.command):
         return ControllerCheck(NONE, before, before)
     parts = _parts(record)
     best = min((_gains_and_lag(record, parts, logged, fair, lag) for lag in _lags(parts, logged, fair)),

@@ -28,6 +28,8 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     log, nominal  as read;  data  its check: rows and values that may be used
     """
     draft, command = on_grid(log, nominal, data)
+    if not np.isfinite(draft.z[:, :BETA]).any():
+        raise InputError(f"{log.path}: no theta and no theta_dot that can be used; expected one of them")
     return _with_commands(draft, command, log.path)
 
 

@@ -175,7 +175,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
-    nominal = _shifted(nominal, shift)
+    nominal = _shifted(_answerable(nominal), shift)
     actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
     first_step = round((t[0] - shift) / step)
     at = every * np.arange(n, dtype=np.int64)
@@ -224,6 +224,12 @@ def _known_wind(nominal: Nominal, t: np.ndarray, measured_at: np.ndarray, path: 
         return np.zeros(0)
     wind = np.zeros(len(t)) if forecast is None else forecast.at(t)
     return wind - np.interp(t, measured_at[known], path[known]) if known.any() else wind
+
+
+def _answerable(nominal: Nominal) -> Nominal:
+    """Without a controller whose command is not recomputed here: of a rate, or with filters."""
+    own = nominal.controller
+    return nominal if own is None or not (own.is_rate_law or own.filters) else replace(nominal, controller=None)
 
 
 def _shifted(nominal: Nominal, shift: float) -> Nominal:

@@ -22,7 +22,8 @@ WIND, NOZZLE, MOMENT, ATTITUDE, GYRO, NOZZLE_SENSOR = range(6)  # where a state 
 ARC_MINUTE = 2.9e-4     # rad of nozzle: the undeclared slow moment's one sigma is k1 times it
 SLOW = 20.0             # s, its time constant: slow beside the vehicle, several times in a flight
 WEATHER = (0.5, 2.0)    # factors within which a declared level of the wind may be fitted
-ANY = (1e-3, 1e3)       # of one that is sought
+ANY = (1e-3, 1e3)       # of a moment that is sought
+WINDY = (1e-3, 40.0)    # of a wind that is: more than 0.2 rad is no weather to fly in
 SOUGHT = 0.005          # rad, rad/sqrt(s): where the search of weather begins
 SOUGHT_MOMENT = 10.0    # times the undeclared slow moment, the same
 ENTRY_OF = {"thrust_misalignment": NOZZLE, "attitude_bias": ATTITUDE, "gyro_bias": GYRO,
@@ -108,7 +109,7 @@ def sought(name: str, nominal: Nominal, floor: float, time_constant: float = 1.0
     wind = nominal.wind
     if name == WALK:
         initial = max(SOUGHT, wind.initial if wind is not None else 0.0)
-        return Source(WALK, WIND, SOUGHT, initial, span=ANY)
+        return Source(WALK, WIND, SOUGHT, initial, span=WINDY)
     if name == TURBULENCE:
-        return Source(TURBULENCE, WIND, SOUGHT, SOUGHT, time_constant, ANY)
+        return Source(TURBULENCE, WIND, SOUGHT, SOUGHT, time_constant, WINDY)
     return Source(SLOW_MOMENT, MOMENT, SOUGHT_MOMENT * floor, SOUGHT_MOMENT * floor, time_constant, ANY)

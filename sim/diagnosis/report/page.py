@@ -34,7 +34,8 @@ THIN = 2.0             # times the evidence needed: less is worth a word
 WORLD_UNITS = {TURBULENCE: "rad", WALK: "rad/sqrt(s)", SLOW_MOMENT: "rad/s^2"}
 NOISE_UNITS = ("rad", "rad/s", "rad", "rad", "rad/s^2")
 CHANNEL_WORDS = {"theta": "attitude sensor", "theta_dot": "gyro", "beta": "nozzle sensor"}
-COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00", "bad-data": "#7f1d1d"}
+COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
+           "bad-data": "#7f1d1d"}
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 TEMPLATE = Path(__file__).with_name("template.html")

@@ -35,6 +35,7 @@ from .selection import (
 TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3 apart a time is told from the next
 SIZES = np.geomspace(3e-4, 0.3, 7)  # rad/s^2 of a first look
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
+HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -59,8 +60,8 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     one = select_from(nominal, known, threshold, 1, say, blocks)
     say("weather")
     first = _weathered(nominal)
-    if first is not None and first.gain > needed(threshold, 0) and \
-            first.model.log_likelihood > one.model.log_likelihood:
+    single = one.model.log_likelihood - nominal.log_likelihood
+    if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
         return _in_weather(nominal, first, known, threshold, say)
     found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model) if one.model.causes else one
     beside = _weathered(found.model) if found.model.causes else first
@@ -73,7 +74,8 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
     """The search from these causes on, all in the weather; and without it again where its causes make it needless."""
     record, causes = of.model.fit.record, of.model.causes
     nominal = _refitted(record, (), of.model) if causes else of.model
-    found = select_from(nominal, known, threshold, MOST_CAUSES, say, (), of.model if causes else None)
+    blocks = () if causes else swinging(nominal)
+    found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None)
     same = _refitted(calm.fit.record, found.model.causes, calm)
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
