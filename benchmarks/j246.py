@@ -18,6 +18,7 @@ import math
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,9 @@ def judged(name: str, seed: int, plain: bool, where: Path) -> dict[str, Any]:
         result = report(diagnose(read_log(log), load_nominal(nominal)))
     except InputError as error:
         result = {"verdict": "refused", "causes": [], "nearest": [], "why": str(error)}
+    except Exception as error:  # one flight's crash is its row's, not the campaign's
+        traceback.print_exc()
+        result = {"verdict": "crashed", "causes": [], "nearest": [], "why": repr(error)}
     return {"case": name, "seed": seed, "seconds": time.perf_counter() - begun, "known": dataclasses.asdict(of),
             "diagnose": result, **compared(of, result)}
 

@@ -53,6 +53,8 @@ KNOWN = {
     # fetched by hand (real_fetched.py), never part of this project
     "mcar_8_3_1": Known("balancing_robot", "trim -0.055 rad and a delay of 10..12 ms; R2 0.858, 0.923 trim, 0.995 both",
                         (TRIM, DELAY), (), ("1",), True, a6=(85.0, 107.0)),
+    "psas_roll": Known("sounding_rocket_roll", "delay 20..40 ms, an offset that drifts; only a gyro",
+                       (("actuator_delay",),), ("actuator_bandwidth", "gyro_delay", *TRIM), ("1",), True),
     "ubc_tvc": Known("hobby_rocket_tvc", "commands held about 105 ms; k1 about 51", (("actuator_delay",),),
                      ("actuator_bandwidth", "gyro_delay", *TRIM), ("1",), True, k1=(41.0, 61.0)),
     "tailsitter_stabilized_1": TAIL_SITTER,
