@@ -48,7 +48,7 @@ KNOWN = {
     "bam_xl330_kp400_sin_time_square": SERVO,
     "bam_xl330_kp400_lift_and_drop": DROP,
     "map_single_free": Known("single_pendulum_linear", "sin(theta) in the place of theta; damping 0.07 1/s; no k1",
-                             (("missing_term", "aero_cubic"),), ("aero_damping", "friction", "aero_instability"),
+                             (("missing_term",),), ("aero_damping", "friction", "aero_cubic", "aero_instability"),
                              ("sin(theta)", "theta", "theta^3", "theta_dot"), library="sin(theta),beta"),
     # fetched by hand (real_fetched.py), never part of this project
     "mcar_8_3_1": Known("balancing_robot", "trim -0.055 rad and a delay of 10..12 ms; R2 0.858, 0.923 trim, 0.995 both",
