@@ -66,7 +66,7 @@ def untrimmed(rng: np.random.Generator) -> Case:
 def weak_gimbal(rng: np.random.Generator) -> Case:
     """One nozzle of two moves by 45 to 70 % of its command; the sensor sees the other."""
     share = float(rng.uniform(0.45, 0.7))
-    return Case(Faults(gimbal=share), ("control_effectiveness",), ("actuator_gain",), "scale", 0.5 * (1.0 + share))
+    return Case(Faults(gimbal=share), ("control_effectiveness",), (), "scale", 0.5 * (1.0 + share))
 
 
 def gimbal_fails(rng: np.random.Generator) -> Case:
