@@ -1,13 +1,14 @@
 """A foreign launcher as judge, JSBSim's J246: are hidden faults named, how large, is a true nominal consistent?
 
-    python benchmarks/j246.py [--cases NAME...] [--seeds FIRST COUNT] [--plain] [--keep DIR] [--json PATH]
+    python benchmarks/j246.py [--cases NAME...] [--seeds FIRST COUNT] [--plain] [--gamma] [--keep DIR] [--json PATH]
 
 Needs the `jsbsim` package (extra `judges`); flights, faults and nominals are those of `tests/foreign`.  Cases: six
 kinds if left out (weak_gimbal, k1_wrong, gust, slow_servo, gyro_bias, engine_out) and calm; `all`: every one.
 Seeds below 1000 are for building, from 1000 on for judging: choose nothing on them.  A case is `right` where its cause
 is named, `alike` where the report says of a name that it cannot be told from it; a name is wrong that is neither,
 nor a look-alike of the case.  A size's error is relative to its distance from neutral (a scale's from 1).
---plain: nominals without [drift] and [wind] and with a second-order servo.  --keep: logs and nominals stay in DIR.
+--plain: nominals without [drift] and [wind] and with a second-order servo.  --gamma: logs with the flight path as
+navigation has it.  --keep: logs and nominals stay in DIR.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import math
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,17 +53,20 @@ def folder(keep: Path | None) -> Iterator[Path]:
         yield Path(made)
 
 
-def judged(name: str, seed: int, plain: bool, where: Path) -> dict[str, Any]:
+def judged(name: str, seed: int, where: Path, plain: bool = False, navigated: bool = False) -> dict[str, Any]:
     """One flight: flown, written, diagnosed, compared."""
     of, flight = j246_cases.flown(name, seed)
     log, nominal = where / f"{name}_{seed}.csv", where / f"{name}_{seed}.toml"
-    j246_cases.write_log(log, flight)
+    j246_cases.write_log(log, flight, navigated)
     j246_cases.write_nominal(nominal, of, seed, plain)
     begun = time.perf_counter()
     try:
         result = report(diagnose(read_log(log), load_nominal(nominal)))
     except InputError as error:
         result = {"verdict": "refused", "causes": [], "nearest": [], "why": str(error)}
+    except Exception as error:  # one flight's crash is its row's, not the campaign's
+        traceback.print_exc()
+        result = {"verdict": "crashed", "causes": [], "nearest": [], "why": repr(error)}
     return {"case": name, "seed": seed, "seconds": time.perf_counter() - begun, "known": dataclasses.asdict(of),
             "diagnose": result, **compared(of, result)}
 
@@ -132,6 +137,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", default=[*SIX, "calm"], choices=[*CASES, "all"], metavar="NAME")
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 1), metavar=("FIRST", "COUNT"))
     parser.add_argument("--plain", action="store_true", help="nominals for commands without drift and wind")
+    parser.add_argument("--gamma", action="store_true", help="logs with the column gamma")
     parser.add_argument("--keep", type=Path, metavar="DIR")
     parser.add_argument("--json", type=Path, metavar="PATH")
     args = parser.parse_args()
@@ -140,7 +146,7 @@ def main() -> None:
     with folder(args.keep) as where:
         for name in CASES if "all" in args.cases else args.cases:
             for seed in range(first, first + count):
-                rows.append(judged(name, seed, args.plain, where))
+                rows.append(judged(name, seed, where, args.plain, args.gamma))
                 print(line(rows[-1]), flush=True)
     print("\n".join(table(rows)))
     if args.json:

@@ -3,7 +3,7 @@
     python benchmarks/real_fetched.py RAW OUT
 
 RAW holds, of these public repositories, the files of SOURCES that are wanted; OUT gets a log (CSV) for each, for
-`real_suite.py OUT`.  Nothing is filtered or resampled but for the last: its angle is measured, its speed is not.
+`real_suite.py OUT`.  Nothing is filtered or resampled; what was not measured is left out.
 """
 
 import argparse
@@ -15,7 +15,11 @@ import numpy as np
 from sim.files import write_text
 
 Columns = dict[str, np.ndarray]
-BURN = (0.5, 2.8)  # s, of the hobby rocket's log: from lift-off to where it tumbles
+BURN = (0.5, 2.8)        # s, of the hobby rocket's log: from lift-off to where it tumbles
+COAST = (4547.0, 4561.0)  # s, of the sounding rocket's: from burn-out to where its fins reach their stops
+GYRO_ZERO = 29400.0      # counts, before lift-off
+GYRO_SCALE = 3.7e-4      # rad/s a count: two roll manoeuvres of 90 degrees are 4418 and 4132 counts s
+FIN_ZERO, FIN_THROW = 24900.0, 8192.0  # counts: where roll rests at the highest speed, and to either stop
 
 
 def mcar(path: Path) -> Columns:
@@ -47,6 +51,14 @@ def aeropendulum(path: Path) -> Columns:
     return {"t": 1e-3 * table[:, 0], "theta": np.radians(table[:, 1]), "beta_cmd": table[:, 2] / 100.0}
 
 
+def sounding_rocket(path: Path) -> Columns:
+    """time, accelerometer, roll gyro, fin servo's command [counts]."""
+    t, gyro, fin = np.loadtxt(path, delimiter=",", usecols=(0, 2, 3), unpack=True)
+    coasts = (t >= COAST[0]) & (t <= COAST[1])
+    return {"t": t[coasts] - COAST[0], "theta_dot": GYRO_SCALE * (gyro[coasts] - GYRO_ZERO),
+            "beta_cmd": (fin[coasts] - FIN_ZERO) / FIN_THROW}
+
+
 SOURCES: dict[str, tuple[str, str, Callable[[Path], Columns]]] = {  # log: repository and path, file name in RAW, reader
     "mcar_8_3_1": ("dongdaming1966/mcar_simulate data/8_3_1.dat", "8_3_1.dat", mcar),
     "tailsitter_stabilized_1": ("RockyJBL/Tailsitter-hovering-dataset dataset/manual_stabilized_1.mat",
@@ -55,6 +67,7 @@ SOURCES: dict[str, tuple[str, str, Callable[[Path], Columns]]] = {  # log: repos
                                 tail_sitter),
     "ubc_tvc": ("UBC-Rocket/Thrust-Vectoring-II Simulation/flight-data-based-simulation/flight_data-08-06-2025.csv",
                 "flight_data-08-06-2025.csv", hobby_rocket),
+    "psas_roll": ("psas/flight_data-2010.10.17 roll/raw/output_trim.csv", "output_trim.csv", sounding_rocket),
     "aeropendulum_aprbs_1": ("FelipeEduardoMarcondes/SYSTEM-IDENTIFICATION-AERO experimentos/aprbs-1_0819_18-48.csv",
                              "aprbs-1_0819_18-48.csv", aeropendulum),
 }

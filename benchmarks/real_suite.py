@@ -15,6 +15,7 @@ import json
 import math
 import sys
 import time
+import traceback
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,6 +81,9 @@ def diagnosed(log: Log, known: Known) -> dict[str, Any]:
         result = report(diagnose(as_command(log) if known.command else log, load_nominal(known.nominal)))
     except (InputError, UsageError) as error:
         result = {"verdict": "refused", "causes": [], "gain": None, "why": str(error)}
+    except Exception as error:  # one log's crash is its row's, not the suite's
+        traceback.print_exc()
+        result = {"verdict": "crashed", "causes": [], "gain": None, "why": repr(error)}
     return result | {"seconds": time.perf_counter() - begun}
 
 

@@ -45,7 +45,7 @@ __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast
 DATA = Path(__file__).parent / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
 STANDS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
-          "hobby_rocket_tvc", "aeropendulum")  # what others measured, given by its terms: for `diagnose`
+          "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
 
 
 def built_in(name: str) -> Path:

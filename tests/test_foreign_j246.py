@@ -94,7 +94,9 @@ def test_what_is_written_is_read(tmp_path, calm):
     of = j246_cases.case("windy", SEED)
     j246_cases.write_log(tmp_path / "a.csv", calm)
     log = read_log(tmp_path / "a.csv")
-    assert np.array_equal(log.theta, calm.columns["theta"]) and log.ignored == ()
+    assert np.array_equal(log.theta, calm.columns["theta"]) and log.ignored == () and np.isnan(log.gamma).all()
+    j246_cases.write_log(tmp_path / "b.csv", calm, navigated=True)
+    assert 0.5 < np.std(read_log(tmp_path / "b.csv").gamma - calm.truth["gamma"]) / j246.GAMMA_NOISE < 1.5
     j246_cases.write_nominal(tmp_path / "plain.toml", of, SEED, plain=True)
     plain = load_nominal(tmp_path / "plain.toml")
     assert plain.drift is None and plain.wind is None and plain.actuator.natural_frequency > 0

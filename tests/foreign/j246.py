@@ -35,6 +35,7 @@ AERO = 1500.0            # in, station where the aerodynamic force acts
 KP, KD, TAU = 1.0, 0.9, 0.05                     # -, s, s: closed loop near 1.2 rad/s
 LIMIT = 0.12             # rad, on the command
 NOISE = {"theta": 3.5e-4, "theta_dot": 5.2e-4, "beta": 3.5e-4, "command": 7e-4, "moment": 8.7e-4}  # the nominals'
+GAMMA_NOISE = 2e-4       # rad, of navigation's flight-path angle
 MOST_ATTITUDE = 0.04     # rad, of the reference's ramps
 FOOT = 0.3048            # m
 GRAVITY = 32.1           # ft/s^2, at 10 km
@@ -73,6 +74,7 @@ class Flight:
     """Columns by row (t = 0, PERIOD, ...), measured and true; SI units, relative to the reference."""
 
     columns: dict[str, np.ndarray]  # t, theta_ref, beta_cmd, beta, theta, theta_dot: the log
+    gamma: np.ndarray               # rad, as navigation has it: a column that a log may have or not
     truth: dict[str, np.ndarray]    # theta, theta_dot, theta_ddot, gamma, alpha, beta, wind and the vehicle's a6, ...
 
 
@@ -282,7 +284,8 @@ def logged(fdm: jsbsim.FGFDMExec, faults: Faults, seed: int, duration: float) ->
         truth[name] = truth[name] - ref[name][:rows]
     columns = {"t": t, "theta_ref": theta_ref, "beta_cmd": command, "beta": truth["beta"] + noise["beta"],
                "theta": theta, "theta_dot": rate}
-    return Flight(columns, truth)
+    gamma = truth["gamma"] + GAMMA_NOISE * np.random.default_rng([seed, 3]).standard_normal(rows)
+    return Flight(columns, gamma, truth)
 
 
 def events(fdm: jsbsim.FGFDMExec, faults: Faults, row: int) -> None:

@@ -66,7 +66,7 @@ def untrimmed(rng: np.random.Generator) -> Case:
 def weak_gimbal(rng: np.random.Generator) -> Case:
     """One nozzle of two moves by 45 to 70 % of its command; the sensor sees the other."""
     share = float(rng.uniform(0.45, 0.7))
-    return Case(Faults(gimbal=share), ("control_effectiveness",), ("actuator_gain",), "scale", 0.5 * (1.0 + share))
+    return Case(Faults(gimbal=share), ("control_effectiveness",), (), "scale", 0.5 * (1.0 + share))
 
 
 def gimbal_fails(rng: np.random.Generator) -> Case:
@@ -195,10 +195,11 @@ def climate(severity: int) -> tuple[float, float]:
 # ---- files
 
 
-def write_log(path: Path, flight: Flight) -> None:
-    """The log's CSV."""
-    names = list(flight.columns)
-    rows = zip(*(flight.columns[name].tolist() for name in names), strict=True)
+def write_log(path: Path, flight: Flight, navigated: bool = False) -> None:
+    """The log's CSV; `navigated`: with the column gamma."""
+    columns = flight.columns | ({"gamma": flight.gamma} if navigated else {})
+    names = list(columns)
+    rows = zip(*(columns[name].tolist() for name in names), strict=True)
     path.write_text(",".join(names) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows), encoding="utf-8")
 
 
@@ -252,6 +253,7 @@ period = {j246.PERIOD!r}
 theta_std = {noise["theta"]!r}
 theta_dot_std = {noise["theta_dot"]!r}
 beta_std = {noise["beta"]!r}
+gamma_std = {j246.GAMMA_NOISE!r}
 
 [simulation]
 duration = {duration!r}
