@@ -89,7 +89,8 @@ def parser() -> Parser:
 
     sub = add_command(commands, "diagnose", "what the simulation gets wrong on a log, why, and what fixing it gains",
                       "launchid diagnose v.csv vega_like --report report")
-    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and beta_cmd, is enough")
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
+                                                    "beta_cmd, is enough")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
     sub.add_argument("--holdout", metavar="LOG2.csv",
                      help="a second log, to judge the extended model on (default: parts of the first, left out)")
@@ -97,8 +98,8 @@ def parser() -> Parser:
                      help="measure the threshold on N clean flights of the nominal along this log, cached; "
                           "0: the built-in one (default %(default)s)")
     sub.add_argument("--noise", default="bounded", choices=["bounded", "declared", "free"],
-                     help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at all, or "
-                          "however it is (default %(default)s)")
+                     help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at "
+                          "all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
                      help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
     add_outputs(sub)
@@ -113,8 +114,8 @@ def parser() -> Parser:
 
 
 NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
-LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or the "
-            "name of a measured log of the package such as dfki_pendulum_dircol")
+LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or "
+            "the name of a measured log of the package such as dfki_pendulum_dircol")
 
 
 def add_command(commands: Any, name: str, text: str, example: str) -> Parser:

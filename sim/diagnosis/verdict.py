@@ -16,17 +16,27 @@ from .data.check import check
 from .data.record import Record
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
-from .judge.gain import Gain, held_out, on_another
+from .judge.gain import Gain, held_out, on_another, removed
 from .judge.leftover import leftovers
 from .judge.levels import noise_of
 from .judge.limits import limits, unseen
-from .judge.measure import DOMINANT, EXPLAINED, doubts, of_gain, remainder, small, too_noisy, weather_words
+from .judge.measure import (
+    DOMINANT,
+    EXPLAINED,
+    LEAST_REMOVED,
+    doubts,
+    of_gain,
+    remainder,
+    small,
+    too_noisy,
+    weather_words,
+)
 from .judge.named import mismatch, named_causes, named_weather
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Model, Say, Selection, fewer
+from .search.selection import THRESHOLD, Model, Say, Selection, fewer, strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -119,7 +129,7 @@ def _before(selection: Selection) -> Model:
 
 def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     """Verdict, place, causes, gain, what remains."""
-    assert made.selection is not None
+    assert made.selection is not None and made.record is not None
     controller = made.controller
     foreign = controller is not None and controller.is_foreign
     found = _tested(made, made.selection, measure, say)
@@ -133,6 +143,8 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found:
         _unexplained(made, found, measure)
         return
+    if made.remaining and made.gain is not None and not made.record.is_late:
+        _without_idle(made, measure, say)
     causes = [*made.nearest]
     if controller is not None and controller.is_named:
         causes.append(mismatch(controller))
@@ -147,7 +159,6 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if made.verdict == "dominant":
         made.remainder = remainder(made.gain, made.left, made.selection, "controller" if foreign else None,
                                    too_noisy(made.noise))
-    assert made.record is not None
     made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
                               made.record.centre, tuple(cause for cause in causes if cause.is_weather))
     say("gain for the estimator's user")
@@ -211,13 +222,29 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     if len(made.selection.model.causes) < 2:
         return found
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    selection = fewer(made.selection)
+    selection = fewer(made.selection, [strongest(made.selection)])
     again = _tested(made, selection, measure, say)
     if not again:
         made.selection = selection
         return []
     made.nearest, made.left, made.gain, made.noise, made.remaining = before
     return found
+
+
+def _without_idle(made: Diagnosis, measure: Measure, say: Say) -> None:
+    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it."""
+    selection = made.selection
+    assert selection is not None and made.gain is not None
+    shares = removed(selection.model, made.gain)
+    kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
+    if not kept or len(kept) == len(shares):
+        return
+    before = made.nearest, made.left, made.gain, made.noise, made.remaining
+    without = fewer(selection, kept)
+    if _tested(made, without, measure, say):
+        made.nearest, made.left, made.gain, made.noise, made.remaining = before
+    else:
+        made.selection = without
 
 
 def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:

@@ -153,6 +153,26 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     return _gain(record, totals, joined, closed_loop, "blocked folds")
 
 
+def removed(model: Model, gain: Gain) -> tuple[float, ...]:
+    """Of the nominal's squared error over the longest horizon beyond noise (`Gain.excess`), the share that comes back
+    on the held-out rows without each cause, the others fitted anew; 0 where the nominal has none to speak of."""
+    before, after = gain.excess
+    if gain.share is None or len(model.causes) < 2:
+        return (1.0,) * len(model.causes)
+    record, found = model.fit.record, []
+    timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
+    for k in range(len(timed)):
+        errors = []
+        for mask in long_folds(record):
+            one = refitted(record, timed[:k] + timed[k + 1:], model.fit.filter, mask)
+            errors.append(_errors((record,), (one,), ~mask)[0][0])
+        squared = np.nanmean(np.concatenate(errors)[:, -1]**2, axis=0)
+        excess = sum(max(0.0, float(squared[CHANNELS.index(name)]) / noise - 1.0)
+                     for name, (_, _, _, noise) in gain.squared.items())
+        found.append((excess - after) / before)
+    return tuple(found)
+
+
 def _noise(record: Record, of: Trained) -> np.ndarray:
     """(s, 3) mean squares over the longest horizon that noise alone gives this model's predictions, the nominal's noise
     as far as the log does not show less."""
@@ -190,11 +210,12 @@ def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
                  - 0.5 * math.log(2.0 * math.pi) * measured.sum())
 
 
-def _errors(records: tuple[Record, Record], pair: tuple[Trained, Trained],
+def _errors(records: Sequence[Record], models: Sequence[Trained],
             rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction errors (2, s, h, 3) whose whole horizon lies in rows left out, and the channels' changes (s, h, 3)."""
+    """Prediction errors (models, s, h, 3) whose whole horizon lies in rows left out, and the channels' changes
+    (s, h, 3)."""
     made = np.stack([prediction_errors(of, each.filter, each.point, HORIZONS, SPACING)
-                     for of, each in zip(records, pair, strict=True)])
+                     for of, each in zip(records, models, strict=True)])
     record = records[0]
     spacing = max(1, round(SPACING / record.period))
     starts = spacing * np.arange(made.shape[1])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
@@ -317,17 +317,19 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
     return model
 
 
-def fewer(of: Selection) -> Selection:
-    """The selection with its strongest cause alone."""
-    k = max(range(len(of.evidence)), key=lambda k: of.evidence[k])
+def strongest(of: Selection) -> int:
+    """Index of the cause with most evidence."""
+    return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
+
+
+def fewer(of: Selection, kept: Sequence[int], known: Sequence[Hypothesis] = SOUGHT) -> Selection:
+    """The selection with some of its causes, all else fitted anew, the ranking of what could stand in their places made
+    anew."""
     fitted = of.nominal.fit
-    model = profile(fitted.record, of.model.causes[k:k + 1], fitted.delta, of.model.fit.filter)
-    cause = model.causes[0]
-    evidence = model.log_likelihood - of.nominal.log_likelihood - penalty(fitted.record, cause.hypothesis)
-    others = [each for each in (of.rankings[0] if of.rankings else [])
-              if each.cause.hypothesis.label != cause.hypothesis.label]
-    rivals = [Ranked(cause, evidence), *others]
-    return Selection(of.nominal, model, [evidence], [rivals], of.rankings, of.weather, of.calm)
+    model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
+    made = Selection(of.nominal, model, rankings=of.rankings[:1], weather=of.weather, calm=of.calm)
+    _stood_in(fitted.record, made, tuple(known), math.inf)
+    return made
 
 
 def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
