@@ -68,7 +68,8 @@ CAUSES = (
                "a moment of {acceleration} sets in at {time} and stays", _onsets, limit_at=_middle, may_repeat=True,
                tells_onset=True),
     Hypothesis("nozzle_inertia", (size("coefficient", 1e-4),), 0.0,
-               "the moving nozzle kicks back: {coefficient} times its acceleration turns the vehicle"),
+               "the moving nozzle kicks back: {coefficient} times its acceleration turns the vehicle",
+               visible=lambda record: record.command_is_known),  # of a measured input only noise has an acceleration
     Hypothesis("control_slope", (size("slope", 1e-3, -0.2, 0.2),), 0.0,
                "k1 runs away from the simulated one by {slope}, about the log's centre",
                decides=(("control_effectiveness", ANOTHER_PART),)),

@@ -306,9 +306,17 @@ def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterato
         yield fit(problem, (*base.causes[:last], halves[0], *base.causes[last + 1:], halves[1]), base.delta)
 
 
+def in_a_block(causes: Sequence[Cause], k: int) -> bool:
+    """Cause k makes sense together with another one only (`swinging`), so nothing takes its place alone."""
+    terms = {dict(cause.hypothesis.fixed).get("term") for cause in causes}
+    return {SINE, "theta"} <= terms and dict(causes[k].hypothesis.fixed).get("term") in (SINE, "theta")
+
+
 def _dropped(record: Record, model: Model, limit: float) -> Model:
     """Without the causes that the others made needless; one alone stays."""
     for k in range(len(model.causes) if len(model.causes) > 1 else 0):
+        if in_a_block(model.causes, k):
+            continue
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(record, others, model.fit.delta, model.fit.filter)
         loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
@@ -369,7 +377,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             models = _ranking(record, without, _allowed(known, others) if not record.is_late else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
-        if others and models and models[0][1] > own + least:
+        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):
             found.model = models[0][0]
             return True
         other = _in_other_form(record, model, k, known)
