@@ -166,8 +166,8 @@ def removed(model: Model, gain: Gain) -> tuple[float, ...]:
         for mask in long_folds(record):
             one = refitted(record, timed[:k] + timed[k + 1:], model.fit.filter, mask)
             errors.append(_errors((record,), (one,), ~mask)[0][0])
-        squared = np.nanmean(np.concatenate(errors)[:, -1]**2, axis=0)
-        excess = sum(max(0.0, float(squared[CHANNELS.index(name)]) / noise - 1.0)
+        last = np.concatenate(errors)[:, -1]
+        excess = sum(max(0.0, float(np.nanmean(last[:, CHANNELS.index(name)]**2)) / noise - 1.0)
                      for name, (_, _, _, noise) in gain.squared.items())
         found.append((excess - after) / before)
     return tuple(found)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
@@ -330,13 +330,17 @@ def strongest(of: Selection) -> int:
     return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
 
 
-def fewer(of: Selection, kept: Sequence[int], known: Sequence[Hypothesis] = SOUGHT) -> Selection:
-    """The selection with some of its causes, all else fitted anew, the ranking of what could stand in their places made
-    anew."""
+def fewer(of: Selection, kept: Sequence[int]) -> Selection:
+    """The selection with some of its causes, all else fitted anew; what could stand in their places is kept."""
     fitted = of.nominal.fit
     model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
-    made = Selection(of.nominal, model, rankings=of.rankings[:1], weather=of.weather, calm=of.calm)
-    _stood_in(fitted.record, made, tuple(known), math.inf)
+    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
+    for k, cause in enumerate(model.causes):
+        others = model.causes[:k] + model.causes[k + 1:]
+        without = profile(fitted.record, others, fitted.delta, model.fit.filter) if others else of.nominal
+        evidence = model.log_likelihood - without.log_likelihood - penalty(fitted.record, cause.hypothesis)
+        made.evidence.append(evidence)
+        made.rivals.append([Ranked(cause, evidence), *of.rivals[kept[k]][1:]])
     return made
 
 
