@@ -49,6 +49,11 @@ class Source(NamedTuple):
     def is_stochastic(self) -> bool:
         return self.level > 0.0
 
+    @property
+    def is_sought(self) -> bool:
+        """Nobody declared it."""
+        return self.span in (ANY, WINDY)
+
     def keep(self, period: float) -> float:
         """What is left of it after a period [s]."""
         return math.exp(-period / self.time_constant)

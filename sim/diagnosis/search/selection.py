@@ -14,7 +14,17 @@ import numpy as np
 from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
-from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
+from ..model.noise import (
+    WRONG_NOISE,
+    Dynamics,
+    Filter,
+    Refilter,
+    declared,
+    dynamics,
+    first_filter,
+    fit_levels,
+    run_filter,
+)
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import Fit, fit
@@ -38,6 +48,9 @@ SWAPS = 4             # rounds of swapping a cause for a better one at most
 MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
 UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 SWAP_GAIN = 1.0       # nats that a swap must bring
+QUIETER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # factors of a weather's level
+QUIET_SEGMENTS = 8
+UNSTEADY = 0.3        # of its level: weather with which half of the log does not do is none
 
 Say = Callable[[str], None]
 
@@ -68,7 +81,7 @@ class Weather:
     """A disturbance that nobody declared (`weather`).
 
     source  the state that is free;  level, std  fitted, in the source's unit;  gain  [nats] that it brings beside the
-    causes, its penalty taken off;  rivals  the wind's other names that explain as much
+    causes, its penalty taken off;  rivals  the wind's other names that explain as much;  is_steady  all along the log
     """
 
     source: Source
@@ -76,10 +89,12 @@ class Weather:
     std: float
     gain: float
     rivals: tuple[str, ...] = ()
+    is_steady: bool = True
 
     @property
     def is_wind(self) -> bool:
-        return self.source.name in (TURBULENCE, WALK)
+        """It can be called so: it enters as wind does, all along the log."""
+        return self.source.name in (TURBULENCE, WALK) and self.is_steady
 
 
 @dataclass(eq=False)
@@ -277,10 +292,34 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
     return sorted(models, key=lambda pair: -pair[1])
 
 
+def quiet(model: Model) -> float:
+    """Factor of the level of the weather that is sought, 1 or below, that half of the log's segments do with; 1 where
+    none is sought.  What sets in, or passes, makes the others' weather, and is no weather."""
+    record, levels = model.fit.record, model.fit.filter.levels
+    at = [5 + k for k, each in enumerate(record.world.levels) if each.is_sought]
+    if not at:
+        return 1.0
+    refilter = Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
+    likely = []
+    for factor in QUIETER:
+        calmer = levels.copy()
+        calmer[at] *= factor
+        filt = refilter.filter(calmer)
+        diagonal = np.einsum("kaa->ka", filt.low)
+        row = np.sum(np.where(diagonal > 0.0, -np.log(np.maximum(diagonal, 1e-300)) - 0.5 * filt.whitened**2, 0.0), 1)
+        likely.append([float(part.sum()) for part in np.array_split(row, QUIET_SEGMENTS)])
+    return float(np.median([QUIETER[k] for k in np.argmax(np.array(likely), axis=0)]))
+
+
 def _starts(record: Record, base: Model) -> list[Model]:
-    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise."""
+    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise, or under
+    the weather of the log's quieter half, where it may have passed for weather."""
     levels = declared(record)
-    if np.all(base.fit.filter.levels < WRONG_NOISE * levels):
+    calmer = quiet(base)
+    for k, each in enumerate(record.world.levels, start=5):
+        if each.is_sought:
+            levels[k] = base.fit.filter.levels[k] * calmer
+    if calmer > UNSTEADY and np.all(base.fit.filter.levels[:5] < WRONG_NOISE * levels[:5]):
         return [base]
     filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
     fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)

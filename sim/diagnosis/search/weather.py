@@ -21,6 +21,7 @@ from .selection import (
     MOST_CAUSES,
     THRESHOLD,
     TOLD_APART,
+    UNSTEADY,
     Model,
     Say,
     Selection,
@@ -28,6 +29,7 @@ from .selection import (
     as_simulated,
     needed,
     profile,
+    quiet,
     select_from,
     swinging,
 )
@@ -81,7 +83,8 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
     if gain < (FURTHER if found.model.causes else threshold):
         return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
     found.calm = calm
-    found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals)
+    found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
+                            quiet(found.model) > UNSTEADY)
     return found
 
 
