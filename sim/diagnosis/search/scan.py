@@ -16,7 +16,7 @@ from ..causes import Cause, Hypothesis, Start, Values
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import RESOLVED, Fit
-from .pulses import gusts, losses
+from .pulses import gusts, losses, moments
 
 IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
 OWN_SHARE = 1e-9        # of a response's energy that the model cannot make itself: with less it is the model's own
@@ -35,7 +35,7 @@ class Candidate:
     gain: float
 
 
-BEGINNING = {Start.ONSET: losses, Start.PULSE: gusts}
+BEGINNING = {Start.ONSET: losses, Start.STEP: moments, Start.PULSE: gusts}
 
 
 def _inside(hypothesis: Hypothesis, values: Values) -> Values:
