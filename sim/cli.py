@@ -9,17 +9,17 @@ is that compiles: help, wrong words and missing files answer at once.
 
 import argparse
 import contextlib
-import json
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, __version__
 
 from .errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extra_needed
-from .files import check_output, inputs_spared, make_folder, write_text
+from .files import check_output, inputs_spared, write_text
 from .terminal import Progress, answer, leave_stdout, open_streams, say
 
 if TYPE_CHECKING:
+    from .answers.answer import Answer
     from .log import Log
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
@@ -75,6 +75,7 @@ def parser() -> Parser:
     add_choices(sub)
     sub.add_argument("--tracked", action="store_true",
                      help="also the estimate tracked from window to window, and sudden changes (needs --nominal)")
+    add_strict(sub)
     add_outputs(sub, plot=True)
     sub.set_defaults(run=identify_command)
 
@@ -102,6 +103,7 @@ def parser() -> Parser:
                           "all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
                      help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
+    add_strict(sub)
     add_outputs(sub)
     sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
@@ -123,6 +125,12 @@ def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
     return sub
+
+
+def add_strict(sub: argparse.ArgumentParser) -> None:
+    """Whether the data check's warning is a refusal."""
+    sub.add_argument("--strict", action="store_true",
+                     help="what the data check finds (units, signs, stamps) is exit status 3, not a warning")
 
 
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
@@ -177,24 +185,10 @@ def export_command(args: argparse.Namespace) -> None:
     """launchid export-c"""
     from .nominal import load_nominal
     nominal = load_nominal(args.nominal)
-    from launchid_core import Config
-
-    from .export_c.program import c_files
-    from .identify import onboard_model
-    from .uncertainty.level import ranged_model
-    formulation = args.formulation or "filtered"
-    model = None
-    if formulation == "filtered":
-        model = ranged_model(nominal) if nominal.uncertainty is not None else onboard_model(nominal)
-    period = nominal.sensors.period if args.period is None else args.period
-    try:
-        config = Config(window=args.window, sample_period=period, formulation=formulation, model=model, **choices(args))
-    except ValueError as error:
-        raise UsageError(str(error)) from None
-    files, folder = c_files(config), make_folder(args.out)
-    for name, text in files.items():
-        write_text(folder / name, [text])
-    say(f"{args.out}: {', '.join(files)}; cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay")
+    from .answers.of_nominals import export_c
+    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation, **choices(args))
+    made.write(args.out)
+    say(made.summary(args.out))
 
 
 def add_uncertainty(commands: Any) -> None:
@@ -206,6 +200,7 @@ def add_uncertainty(commands: Any) -> None:
                      help=f"what the simulation believes, with [uncertainty]: {NOMINAL_HELP}")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
                      help="length of a window [s] (default %(default)s)")
+    add_strict(sub)
     add_outputs(sub, plot=True)
     sub.set_defaults(run=uncertainty_command)
     sub = add_command(commands, "fit-lft", "the range sigma of a6 and k1, fitted from flights",
@@ -218,6 +213,7 @@ def add_uncertainty(commands: Any) -> None:
                      help="that it holds them, between 0 and 1 (default %(default)s)")
     sub.add_argument("--profile", action="store_true",
                      help="sigma over flight time, where the flights tell it, as a CSV beside NEW.toml")
+    add_strict(sub)
     sub.set_defaults(run=fit_lft_command)
 
 
@@ -228,28 +224,13 @@ def uncertainty_command(args: argparse.Namespace) -> None:
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
-    from .uncertainty import level
-    try:
-        estimates = level.follow(log, nominal, args.window)
-    except ValueError as error:
-        raise UsageError(str(error)) from None
-    if args.plot:
-        from .plots import save, uncertainty_figure
-        save(uncertainty_figure(log, estimates, nominal), args.plot)
-    text = json.dumps(level.report(estimates), indent=1)
-    if args.json == "-":
-        answer(text)
-        return
-    if args.json:
-        write_text(args.json, [text, "\n"])
-    answer(f"{args.log}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, window {args.window:g} s, "
-          f"period {log.period:g} s, range of {args.nominal}")
-    answer(level.table(estimates))
+    from .answers.of_logs import uncertainty
+    tell(uncertainty(log, nominal, window=args.window, strict=args.strict), args.json, args.plot)
 
 
 def fit_lft_command(args: argparse.Namespace) -> None:
     """launchid fit-lft"""
-    from .nominal import load_nominal, write_nominal
+    from .nominal import load_nominal
     *paths, nominal_path = args.logs
     if not paths:
         raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
@@ -259,30 +240,23 @@ def fit_lft_command(args: argparse.Namespace) -> None:
     nominal = load_nominal(nominal_path)
     logs = [read_noting(path) for path in paths]
     check_outputs(args.out)
-    from .uncertainty import greybox
-    flights = [greybox.deviations(log, nominal) for log in logs]
-    fit = greybox.fit(flights, args.share, args.confidence, args.profile)
-    write_nominal(greybox.with_range(nominal, fit), args.out)
-    answer(greybox.table(fit, args.out))
+    from .answers.of_logs import fit_lft
+    made = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
+                   strict=args.strict)
+    made.write(args.out)
+    warn(made)
+    answer(made.summary(args.out))
 
 
 def plan_command(args: argparse.Namespace) -> None:
     """launchid plan"""
-    from .nominal import load_nominal, write_nominal
+    from .nominal import load_nominal
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
-    from .plan import plan
-    result = plan(nominal, args.accuracy, args.window)
-    write_nominal(result.nominal, args.out)
-    multisine = result.nominal.test_input
-    answer(f"bound of the worse parameter, median over {args.window:g} s windows: {100 * result.before:.3g} % "
-          f"without input, {100 * result.after:.3g} % with it")
-    if multisine is None:
-        answer(f"{args.out}: no test input needed")
-        return
-    lines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
-                      for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
-    answer(f"{args.out}: {lines}; {result.root_mean_square:.2e} rad rms, peak {result.peak:.2e} rad")
+    from .answers.of_nominals import plan
+    made = plan(nominal, accuracy=args.accuracy, window=args.window)
+    made.write(args.out)
+    answer(made.summary(args.out))
 
 
 def diagnose_command(args: argparse.Namespace) -> None:
@@ -292,36 +266,40 @@ def diagnose_command(args: argparse.Namespace) -> None:
     log, nominal = read_noting(args.log, "t"), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t") if args.holdout else None
     check_outputs(args.json)
-    from .diagnosis.report.answer import report
-    from .diagnosis.report.words import lines
-    from .diagnosis.verdict import diagnose
+    from .answers.of_logs import diagnose
     progress = Progress()
-    made = diagnose(log, nominal, holdout, bootstrap=args.bootstrap, say=progress, noise=args.noise)
+    made = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+                    noise=args.noise)
     progress("")
-    result = report(made)
     if args.report:
-        from .diagnosis.report.page import write_report
-        write_report(made, result, args.report)
-    text = json.dumps(result, indent=1)
-    if args.json == "-":
-        answer(text)
-        return
-    if args.json:
-        write_text(args.json, [text, "\n"])
-    answer("\n".join(lines(made)))
+        made.write_report(args.report)
+    tell(made, args.json)
 
 
 def effects_command(args: argparse.Namespace) -> None:
     """launchid effects"""
     check_outputs(args.json)
-    from .reference import effects_report, effects_table
-    text = json.dumps(effects_report(), indent=1)
-    if args.json == "-":
-        answer(text)
+    from .reference import Effects
+    tell(Effects(), args.json)
+
+
+def warn(made: "Answer") -> None:
+    """Its warnings, on stderr."""
+    for line in made.warnings:
+        say(line)
+
+
+def tell(made: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
+    """An answer where it is wanted: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
+    warn(made)
+    if plot_path:
+        made.plot(plot_path)
+    if json_path == "-":
+        answer(made.to_json())
         return
-    if args.json:
-        write_text(args.json, [text, "\n"])
-    answer(effects_table())
+    if json_path:
+        write_text(json_path, [made.to_json(), "\n"])
+    answer(made.summary())
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -350,14 +328,11 @@ def simulate_command(args: argparse.Namespace) -> None:
     at_least("--seed", args.seed, 0)
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
-    from .effects import from_text
-    from .flight import fly_whole
-    from .log import write_flight
-    effects = [from_text(text) for text in args.effect]
-    flight = fly_whole(nominal, args.seed, args.suite, args.period, effects=effects)
-    write_flight(args.out, flight)
-    say(f"{args.out}: {len(flight.t)} rows, {flight.period:g} s apart, seed {args.seed}"
-        + ("; the vehicle was LOST and the log ends there" if flight.lost else ""))
+    from .answers.of_nominals import simulate
+    made = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
+    made.write(args.out)
+    warn(made)
+    say(made.summary(args.out))
 
 
 def read_noting(path: str, *required: str) -> "Log":
@@ -376,24 +351,9 @@ def identify_command(args: argparse.Namespace) -> None:
     nominal = load_nominal(args.nominal) if args.nominal else None
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
-    from .identify import log_config, report, run, table
-    config = log_config(log, nominal, args.window, args.formulation, args.tracked, **choices(args))
-    if config.missing_commands > 0.0:
-        say(f"{args.log}: slower than the controller: the commands between its rows are taken as held, and the "
-            "standard deviations are wider for it")
-    estimates, estimator = run(config, log.samples())
-    result = report(estimates, estimator, args.tracked, log)
-    if args.plot:
-        from .plots import identify_figure, save
-        save(identify_figure(log, estimates, nominal), args.plot)
-    if args.json == "-":
-        answer(json.dumps(result, indent=1))
-        return
-    if args.json:
-        write_text(args.json, [json.dumps(result, indent=1), "\n"])
-    answer(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
-          f"window {config.window:g} s, period {config.sample_period:g} s, {config.kept_rows} of {config.rows} rows")
-    answer(table(result))
+    from .answers.of_logs import identify
+    tell(identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
+                  strict=args.strict, **choices(args)), args.json, args.plot)
 
 
 @contextlib.contextmanager

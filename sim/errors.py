@@ -3,7 +3,8 @@
 INTERRUPTED = "launchid: interrupted; files already written are whole"
 INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
-EXTRAS = {"matplotlib": "plots", "tqdm": "plots", "distributed": "cluster"}  # module -> the extra that brings it
+EXTRAS = {  # module -> the extra that brings it
+    "matplotlib": "plots", "tqdm": "plots", "distributed": "cluster", "pandas": "frames"}
 
 
 class InputError(Exception):

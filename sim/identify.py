@@ -14,6 +14,7 @@ from .errors import UsageError
 from .identify_fit import delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
+from .shown import slow_hint, with_std
 
 __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
@@ -58,7 +59,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     try:
         return Config(**timing, formulation=formulation, model=model, **choices)
     except ValueError as error:
-        raise UsageError(str(error)) from None
+        raise UsageError(f"{error}{slow_hint(log.period)}") from None
 
 
 def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
@@ -161,22 +162,21 @@ def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
 
 def table(result: dict[str, Any]) -> str:
     """The windows as a table for a terminal."""
-    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
+    tracked = any("tracked" in w for w in result["windows"])
+    heads = ["a6 [1/s^2]", "k1 [1/s^2]", *(("tracked a6", "tracked k1") if tracked else ())]
+    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
 
-    def pair(window: dict[str, Any], name: str) -> str:
-        if window[name] is None:
-            return f"{'-':>22}"
-        std = window[f"{name}_std"]
-        return f"{window[name]:>11.5g}" + (f" +- {std:<7.2g}" if std is not None else " " * 11)
+    def pair(of: dict[str, Any], name: str) -> str:
+        return f"{with_std(of[name], of[f'{name}_std']):>20}"
 
     for w in result["windows"]:
         terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
-        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
-                     f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+        pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])
     for c in result.get("changes", []):
-        lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
-                     f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
+        lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {c['before']:.4g} -> "
+                     f"{c['after']:.4g} (size {with_std(c['size'], c['size_std'])})")
     if not any(w["valid"] for w in result["windows"]):
         lines.append("no window of this log is valid: the status of each says why")
     samples = result["samples"]

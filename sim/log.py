@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
@@ -63,6 +63,10 @@ class Log:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.full(len(self.t), math.nan))
 
+    def measured(self) -> dict[str, np.ndarray]:
+        """The known columns that there are."""
+        return {name: getattr(self, name) for name in self.columns}
+
     @property
     def flight_path(self) -> np.ndarray:
         """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
@@ -90,16 +94,16 @@ def _shown(cell: str) -> str:
     return ascii(cell if len(cell) <= 40 else cell[:40] + "...")
 
 
-def _header(path: str, header: list[str], required: tuple[str, ...]) -> dict[str, int]:
+def _header(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
     names = [name.strip() for name in header]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{path}: line 1: column {_shown(name)} stands {names.count(name)} times; expected once")
+            raise InputError(f"{path}: {where}column {_shown(name)} stands {names.count(name)} times; expected once")
     if "gamma" in names and "alpha" in names:
-        raise InputError(f"{path}: line 1: columns gamma and alpha; expected one of them, the other follows from theta")
+        raise InputError(f"{path}: {where}columns gamma and alpha; expected one of them, the other follows from theta")
     for name in required:
         if name not in names:
-            raise InputError(f"{path}: line 1: column '{name}' is missing (found {_shown(','.join(names))}); "
+            raise InputError(f"{path}: {where}column '{name}' is missing (found {_shown(','.join(names))}); "
                              f"expected a header with {', '.join(required)}")
     return {name: k for k, name in enumerate(names)}
 
@@ -183,26 +187,76 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
         raise InputError(f"{path}: line {reader.line_num}: {error}; expected comma-separated cells") from None
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(known))
     values = {name: table[:, k].copy() for k, name in enumerate(known)}
-    usable = np.isfinite(np.stack([values[name] for name in required])).all(axis=0) if rows else np.zeros(0, bool)
-    if not usable.any():
+    return _made(path, values, required, tuple(name for name in names if name not in known))
+
+
+def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
+    """A log of these columns; InputError if no row can be used."""
+    rows = len(values["t"])
+    if rows == 0 or not np.isfinite(np.stack([values[name] for name in required])).all(axis=0).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
-    missing = {name: np.full(len(rows), math.nan) for name in REQUIRED + OPTIONAL if name not in known}
-    ignored = tuple(name for name in names if name not in known)
-    return Log(path=path, columns=tuple(known), ignored=ignored, **values, **missing)
+    missing = {name: np.full(rows, math.nan) for name in REQUIRED + OPTIONAL if name not in values}
+    return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
+
+
+def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:
+    """A log of columns in memory: a mapping, or a data frame of any library (names in `columns`, taken by them).
+
+    path  what messages call it;  None and NA are not measured
+    """
+    given = list(columns.columns) if hasattr(columns, "columns") else list(columns)
+    names = _header(path, [str(name) for name in given], required, "")
+    known = [name for name in REQUIRED + OPTIONAL if name in names]
+    values = {name: _column(path, name, columns[given[names[name]]]) for name in known}
+    lengths = {name: len(x) for name, x in values.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"{path}: columns of unequal length ({', '.join(f'{k} {n}' for k, n in lengths.items())})")
+    return _made(path, values, required, tuple(name for name in names if name not in known))
+
+
+def _column(path: str, name: str, column: Any) -> np.ndarray:
+    try:
+        values = np.array(column, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.array([_in_memory(path, name, k, x) for k, x in enumerate(column)])
+    if values.ndim != 1:
+        raise InputError(f"{path}: column {name}: {values.ndim} dimensions; expected one")
+    return values
+
+
+def _in_memory(path: str, name: str, row: int, x: Any) -> float:
+    """A cell of what is no plain array: None and a frame's NA are not measured."""
+    if x is None or repr(x) == "<NA>":
+        return math.nan
+    try:
+        return float(x)
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: row {row}, column {name}: {_shown(str(x))} is no number") from None
+
+
+def flown_columns(flight: "Flight") -> dict[str, np.ndarray]:
+    """The columns of a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has
+    them)."""
+    names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
+    names += [name for name in ("theta_ddot", "gamma", "rate_ref") if not np.isnan(getattr(flight, name)).all()]
+    return {name: getattr(flight, name) for name in names}
+
+
+def flown_log(flight: "Flight", path: str = "flight") -> Log:
+    """As it would be read."""
+    return _made(path, flown_columns(flight), REQUIRED, ())
 
 
 def write_flight(path: str | Path, flight: "Flight") -> None:
-    """Write a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has them).
+    """Write a flown log, in the shortest numbers that read back to the same bits."""
+    write_columns(path, flown_columns(flight))
 
-    Shortest numbers that read back to the same bits.
-    """
-    names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
-    names += [name for name in ("theta_ddot", "gamma", "rate_ref") if not np.isnan(getattr(flight, name)).all()]
-    columns = [getattr(flight, name).tolist() for name in names]
 
+def write_columns(path: str | Path, columns: dict[str, np.ndarray]) -> None:
+    """Write columns of equal length as CSV."""
     def lines() -> Iterator[str]:
-        yield ",".join(names) + "\n"
-        for row in zip(*columns, strict=True):
+        yield ",".join(columns) + "\n"
+        for row in zip(*(x.tolist() for x in columns.values()), strict=True):
             yield ",".join(map(repr, row)) + "\n"
 
     write_text(path, lines())

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .answers.answer import Answer, Columns, flat
 from .diagnosis.causes import RECORDS
 from .effects import CATALOGUE, Parameter
 from .effects.words import MEANING
@@ -17,7 +18,7 @@ from .files import write_text
 HEAD = """# Commands
 
 Every command with all its options, as `launchid COMMAND --help` says them; this page is made from the same words.
-Files, units and exit status are in [formats](formats.md).
+Files, units and exit status are in [formats](formats.md), the same from Python in [python](python.md).
 """
 
 
@@ -55,6 +56,22 @@ def _in_words(of: Parameter) -> str:
     if of.is_required:
         return f"{of.expected}; required"
     return f"{of.expected}; default {of.default if of.neutral is None else of.neutral:g}"
+
+
+class Effects(Answer):
+    """The catalogue as an answer."""
+
+    def __init__(self) -> None:
+        self.report = effects_report()
+
+    def summary(self) -> str:
+        return effects_table()
+
+    def columns(self) -> Columns:
+        rows = [{"effect": row["effect"], "where": row["where"], "parameter": each["name"], "unit": each["unit"],
+                 "default": each["default"], "expected": each["expected"], "meaning": row["meaning"]}
+                for row in self.report["effects"] for each in row["parameters"]]
+        return flat(rows)
 
 
 # ---- commands
