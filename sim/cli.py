@@ -69,6 +69,11 @@ def parser() -> Parser:
     sub.add_argument("--json", metavar="PATH|-")
     sub.add_argument("--plot", metavar="PATH")
     sub.set_defaults(run=identify_command)
+    sub = commands.add_parser("nominal", help="the first nominal of a vehicle, out of its log alone")
+    sub.add_argument("log", metavar="LOG.csv", help="t, one of theta, theta_dot, and one of beta, beta_cmd")
+    sub.add_argument("--out", required=True, metavar="NEW.toml")
+    sub.add_argument("--json", metavar="PATH|-")
+    sub.set_defaults(run=nominal_command)
     sub = commands.add_parser("plan", help="the smallest test input that reaches an accuracy")
     sub.add_argument("nominal", metavar="NOMINAL.toml")
     sub.add_argument("--accuracy", type=float, required=True, metavar="X", help="relative, one sigma, of a6 and k1")
@@ -334,6 +339,22 @@ def identify_command(args: argparse.Namespace) -> None:
     print(f"{args.log}: formulation {config.formulation}, library {args.library}, solver {config.solver}, "
           f"window {config.window:g} s, period {config.sample_period:g} s, {config.kept_rows} of {config.rows} rows")
     print(table(result))
+
+
+def nominal_command(args: argparse.Namespace) -> None:
+    """launchid nominal"""
+    log = read_noting(args.log, "t")
+    check_outputs(args.out, args.json)
+    from .first import first, lines, report, write
+    made = first(log)
+    if args.json:
+        text = json.dumps(report(made), indent=1)
+        print(text) if args.json == "-" else write_text(args.json, [text, "\n"])
+    if made.refused:
+        raise InputError(f"{args.log}: {'; '.join(made.refused)}")
+    write(made, args.out)
+    if args.json != "-":
+        print("\n".join(lines(made, args.out)))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
