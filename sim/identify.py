@@ -23,12 +23,12 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segm
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`).
+    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """
     default = "measured" if "theta_ddot" in log.columns else "integral"
-    formulation = asked or ("filtered" if nominal is not None else default)
+    formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
     if formulation == "measured" and "theta_ddot" not in log.columns:
         raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
     if formulation == "filtered" and nominal is None:
@@ -38,6 +38,18 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     return formulation
 
 
+def is_stand(nominal: Nominal) -> bool:
+    """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
+    return bool(nominal.terms) or nominal.actuator is None
+
+
+def stand_library(nominal: Nominal) -> tuple[str, ...]:
+    """The terms of a nominal, as a library."""
+    rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
+    return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
+        tuple(term for term, _ in nominal.terms)
+
+
 def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str | None, tracked: bool,
                **choices: Any) -> Config:
     """Config for a log; UsageError for what the options ask and the log lacks.
@@ -45,6 +57,8 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
+    if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
+        choices["library"] = stand_library(nominal)
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]

@@ -79,11 +79,16 @@ def test_the_file_is_a_nominal_with_each_std_in_a_comment(whole):
         assert any(line.startswith(f"{key} = ") and "+-" in line for line in text.splitlines()), key
 
 
-def test_identify_and_diagnose_run_on_it(whole, capsys):
+def test_identify_runs_on_it(whole, capsys):
     folder, _ = whole
     assert main(["identify", str(folder / "log.csv"), "--nominal", str(folder / "new.toml"), "--json", "-"]) == 0
     windows = json.loads(capsys.readouterr().out)["windows"]
     assert any(window["valid"] for window in windows)
+
+
+@pytest.mark.campaign
+def test_the_log_is_consistent_with_its_first_nominal(whole, capsys):
+    folder, _ = whole
     assert main(["diagnose", str(folder / "log.csv"), str(folder / "new.toml"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == "consistent"
 

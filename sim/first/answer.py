@@ -17,7 +17,9 @@ from .search import Found, search
 SURE = 3.0             # standard deviations from 0, without which there is no k1
 ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
 VAGUE = 0.3            # if both are known no better than this, relative
-WORTH = 0.5            # of the acceleration that the model explains, that one standard deviation of a6 may be worth
+WORTH = 0.5            # of the larger of the two terms, that one standard deviation of a6 may be worth
+HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
+ROUGHLY = 0.25         # relative, of the nozzle sensor's noise where no command tells how the nozzle moves
 UNSEEN = 1.0           # standard deviation of a level's logarithm above which it is not seen, only limited
 
 Number = tuple[float, float]   # value, standard deviation
@@ -92,7 +94,7 @@ def answer(found: Found, c: Channels) -> First:
         path=c.path, start=c.start, rows=len(c.t), period=c.period, duration=float(c.t[-1]) + c.period,
         t=model.node_a + c.start, a6=model.linear[:na], a6_std=a6_std, k1=model.linear[na:na + nk], k1_std=k1_std,
         sine=model.sine, terms={name: (value, of) for name, value, of in rest},
-        delay=(model.numbers["delay"], fitted.std("delay")) if "delay" in model.free else None,
+        delay=delay(fitted, c),
         delay_of="beta" if model.source == fl.MEASURED or not c.has("beta_cmd") else "command",
         servo=servo(fitted), offsets=offsets(fitted), noise=noise(fitted, c), wind=wind(fitted), r2=found.r2,
         notes=c.notes)
@@ -135,6 +137,21 @@ def between_nodes(found: Found, fitted: Fitted) -> np.ndarray:
     return np.sqrt(np.maximum(off**2 - chance, 0.0))
 
 
+def delay(fitted: Fitted, c: Channels) -> Number | None:
+    """A command that is held over rows changed somewhere before the row that shows it: half a period on average."""
+    model = fitted.model
+    if "delay" not in model.free:
+        return None
+    value, std = model.numbers["delay"], fitted.std("delay")
+    if model.source == fl.MEASURED:
+        return value, std
+    u = command(c)
+    held = float(np.mean(np.diff(u[np.isfinite(u)]) == 0.0))
+    if held < HELD:
+        return value, std
+    return value + 0.5 * c.period, math.hypot(std, c.period / math.sqrt(12.0))
+
+
 def servo(fitted: Fitted) -> tuple[Number, Number] | None:
     model = fitted.model
     if model.source != fl.COMMAND:
@@ -164,7 +181,8 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
                               ("command", "q_b", c.period), ("acceleration", "q_a", c.period)):
         if key in model.free and not (key == "q_b" and model.source != fl.COMMAND):
             value = math.sqrt(model.numbers[key] / period)
-            found[name] = (value, 0.5 * value * fitted.std(key))
+            rough = ROUGHLY if key == "r_beta" and model.source == fl.MEASURED else 0.0
+            found[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
     if fitted.std("q_a") > UNSEEN:
         limit = unseen(fitted, c)
         found["acceleration"] = (limit, limit)
@@ -238,10 +256,10 @@ def unseparated(made: First, found: Found) -> list[str]:
         ratio = float(np.mean(made.a6) / np.mean(made.k1))
         return [f"a6 and k1 cannot be told apart: theta and beta move together; a6/k1 = {ratio:.3g} alone is known; "
                 "log a stretch with a test input"]
-    _, y, phi = weak.columns(m, found.terms, m.at(found.delay))
-    explained = np.std(phi @ weak.solve(phi, y))
-    worth = float(np.median(made.a6_std)) * float(np.std(phi[:, 1] - phi[:, 0] * (phi[:, 1].sum() / phi[:, 0].sum())))
-    if worth > WORTH * explained:
+    _, _, phi = weak.columns(m, found.terms, m.at(found.delay))
+    theta, beta = (float(np.std(phi[:, k] - phi[:, 0] * (phi[:, k].sum() / phi[:, 0].sum()))) for k in (1, 2))
+    worth = float(np.median(made.a6_std)) * theta
+    if worth > WORTH * max(float(np.median(np.abs(made.k1))) * beta, float(np.median(np.abs(made.a6))) * theta):
         return [f"a6 cannot be told: {made.a6.mean():.3g} +- {made.a6_std.mean():.2g} 1/s^2; log a stretch in which "
                 "theta moves more"]
     return []

@@ -148,7 +148,8 @@ def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | N
 def sandwich(score: np.ndarray, information: np.ndarray, made: Pass, c: Channels) -> np.ndarray:
     """Covariance of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987), in no direction
     below I^-1."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    diagonal = np.diag(information)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
     block = (c.t[made.row[made.counted]] / BLOCK).astype(int)
     count = int(block.max()) + 1 if len(block) else 1
