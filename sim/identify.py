@@ -23,7 +23,8 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segm
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else integral (`reproduce`).
+    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else
+    integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """

@@ -27,8 +27,14 @@ NEAREST = 4.0          # s between nodes
 MARGIN = 5.0           # nats, beside the penalty, that a further term must bring
 WIND_MARGIN = 20.0     # the same of wind: lines between nodes are never quite the profile, turbulence brings hundreds
 TRIED = 8              # steps of scoring, where models are compared
+FIRST = 12             # the same of the plain model, from the weak form's numbers
 LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}  # rad/s^2/sqrt(s), rad/s^2, s: wind, at first
 SMALLEST = 0.02        # of the largest |a6|, by which wind acts at least
+TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
+MOST_PARTS = 8         # that are added to the plain model
+PLAIN = ("theta", "beta")
+STANDS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
+               for rest in ((), ("theta_dot",), ("theta_dot", "sign(theta_dot)")))  # where a stand's model may begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +124,10 @@ def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], dela
         rough = float(np.var(np.diff(u))) / c.period**2
         numbers |= {"servo": 2.0 / c.period / 5.0, "q_b": max(rough, 1e-12) * 2.0 / c.period / 5.0}
         free += ["q_b", "servo"]
-    linear = np.array([xi["theta" if "theta" in terms else "sin(theta)"], xi.get("beta", 0.0)])
+    linear = np.array([xi[term] for term in terms])
     return Model(source, np.zeros(1), np.zeros(1), linear, numbers, (*free, "delay"), sine="sin(theta)" in terms,
+                 damping="theta_dot" in terms, friction="sign(theta_dot)" in terms,
+                 smooth=3.0 * math.sqrt(numbers.get("r_theta_dot", 0.0)) or 0.05 * float(np.max(np.abs(m.rate))),
                  gyro_offset=c.has("theta") and c.has("theta_dot"), sizes=sizes(c, m))
 
 
@@ -130,22 +138,22 @@ def search(c: Channels) -> Found:
     source = fl.DIRECT if idle else source_of(c)
     m = weak.motion(c, source != fl.DIRECT)
     best = None
-    for gravity in ("theta", "sin(theta)") if large(c) else ("theta",):
-        terms: tuple[str, ...] = (gravity, "beta")
+    for terms in STANDS if large(c) else (PLAIN,):
         delay = 0.0 if source == fl.COMMAND or idle else best_delay(c, m, terms)
         model = start(c, source, m, terms, delay)
         if idle:
             model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
-                            linear=model.linear * [1.0, 0.0])
-        now = fit(model, c)
+                            linear=np.where(np.arange(len(model.linear)) == 1, 0.0, model.linear))
+        now = fit(model, c, FIRST)
         if source == fl.DIRECT and not idle:
             now = servo_instead(now, c)
-        now, terms = grown(now, c, terms)
-        if best is None or now.bic > best[0].bic - MARGIN:   # at large angles it is sin(theta), unless it is not
-            best = now, terms, delay
+        if best is None or now.bic > best[0].bic + (-MARGIN if now.model.sine and not best[0].model.sine else MARGIN):
+            best = now, terms, delay   # at large angles it is sin(theta), unless it is not
     assert best is not None
     now, terms, delay = best
-    now = fit(now.model, c)
+    now = fit(grown(now, c).model, c)
+    gravity = "sin(theta)" if now.model.sine else "theta"
+    terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
     return Found(now, between(now, c), m, terms, delay, *weak.held_out(m, terms, delay))
 
 
@@ -164,11 +172,11 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
     delay = now.model.numbers["delay"]
     numbers = now.model.numbers | {"servo": SERVO, "damping": SERVO_DAMPING, "q_b": 0.0,
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / SERVO, 0.0)}
-    other = fit(replace(now.model, source=fl.COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c)
+    other = fit(replace(now.model, source=fl.COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c, FIRST)
     return other if other.bic > now.bic else now
 
 
-def grown(now: Fitted, c: Channels, terms: tuple[str, ...]) -> tuple[Fitted, tuple[str, ...]]:
+def grown(now: Fitted, c: Channels) -> Fitted:
     """The plain model with whatever brings most, until nothing brings more than it costs; then without what no longer
     brings it."""
     calm = now
@@ -190,7 +198,7 @@ def grown(now: Fitted, c: Channels, terms: tuple[str, ...]) -> tuple[Fitted, tup
         without = fit(model, c, TRIED, still(model))
         if without.bic > now.bic:
             now = without
-    return now, (*terms, *(term for name, term in TERMS.items() if getattr(now.model, name)))
+    return now
 
 
 def hope(model: Model, c: Channels) -> float:
@@ -203,10 +211,6 @@ def hope(model: Model, c: Channels) -> float:
     return penalised(base.ln_l + gain, model, base)
 
 
-TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
-MOST_PARTS = 8
-
-
 def candidates(model: Model, c: Channels) -> Iterator[Model]:
     """What may be added and is linear: nodes, rate damping, dry friction."""
     end, count = float(c.t[-1]), len(model.node_a)
@@ -214,12 +218,11 @@ def candidates(model: Model, c: Channels) -> Iterator[Model]:
     for k in more[:2] if count > 1 else more[:3]:
         yield model.with_nodes(*[np.linspace(0.0, end, k)] * 2)
     rest = model.rest
-    smooth = 3.0 * math.sqrt(model.numbers.get("r_theta_dot", 0.0)) or 0.05 * model.sizes["theta_dot"]
     if not model.damping:
         front = model.linear[:len(model.linear) - len(rest)]
         yield replace(model, damping=True, linear=np.concatenate([front, [0.0], rest]))
     if not model.friction and large(c):   # of bearings, in test stands
-        yield replace(model, friction=True, smooth=smooth, linear=np.append(model.linear, 0.0))
+        yield replace(model, friction=True, linear=np.append(model.linear, 0.0))
 
 
 def windy(model: Model, c: Channels) -> Iterator[Model]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ UNKNOWN_THETA = 0.01   # rad: of a sensor that the log has not, a guess
 
 def nominal_of(made: First, name: str) -> Nominal:
     """What a simulation should believe."""
+    made = in_six_digits(made)
     vehicle, terms, effects = plant(made)
     step = made.period / math.ceil(made.period / LONGEST_STEP - 1e-9)
     return Nominal(
@@ -37,9 +39,25 @@ def wind(made: First) -> Wind:
     return Wind(walk=walk, turbulence=turbulence, turbulence_time=time)
 
 
+def in_six_digits(made: First) -> First:
+    """Every value that goes into the file, rounded."""
+    def each(numbers: dict[str, Number]) -> dict[str, Number]:
+        return {name: (rounded(value), std) for name, (value, std) in numbers.items()}
+    a6, k1 = (np.array([rounded(x) for x in values.tolist()]) for values in (made.a6, made.k1))
+    delay = None if made.delay is None else (rounded(made.delay[0]), made.delay[1])
+    servo = None if made.servo is None else ((rounded(made.servo[0][0]), 0.0), (rounded(made.servo[1][0]), 0.0))
+    return replace(made, a6=a6, k1=k1, delay=delay, servo=servo, terms=each(made.terms), noise=each(made.noise),
+                   wind=each(made.wind), offsets=each(made.offsets))
+
+
 def is_wind(made: First) -> bool:
     """The slow moments are wind: a6 is known, and they are not only accelerations."""
     return bool(made.wind) and not any(name.startswith("moment") for name in made.wind)
+
+
+def rounded(x: float) -> float:
+    """Six digits: no first nominal is known to more."""
+    return float(f"{x:.6g}")
 
 
 def told(made: First, name: str) -> bool:
@@ -60,7 +78,8 @@ def plant(made: First) -> tuple[Profile, tuple[tuple[str, float], ...], tuple[Ef
         vehicle = constant_profile(terms.pop("theta", 0.0), terms.pop("beta"))
         return vehicle, tuple(terms.items()), tuple(effects)
     if told(made, "moment"):
-        effects.append(effect("thrust_misalignment", angle=made.offsets["moment"][0] / float(made.k1.mean())))
+        angle = rounded(made.offsets["moment"][0] / float(made.k1.mean()))
+        effects.append(effect("thrust_misalignment", angle=angle))
     if "theta_dot" in made.terms:
         effects.append(effect("aero_damping", coefficient=-made.terms["theta_dot"][0]))
     if "sign(theta_dot)" in made.terms:
@@ -101,7 +120,8 @@ def comments(made: First) -> dict[tuple[str, str], str]:
     a6, k1 = (f"+- {std.mean():.2g}" for std in (made.a6_std, made.k1_std))
     said = {("vehicle", "a6"): f"{a6} 1/s^2", ("vehicle", "k1"): f"{k1} 1/s^2",
             ("vehicle", "profile"): f"a6 {a6}, k1 {k1} 1/s^2 in the mean; each in the JSON",
-            ("vehicle.terms", '"theta"'): f"{a6} 1/s^2", ("vehicle.terms", '"sin(theta)"'): f"{a6} 1/s^2",
+            ("vehicle.terms", '"theta"'): "" if made.sine else f"{a6} 1/s^2",
+            ("vehicle.terms", '"sin(theta)"'): f"{a6} 1/s^2",
             ("vehicle.terms", '"beta"'): f"{k1} 1/s^2", ("sensors", "period"): "s, of the log",
             ("simulation", "duration"): "s, of the log"}
     said |= {("vehicle.terms", f'"{name}"'): shown(number) for name, number in made.terms.items()}
