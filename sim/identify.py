@@ -1,5 +1,6 @@
 """Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
 
+import collections
 import itertools
 import math
 from collections.abc import Iterable
@@ -153,12 +154,30 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
+    if not any(window["valid"] for window in windows):
+        lead["why"] = why(windows)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
+
+
+REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
+           "RANK": "the terms cannot be told apart: one of them does not move, or two move as one",
+           "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
+           "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
+           "SEPARATION": "a6 and k1 cannot be told apart"}
+
+
+def why(windows: list[dict[str, Any]]) -> str:
+    """Why no window is valid, in one plain sentence."""
+    if not windows:
+        return "no window of this log is valid: the log is shorter than one window"
+    counts = collections.Counter(window["status"] for window in windows)
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
+    return f"no window of this log is valid: {'; '.join(said)}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -192,8 +211,8 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
-    if not any(w["valid"] for w in result["windows"]):
-        lines.append("no window of this log is valid: the status of each says why")
+    if "why" in result:
+        lines.append(result["why"])
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")

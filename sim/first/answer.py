@@ -88,7 +88,7 @@ def answer(found: Found, c: Channels) -> First:
     na, nk = len(model.node_a), len(model.node_k)
     std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(found, c))
     if model.sine:
-        std = np.hypot(std, STAND * np.abs(model.linear))
+        std[:len(model.linear)] = np.hypot(std[:len(model.linear)], STAND * np.abs(model.linear))
     off = between_nodes(found, fitted)
     a6_std, k1_std = np.hypot(std[:na], off[:na]), np.hypot(std[na:na + nk], off[na:])
     names = [name for name, there in (("theta_dot", model.damping), ("sign(theta_dot)", model.friction)) if there]
