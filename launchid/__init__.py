@@ -67,16 +67,17 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
 
 
 def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
-             strict: bool = False) -> Diagnosed:
+             noise: str = "bounded", strict: bool = False) -> Diagnosed:
     """What the simulation gets wrong on a log, why, and what fixing it gains.
 
     holdout    a second log, to judge the extended model on; None: parts of the first
     bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one
+    noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
     from sim.answers import of_logs
-    second = None if holdout is None else read_log(holdout, ("t", "theta"))
-    return warned(of_logs.diagnose(read_log(log, ("t", "theta")), load_nominal(nominal), holdout=second,
-                                   bootstrap=bootstrap, strict=strict))
+    second = None if holdout is None else read_log(holdout, ("t",))
+    return warned(of_logs.diagnose(read_log(log, ("t",)), load_nominal(nominal), holdout=second,
+                                   bootstrap=bootstrap, strict=strict, noise=noise))
 
 
 def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float = 0.95, confidence: float = 0.95,

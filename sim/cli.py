@@ -9,6 +9,7 @@ is that compiles: help, wrong words and missing files answer at once.
 
 import argparse
 import contextlib
+import json
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -78,6 +79,14 @@ def parser() -> Parser:
     add_strict(sub)
     add_outputs(sub, plot=True)
     sub.set_defaults(run=identify_command)
+
+    sub = add_command(commands, "nominal", "the first nominal of a vehicle, out of its log alone",
+                      "launchid nominal dfki_pendulum_ddp --out mine.toml")
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
+                                                    "beta_cmd, is enough")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal to write")
+    add_outputs(sub)
+    sub.set_defaults(run=nominal_command)
 
     sub = add_command(commands, "plan", "the smallest test input that reaches an accuracy",
                       "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
@@ -370,6 +379,25 @@ def check_plot(path: str | None) -> None:
     if path:
         from .plots import check_suffix
         check_suffix(path)
+
+
+def nominal_command(args: argparse.Namespace) -> None:
+    """launchid nominal"""
+    log = read_noting(args.log, "t")
+    check_outputs(args.out, args.json)
+    from .first import first, lines, report, write
+    made = first(log)
+    if args.json:
+        text = json.dumps(report(made), indent=1)
+        if args.json == "-":
+            answer(text)
+        else:
+            write_text(args.json, [text, "\n"])
+    if made.refused:
+        raise InputError(f"{args.log}: {'; '.join(made.refused)}")
+    write(made, args.out)
+    if args.json != "-":
+        answer("\n".join(lines(made, args.out)))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,5 +1,6 @@
 """Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
 
+import collections
 import itertools
 import math
 from collections.abc import Iterable
@@ -24,12 +25,13 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segm
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`).
+    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else
+    integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """
     default = "measured" if "theta_ddot" in log.columns else "integral"
-    formulation = asked or ("filtered" if nominal is not None else default)
+    formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
     if formulation == "measured" and "theta_ddot" not in log.columns:
         raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
     if formulation == "filtered" and nominal is None:
@@ -39,6 +41,18 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     return formulation
 
 
+def is_stand(nominal: Nominal) -> bool:
+    """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
+    return bool(nominal.terms) or nominal.actuator is None
+
+
+def stand_library(nominal: Nominal) -> tuple[str, ...]:
+    """The terms of a nominal, as a library."""
+    rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
+    return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
+        tuple(term for term, _ in nominal.terms)
+
+
 def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str | None, tracked: bool,
                **choices: Any) -> Config:
     """Config for a log; UsageError for what the options ask and the log lacks.
@@ -46,6 +60,8 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
+    if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
+        choices["library"] = stand_library(nominal)
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]
@@ -139,12 +155,30 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
+    if not any(window["valid"] for window in windows):
+        lead["why"] = why(windows)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
+
+
+REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
+           "RANK": "the terms cannot be told apart: one of them does not move, or two move as one",
+           "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
+           "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
+           "SEPARATION": "a6 and k1 cannot be told apart"}
+
+
+def why(windows: list[dict[str, Any]]) -> str:
+    """Why no window is valid, in one plain sentence."""
+    if not windows:
+        return "no window of this log is valid: the log is shorter than one window"
+    counts = collections.Counter(window["status"] for window in windows)
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
+    return f"no window of this log is valid: {'; '.join(said)}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -177,8 +211,8 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {c['before']:.4g} -> "
                      f"{c['after']:.4g} (size {with_std(c['size'], c['size_std'])})")
-    if not any(w["valid"] for w in result["windows"]):
-        lines.append("no window of this log is valid: the status of each says why")
+    if "why" in result:
+        lines.append(result["why"])
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
