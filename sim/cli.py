@@ -33,7 +33,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
 
 
-def parser() -> Parser:
+def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
     """The command's words."""
     top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.",
                  epilog="launchid COMMAND --help says more of one. Files, units, exit status: docs/formats.md; "

@@ -19,6 +19,7 @@ from ..model.noise import (
     Dynamics,
     Filter,
     Refilter,
+    bounds,
     declared,
     dynamics,
     first_filter,
@@ -180,6 +181,8 @@ def as_simulated(record: Record) -> Model:
             ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
             seen[k] *= ratio
     seen[3:5] *= UNSEEN
+    low, high = bounds(record)
+    seen = levels * np.clip(seen / levels, low, high)
     models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
     return max(models, key=lambda model: model.log_likelihood)
 
