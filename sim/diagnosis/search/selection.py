@@ -51,6 +51,7 @@ UNSEEN = 3.0          # times the declared command and acceleration noise: a sta
 SWAP_GAIN = 1.0       # nats that a swap must bring
 QUIETER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # factors of a weather's level
 QUIET_SEGMENTS = 8
+FARTHEST = 10.0       # times below the fitted levels, of another start: farther no filter stays with the log
 UNSTEADY = 0.3        # of its level: weather with which half of the log does not do is none
 
 Say = Callable[[str], None]
@@ -264,35 +265,49 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
 
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     """
-    fits: list[tuple[Fit, float]] = []
+    best: dict[str, tuple[Model, float]] = {}
     for start in _starts(record, base) if known is None else [base]:
-        problem = Problem(record, start.fit.filter)
-        promising = [c for c in scan(problem, start.fit, allowed)
-                     if c.gain - penalty(record, c.hypothesis) > PROMISING]
-        promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
-        most = known or 0.0
-        for candidate in promising[:TRIED]:
-            if candidate.gain < HOPELESS * most or (record.is_late and fits):
+        for fitted in _worth_levels(record, _fits(record, start, allowed, known)):
+            model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
+            cause = model.causes[-1]
+            evidence = model.log_likelihood - base.log_likelihood - penalty(record, cause.hypothesis)
+            if not math.isfinite(evidence) or cause.is_at_an_end:
                 continue
-            fitted = _joined(problem, start.fit, candidate)
-            most = max(most, start.fit.cost - fitted.cost)
-            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
-        for fitted in _in_steps(problem, start.fit, allowed):
-            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
-    fits.sort(key=lambda pair: -pair[1])
-    models: list[tuple[Model, float]] = []
-    seen: set[str] = set()
-    for fitted, gain in fits:
-        name = fitted.causes[-1].hypothesis.label
-        far = gain < fits[0][1] - NEAR and (len(models) >= PROFILED or gain < FAR_BEHIND * fits[0][1])
-        if name in seen or far:
+            if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
+                best[cause.hypothesis.label] = model, evidence
+    return sorted(best.values(), key=lambda pair: -pair[1])
+
+
+def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float | None) -> list[tuple[Fit, float]]:
+    """Fits with one more cause under the filter of a start, and what each gains there after its penalty [nats]; gains
+    under another filter are in another currency."""
+    fits: list[tuple[Fit, float]] = []
+    problem = Problem(record, start.fit.filter)
+    promising = [c for c in scan(problem, start.fit, allowed) if c.gain - penalty(record, c.hypothesis) > PROMISING]
+    promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
+    most = known or 0.0
+    for candidate in promising[:TRIED]:
+        if candidate.gain < HOPELESS * most or (record.is_late and fits):
             continue
-        seen.add(name)
-        model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
-        evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
-        if math.isfinite(evidence) and not model.causes[-1].is_at_an_end:
-            models.append((model, evidence))
-    return sorted(models, key=lambda pair: -pair[1])
+        fitted = _joined(problem, start.fit, candidate)
+        gained = start.fit.cost - fitted.cost
+        most = max(most, gained)
+        if gained > 0.0:  # else it did not stay with the log
+            fits.append((fitted, gained - penalty(record, candidate.hypothesis)))
+    for fitted in _in_steps(problem, start.fit, allowed):
+        fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
+    return fits
+
+
+def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit]:
+    """Those that get their own noise levels: the best of each cause, a few and all near the best."""
+    seen: set[str] = set()
+    for fitted, gain in sorted(fits, key=lambda pair: -pair[1]):
+        name, most = fitted.causes[-1].hypothesis.label, max(each for _, each in fits)
+        far = gain < most - NEAR and (len(seen) >= PROFILED or gain < FAR_BEHIND * most)
+        if name not in seen and not far and not (record.is_late and seen):
+            seen.add(name)
+            yield fitted
 
 
 def quiet(model: Model) -> float:
@@ -317,7 +332,7 @@ def quiet(model: Model) -> float:
 def _starts(record: Record, base: Model) -> list[Model]:
     """The base under its fitted noise; and under the declared, where what is sought may have passed for noise, or under
     the weather of the log's quieter half, where it may have passed for weather."""
-    levels = declared(record)
+    levels = np.maximum(declared(record), base.fit.filter.levels / FARTHEST)
     calmer = quiet(base)
     for k, each in enumerate(record.world.levels, start=5):
         if each.is_sought:
