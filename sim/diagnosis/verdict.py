@@ -133,6 +133,9 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     controller = made.controller
     foreign = controller is not None and controller.is_foreign
     found = _tested(made, made.selection, measure, say)
+    if found or foreign:
+        nominal = made.selection.nominal
+        made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
     if found and made.catalogue and not foreign and _place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
@@ -212,6 +215,9 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     if not again and selection.model.log_likelihood > made.selection.model.log_likelihood - TERM_MARGIN:
         made.selection = selection
         return []
+    own = made.gain or measure(selection)
+    if not (own.nats > 0.0 and (own.share is None or own.share < 1.0)):
+        made.proposal = None  # what does not predict better is no proposal
     made.nearest, made.left, made.gain, made.noise, made.remaining = before
     return found
 
@@ -251,13 +257,10 @@ def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
     selection = made.selection
     assert selection is not None
     made.verdict, made.doubts = "unexplained", tuple(found)
-    made.left_nominal = made.left if selection.model is selection.nominal else tuple(leftovers(selection.nominal))
     made.where = _place(made)
     made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
     if made.gain is None and made.nearest:
         made.gain = measure(selection)
-    if made.proposal is not None and (made.gain is None or made.gain.share is None or made.gain.share > 1.0 - 1e-9):
-        made.proposal = None  # what does not predict better is no proposal
 
 
 def _controller_words(controller: ControllerCheck) -> str:
