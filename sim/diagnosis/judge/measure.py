@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from ..causes import RECORDS
 from ..search.selection import Selection, Weather
 from .constancy import CONSTANCY_LIMIT, Constancy
 from .gain import Gain
@@ -154,4 +155,4 @@ def weather_words(selection: Selection) -> str:
 
 def unit_of(source: str) -> str:
     """Of the level of a source of the world."""
-    return {"turbulence": "rad", "wind_walk": "rad/sqrt(s)"}.get(source, "rad/s^2")
+    return RECORDS[source].unit("level") if source in RECORDS else "rad/s^2"
