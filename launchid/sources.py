@@ -45,8 +45,17 @@ NominalSource = Union[str, "os.PathLike[str]", Nominal]
 Made = TypeVar("Made", bound="Answer")
 
 
-def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED) -> Log:
-    """A log of whatever may stand for one; `required`: columns without which it cannot be used."""
+def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
+             map: str | os.PathLike[str] | None = None) -> Log:
+    """A log of whatever may stand for one.
+
+    required  columns without which it cannot be used
+    map       MAP.toml, of a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
+    """
+    if map is not None:
+        from sim.answers import of_files
+        from sim.convert.mapping import load_map
+        return warned(of_files.convert(os.fspath(source), load_map(map), required)).log  # type: ignore[arg-type]
     if isinstance(source, Log):
         return log_of(source.measured(), source.path, required)
     if isinstance(source, (str, os.PathLike)):

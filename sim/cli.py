@@ -11,26 +11,20 @@ import argparse
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
-from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS, __version__
+from launchid_core import __version__
 
 from .errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extra_needed
 from .files import check_output, inputs_spared, write_text
 from .terminal import Progress, answer, leave_stdout, open_streams, say
+from .words import LOG_HELP, NOMINAL_HELP, Parser, add_choices, add_command, add_map, add_outputs, add_strict, choices
 
 if TYPE_CHECKING:
     from .answers.answer import Answer
     from .log import Log
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
-
-
-class Parser(argparse.ArgumentParser):
-    """argparse with one line per error."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
 
 
 def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
@@ -76,6 +70,7 @@ def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
     add_choices(sub)
     sub.add_argument("--tracked", action="store_true",
                      help="also the estimate tracked from window to window, and sudden changes (needs --nominal)")
+    add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
     sub.set_defaults(run=identify_command)
@@ -85,6 +80,7 @@ def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
     sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal to write")
+    add_map(sub)
     add_outputs(sub)
     sub.set_defaults(run=nominal_command)
 
@@ -112,11 +108,13 @@ def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
                           "all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
                      help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
+    add_map(sub)
     add_strict(sub)
     add_outputs(sub)
     sub.set_defaults(run=diagnose_command)
     add_uncertainty(commands)
     add_export(commands)
+    add_convert(commands)
     sub = add_command(commands, "effects", "the causes that can be flown and diagnosed, with their parameters",
                       "launchid effects --json -")
     add_outputs(sub)
@@ -124,57 +122,33 @@ def parser() -> Parser:  # noqa: PLR0915 - a statement an argument
     return top
 
 
-NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
-LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or "
-            "the name of a measured log of the package such as dfki_pendulum_dircol")
+def add_convert(commands: Any) -> None:
+    """The words of `convert`."""
+    sub = add_command(commands, "convert", "a flight's file (ULog, MCAP, MAT, HDF5, Parquet, CSV) as a log",
+                      "launchid convert flight.ulg --map px4.toml --out log.csv")
+    sub.add_argument("flight", metavar="FLIGHT", help="the file; its format is told by its first bytes")
+    add_map(sub)
+    sub.add_argument("--out", metavar="LOG.csv", help="the log to write (default: none, with --list)")
+    sub.add_argument("--list", action="store_true", help="say what the file holds instead: names for the map")
+    sub.set_defaults(run=convert_command)
 
 
-def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
-    """A command with its words of help and one example."""
-    sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
-                                      epilog=f"example: {example}")
-    return sub
-
-
-def add_strict(sub: argparse.ArgumentParser) -> None:
-    """Whether the data check's warning is a refusal."""
-    sub.add_argument("--strict", action="store_true",
-                     help="what the data check finds (units, signs, stamps) is exit status 3, not a warning")
-
-
-def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
-    """Where the answer goes beside the terminal."""
-    sub.add_argument("--json", metavar="PATH|-", help="write the answer as JSON too; -: JSON alone, on stdout "
-                                                      "(default: none)")
-    if plot:
-        sub.add_argument("--plot", metavar="PATH", help="draw it into a .png, .svg or .pdf; needs launchid[plots] "
-                                                        "(default: none)")
-
-
-def add_choices(sub: argparse.ArgumentParser) -> None:
-    """The words of an estimator's choices that a log or a nominal does not make."""
-    sub.add_argument("--compression", type=int, default=1, metavar="N",
-                     help="keep one of N rows of a window, at random (default %(default)s: all)")
-    sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
-                     help="candidate terms: rigid-body | linear | quadratic | quadratic+sin | lpv, or a comma list "
-                          "such as 'theta,beta,sin(theta)' (default %(default)s)")
-    sub.add_argument("--formulation", choices=FORMULATIONS,
-                     help="where theta_ddot comes from (default: filtered with a nominal, else measured if the log "
-                          "has it, else integral)")
-    sub.add_argument("--solver", default="stls", choices=SOLVERS,
-                     help="of the sparse regression (default %(default)s)")
-    sub.add_argument("--threshold", type=float, metavar="X",
-                     help="a term whose coefficient is smaller, in its own unit, is left out (default: the library's)")
-    sub.add_argument("--seed", type=int, default=0, metavar="N",
-                     help="of the rows that compression keeps, from 0 on (default %(default)s)")
-    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
-                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared) "
-                          "(default %(default)s)")
-
-
-def choices(args: argparse.Namespace) -> dict[str, Any]:
-    """Config fields of these words."""
-    return {name: getattr(args, name) for name in ("compression", "seed", "library", "solver", "threshold", "noise")}
+def convert_command(args: argparse.Namespace) -> None:
+    """launchid convert"""
+    if not args.list and not (args.map and args.out):
+        raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
+    from .convert.mapping import load_map
+    of = load_map(args.map) if args.map else None
+    from .answers.of_files import channel_lines, convert
+    if args.list:
+        answer("\n".join(channel_lines(args.flight, of.options if of else {})))
+        return
+    assert of is not None
+    made = convert(args.flight, of, ("t",))
+    check_outputs(args.out)
+    made.write(args.out)
+    warn(made)
+    say(made.summary(args.out))
 
 
 def add_export(commands: Any) -> None:
@@ -209,6 +183,7 @@ def add_uncertainty(commands: Any) -> None:
                      help=f"what the simulation believes, with [uncertainty]: {NOMINAL_HELP}")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
                      help="length of a window [s] (default %(default)s)")
+    add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
     sub.set_defaults(run=uncertainty_command)
@@ -222,6 +197,7 @@ def add_uncertainty(commands: Any) -> None:
                      help="that it holds them, between 0 and 1 (default %(default)s)")
     sub.add_argument("--profile", action="store_true",
                      help="sigma over flight time, where the flights tell it, as a CSV beside NEW.toml")
+    add_map(sub)
     add_strict(sub)
     sub.set_defaults(run=fit_lft_command)
 
@@ -229,7 +205,7 @@ def add_uncertainty(commands: Any) -> None:
 def uncertainty_command(args: argparse.Namespace) -> None:
     """launchid uncertainty"""
     from .nominal import load_nominal
-    log = read_noting(args.log)
+    log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
@@ -247,7 +223,7 @@ def fit_lft_command(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = load_nominal(nominal_path)
-    logs = [read_noting(path) for path in paths]
+    logs = [read_noting(path, of=args.map) for path in paths]
     check_outputs(args.out)
     from .answers.of_logs import fit_lft
     made = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
@@ -272,8 +248,8 @@ def diagnose_command(args: argparse.Namespace) -> None:
     """launchid diagnose"""
     from .nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t"), load_nominal(args.nominal)
-    holdout = read_noting(args.holdout, "t") if args.holdout else None
+    log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t", of=args.map) if args.holdout else None
     check_outputs(args.json)
     from .answers.of_logs import diagnose
     progress = Progress()
@@ -344,9 +320,18 @@ def simulate_command(args: argparse.Namespace) -> None:
     say(made.summary(args.out))
 
 
-def read_noting(path: str, *required: str) -> "Log":
-    """Read a log and say which columns were ignored."""
+def read_noting(path: str, *required: str, of: str | None = None) -> "Log":
+    """Read a log, of another format with the map `of`, and say which columns were ignored."""
     from .log import REQUIRED, read_log
+    if of:
+        from .answers.of_files import convert
+        from .convert.mapping import load_map
+        made = convert(path, load_map(of), required or REQUIRED)
+        warn(made)
+        return made.log
+    from .convert.readers import foreign_format
+    if foreign := foreign_format(path):
+        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
     log = read_log(path, required or REQUIRED)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
@@ -356,7 +341,7 @@ def read_noting(path: str, *required: str) -> "Log":
 def identify_command(args: argparse.Namespace) -> None:
     """launchid identify"""
     from .nominal import load_nominal
-    log = read_noting(args.log)
+    log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal) if args.nominal else None
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
@@ -383,7 +368,7 @@ def check_plot(path: str | None) -> None:
 
 def nominal_command(args: argparse.Namespace) -> None:
     """launchid nominal"""
-    log = read_noting(args.log, "t")
+    log = read_noting(args.log, "t", of=args.map)
     check_outputs(args.out, args.json)
     from .first import first, lines, report, write
     made = first(log)

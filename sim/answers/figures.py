@@ -164,6 +164,18 @@ def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None) -
 # ---- flights, inputs, ranges
 
 
+def log_figure(log: Log) -> Figure:
+    """What a log holds."""
+    units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
+    names = [name for name in log.columns if name != "t"]
+    figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)
+    for axis, name in zip(axes, names, strict=True):
+        axis.plot(log.t, getattr(log, name), ".", color="0.1", markersize=1.5)
+        axis.set_ylabel(f"{name} [{units.get(name, 'rad')}]")
+    axes[-1].set_xlabel("t [s]")
+    return figure
+
+
 def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
     """The signals of a flight, and its true parameters over the nominal's."""
     figure, axes = panels(5, f"{nominal.name}: a flight" + (", LOST at its end" if flight.lost else ""), 1.4)
