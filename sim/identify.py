@@ -21,7 +21,8 @@ __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_mo
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
-                "LEVEL_CLAMP": "noise levels' steps cut short"}
+                "LEVEL_CLAMP": "noise levels' steps cut short", "STUCK": "windows with a sensor that stood still",
+                "WRAP": "jumps of theta across +-pi undone"}
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
@@ -218,5 +219,5 @@ def table(result: dict[str, Any]) -> str:
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
     done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
     if done:
-        lines.append(f"the filter of its own accord: {done}")
+        lines.append(f"the estimator of its own accord: {done}")
     return "\n".join(lines)
