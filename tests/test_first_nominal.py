@@ -62,7 +62,7 @@ def test_the_flight_s_numbers_are_found_each_within_its_std(whole):
     assert truth.actuator is not None
     assert off(said["a6"], 2.0) < WITHIN and said["a6"]["std"] < 0.1
     assert off(said["k1"], -7.0) < WITHIN and said["k1"]["std"] < 0.3
-    assert off(said["delay"], 0.03) < WITHIN and said["delay"]["std"] < 0.001 and said["delay_of"] == "command"
+    assert off(said["delay"], 0.03) < WITHIN and said["delay"]["std"] < 0.004 and said["delay_of"] == "command"
     assert off(said["actuator"]["natural_frequency"], truth.actuator.natural_frequency) < WITHIN
     assert off(said["actuator"]["damping_ratio"], truth.actuator.damping_ratio) < WITHIN
     for name, std in (("theta", 3.5e-4), ("theta_dot", 5.2e-4), ("beta", 3.5e-4), ("command", 7e-4)):
@@ -140,3 +140,26 @@ def test_shifted_input_is_a_placebo(tmp_path, capsys, share):
                "beta_cmd": np.roll(flight.beta_cmd, shift)}
     status, said, words = nominal_of(saved(tmp_path / "placebo.csv", columns), capsys)
     assert status == 3 and said["k1"] is None and "k1 cannot be told" in words
+
+
+# ---- real logs
+
+KNOWN = {"dfki_pendulum_dircol": (-21.4, -20.3), "bam_xl330_kp200_sin_time_square": (-71.6, -68.0),
+         "bam_xl330_kp400_sin_time_square": (-71.6, -68.0)}  # 1/s^2, of sin(theta): data sheet, the authors' fits
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_real_stands_within_three_std_of_what_is_known(real_logs, tmp_path, name):
+    out = tmp_path / "stand.json"
+    log, new = real_logs / f"{name}.csv", tmp_path / "stand.toml"
+    assert main(["nominal", str(log), "--out", str(new), "--json", str(out)]) == 0
+    said, (low, high) = json.loads(out.read_text()), KNOWN[name]
+    assert said["a6_term"] == "sin(theta)"
+    assert low - 3.0 * said["a6"]["std"] < said["a6"]["value"] < high + 3.0 * said["a6"]["std"]
+    assert load_nominal(tmp_path / "stand.toml").terms
+
+
+def test_no_valid_window_is_one_plain_sentence(tmp_path, capsys):
+    log = saved(tmp_path / "free.csv", swinging())
+    assert main(["identify", str(log), "--json", "-"]) == 0
+    assert "RANK" in json.loads(capsys.readouterr().out)["why"]

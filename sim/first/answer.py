@@ -12,14 +12,14 @@ from . import weak
 from .channels import Channels, channels
 from .model import command, run
 from .scoring import Fitted, fit
-from .search import Found, search
+from .search import Found, is_held, search
 
 SURE = 3.0             # standard deviations from 0, without which there is no k1
 ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
 VAGUE = 0.3            # if both are known no better than this, relative
 WORTH = 0.5            # of the larger of the two terms, that one standard deviation of a6 may be worth
-HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
 ROUGHLY = 0.25         # relative, of the nozzle sensor's noise where no command tells how the nozzle moves
+SMALL = 0.05           # the same of the other levels: between the rows the model is not exact
 STAND = 0.005          # relative: no stand's equation is truer; authors' own numbers for one device differ by 1.7 %
 UNSEEN = 1.0           # standard deviation of a level's logarithm above which it is not seen, only limited
 
@@ -89,6 +89,7 @@ def answer(found: Found, c: Channels) -> First:
     std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(found, c))
     if model.sine:
         std[:len(model.linear)] = np.hypot(std[:len(model.linear)], STAND * np.abs(model.linear))
+    std[:len(model.linear)] = np.hypot(std[:len(model.linear)], hidden(found, c))
     off = between_nodes(found, fitted)
     a6_std, k1_std = np.hypot(std[:na], off[:na]), np.hypot(std[na:na + nk], off[na:])
     names = [name for name, there in (("theta_dot", model.damping), ("sign(theta_dot)", model.friction)) if there]
@@ -125,6 +126,16 @@ def spread(found: Found, c: Channels) -> float:
     return max(chi / q, 1.0) if chi > limit else 1.0
 
 
+def hidden(found: Found, c: Channels) -> np.ndarray:
+    """(q,) by how much commands between the rows, which no nozzle sensor shows, may be wrong for: the change when every
+    second command is left out, which is at least as much."""
+    model = found.fitted.model
+    if c.has("beta") or model.no_input or is_held(c):
+        return np.zeros(len(model.linear))
+    fewer = replace(c, beta_cmd=np.where(np.arange(len(c.t)) % 2 == 0, c.beta_cmd, math.nan), driven=True)
+    return np.asarray(fit(model, fewer, free=()).model.linear - model.linear)
+
+
 def between_nodes(found: Found, fitted: Fitted) -> np.ndarray:
     """(na + nk,) by how much lines between the nodes are wrong: the change at them when nodes are put between, beyond
     what chance gives it (Hausman 1978: the difference's variance is that of the variances)."""
@@ -141,17 +152,16 @@ def between_nodes(found: Found, fitted: Fitted) -> np.ndarray:
 
 
 def delay(fitted: Fitted, c: Channels) -> Number | None:
-    """A command that is held over rows changed somewhere before the row that shows it: half a period on average."""
+    """A command that is held over rows changed somewhere before the row that shows it: half a period on average.  One
+    that changes in every row may have changed between them too: its time is known to a period's spread."""
     model = fitted.model
     if "delay" not in model.free:
         return None
     value, std = model.numbers["delay"], fitted.std("delay")
     if model.source == fl.MEASURED:
         return value, std
-    u = command(c)
-    held = float(np.mean(np.diff(u[np.isfinite(u)]) == 0.0))
-    if held < HELD:
-        return value, std
+    if not is_held(c):
+        return value, math.hypot(std, c.period / math.sqrt(12.0))
     return value + 0.5 * c.period, math.hypot(std, c.period / math.sqrt(12.0))
 
 
@@ -184,7 +194,7 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
                               ("command", "q_b", c.period), ("acceleration", "q_a", c.period)):
         if key in model.free and not (key == "q_b" and model.source != fl.COMMAND):
             value = math.sqrt(model.numbers[key] / period)
-            rough = ROUGHLY if key == "r_beta" and model.source == fl.MEASURED else 0.0
+            rough = ROUGHLY if key == "r_beta" and model.source == fl.MEASURED else SMALL
             found[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
     if fitted.std("q_a") > UNSEEN:
         limit = unseen(fitted, c)

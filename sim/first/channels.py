@@ -1,7 +1,7 @@
 """A log as the first nominal is fitted to it: usable rows, single bad values masked, what was measured at all."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,15 +35,19 @@ class Channels:
     beta: np.ndarray
     beta_cmd: np.ndarray
     notes: tuple[str, ...]
+    driven: bool = False   # the command is what drives, in however few rows it is
 
     def has(self, name: str) -> bool:
         """The channel was measured in most rows."""
+        if name == "beta_cmd" and self.driven:
+            return True
         return bool(np.mean(np.isfinite(getattr(self, name))) > 0.5)
 
     def part(self, first: int, end: int) -> "Channels":
         """Rows first..end."""
-        rows = {name: getattr(self, name)[first:end] for name in ("t", "theta", "theta_dot", "beta", "beta_cmd")}
-        return Channels(self.path, self.start, self.period, **rows, notes=self.notes)
+        at = slice(first, end)
+        return replace(self, t=self.t[at], theta=self.theta[at], theta_dot=self.theta_dot[at], beta=self.beta[at],
+                       beta_cmd=self.beta_cmd[at])
 
 
 def channels(log: Log) -> Channels:
@@ -61,15 +65,16 @@ def channels(log: Log) -> Channels:
     notes: list[str] = []
     if np.count_nonzero(~rows):
         notes.append(f"{np.count_nonzero(~rows)} rows without a usable stamp or value were left out")
-    columns = {}
+    x: dict[str, np.ndarray] = {}
     for name in ("theta", "theta_dot", "beta", "beta_cmd"):
-        x = np.where(np.isfinite(getattr(log, name)[rows]), getattr(log, name)[rows], math.nan)
-        bad = spikes(x) if name != "beta_cmd" else np.zeros(len(x), bool)
+        raw = np.where(np.isfinite(getattr(log, name)[rows]), getattr(log, name)[rows], math.nan)
+        bad = spikes(raw) if name != "beta_cmd" else np.zeros(len(raw), bool)
         if bad.any():
             notes.append(f"{name}: {np.count_nonzero(bad)} single values that their neighbours contradict left out")
-        columns[name] = np.where(bad, math.nan, x)
+        x[name] = np.where(bad, math.nan, raw)
     period = round(float(np.median(np.diff(t))), CLOCK_DIGITS)
-    found = Channels(log.path, float(t[0]), period, t - t[0], **columns, notes=tuple(notes))
+    found = Channels(log.path, float(t[0]), period, t - t[0], x["theta"], x["theta_dot"], x["beta"], x["beta_cmd"],
+                     tuple(notes))
     for names in (moving, driven):
         if not any(found.has(name) for name in names):
             raise InputError(f"{log.path}: {' and '.join(names)}: expected a value in most rows")

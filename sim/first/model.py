@@ -39,6 +39,7 @@ class Model:
     node_c: np.ndarray = field(default_factory=lambda: np.zeros(1))
     coupling: np.ndarray = field(default_factory=lambda: np.ones(1))  # rad/s^2 of a unit of wind at node_c
     sizes: dict[str, float] = field(default_factory=dict)  # of the channels
+    bounds: dict[str, tuple[float, float]] = field(default_factory=dict)  # of numbers, beyond which the log is blind
 
     @property
     def walk(self) -> bool:
@@ -85,11 +86,11 @@ class Pass:
     end: tuple[np.ndarray, np.ndarray, np.ndarray]  # state, covariance, derivatives (q, states) after the last row
 
 
-def events(c: Channels, source: int, delay: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, kinds and rows of the events of a log, in order; at one time the input changes last: it acts from then on.
 
-    delay [s]  of the command; of a nozzle measured (MEASURED) by which the motion lags it
     """
+    source, delay = model.source, model.numbers["delay"]  # [s] of the command; MEASURED: by which the motion lags beta
     moving = np.flatnonzero(np.isfinite(c.theta) | np.isfinite(c.theta_dot))
     parts = [(c.t[moving], fl.ROW, moving)]
     if source != fl.DIRECT and c.has("beta"):
@@ -126,7 +127,7 @@ def run(model: Model, c: Channels, sensitive: bool = True) -> Pass:
         wide[shape.gyro] = 10.0 * sizes["theta_dot"] ** 2
     if shape.turbulence >= 0:
         wide[shape.turbulence] = model.numbers["turbulence"] ** 2
-    t, kind, row = events(c, model.source, model.numbers["delay"])
+    t, kind, row = events(c, model)
     na, nk = len(model.node_a), len(model.node_k)
     rate = np.zeros(2)
     rest = model.rest.tolist()

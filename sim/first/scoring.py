@@ -64,7 +64,8 @@ def moved(model: Model, step: np.ndarray) -> Model:
         if name == "delay":
             numbers[name] += change
         else:
-            numbers[name] = min(max(numbers[name] * math.exp(change), LEAST), MOST)
+            low, high = model.bounds.get(name, (LEAST, MOST))
+            numbers[name] = min(max(numbers[name] * math.exp(change), low), high)
     return replace(model, linear=model.linear + step[:q], numbers=numbers)
 
 
