@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__
 from .assembly import Parts, state_arrays
 from .config import Config
+from .version import VERSION
 
 MAGIC = b"launchid"
 FORMAT = 1
@@ -55,7 +55,7 @@ def save(config: Config, parts: Parts) -> bytes:
     arrays = list(state_arrays(parts))
     digests = b"".join(_digests(config).values())
     size = sum(array.size for array in arrays)
-    head = HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, __version__.encode(), _layout(arrays), size)
+    head = HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size)
     words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays)
     whole = head + digests + words
     return whole + END.pack(zlib.crc32(whole))
@@ -85,8 +85,8 @@ def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:
     if zlib.crc32(saved[:-END.size]) != END.unpack_from(saved, expected - END.size)[0]:
         raise ValueError("saved state: its checksum does not fit: it was damaged")
     written = version.rstrip(b"\0").decode("ascii", "replace")
-    if written != __version__:
-        raise ValueError(f"saved state: of launchid {written}, expected {__version__}")
+    if written != VERSION:
+        raise ValueError(f"saved state: of launchid {written}, expected {VERSION}")
     for k, (name, digest) in enumerate(_digests(config).items()):
         at = HEADER.size + k * DIGEST
         if k >= fields or saved[at:at + DIGEST] != digest:

@@ -43,7 +43,7 @@ def test_the_version_has_one_source():
     assert python("-m", "sim", "--version").stdout == f"launchid {launchid_core.__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" not in project["project"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "launchid_core.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "launchid_core.version.VERSION"}
 
 
 # ---- streams that are not there, and interrupts
