@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
@@ -13,7 +15,7 @@ from .controller.command import record
 from .controller.issued import is_slow, with_commands
 from .controller.kind import FILTER, ControllerCheck
 from .data.check import check
-from .data.record import Record
+from .data.record import THETA_DOT, Record
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
 from .judge.gain import Gain, held_out, on_another, removed
@@ -24,6 +26,7 @@ from .judge.measure import (
     DOMINANT,
     EXPLAINED,
     LEAST_REMOVED,
+    Remainder,
     doubts,
     of_gain,
     remainder,
@@ -97,14 +100,55 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     made.record = r
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
-    made.selection = select(r, made.threshold, hypotheses, say)
-    made.is_cut_short = r.is_late
-    say("goodness")
-    _judge(made, _measure(made, holdout), say)
+    made = _searched(made, holdout, hypotheses, say)
+    if _sensors_disagree(made):
+        made = _without_gyro(made, holdout, hypotheses, say)
+    assert made.selection is not None
     say("detection limits")
     found, made.isolability = limits(made.selection.model.fit.record, made.selection.model, made.threshold)
     made.limits = tuple(found)
     return made
+
+
+def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
+              say: Say) -> Diagnosis:
+    """With the search and the verdict on this record."""
+    assert made.record is not None
+    made.selection = select(made.record, made.threshold, hypotheses, say)
+    made.is_cut_short = made.record.is_late
+    say("goodness")
+    _judge(made, _measure(made, holdout), say)
+    return made
+
+
+def _sensors_disagree(made: Diagnosis) -> bool:
+    """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
+    of one of them."""
+    r = made.record
+    if made.verdict != "unexplained" or r is None or r.is_late or not {"theta", "theta_dot"} <= set(r.channels):
+        return False
+    best = max(made.left_nominal, key=lambda each: each.gain, default=None)
+    return best is not None and best.disturbance.place in ("theta", "theta_dot")
+
+
+def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
+                  say: Say) -> Diagnosis:
+    """The same on the attitude alone (a device may have filtered its rate), where that is dominant then; else as it
+    was."""
+    assert made.record is not None
+    say("without theta_dot, which does not fit theta")
+    z = made.record.z.copy()
+    z[:, THETA_DOT] = np.nan
+    again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
+                      catalogue=made.catalogue, record=replace(made.record, z=z))
+    again = _searched(again, holdout, hypotheses, say)
+    if again.verdict not in ("explained", "dominant"):
+        return made
+    share = again.gain.share if again.gain is not None and again.gain.share is not None else 0.0
+    again.verdict = "dominant"
+    again.remaining = ("theta_dot does not fit theta and was left out", *again.remaining)
+    again.remainder = Remainder(share, "sensor", again.remaining[0])
+    return again
 
 
 def _measure(made: Diagnosis, holdout: Log | None) -> Measure:

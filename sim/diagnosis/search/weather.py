@@ -61,7 +61,8 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     blocks = swinging(nominal) if hypotheses is None else ()
     one = select_from(nominal, known, threshold, 1, say, blocks)
     say("weather")
-    first = _weathered(nominal)
+    settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
+    first = None if settled else _weathered(nominal)
     single = one.model.log_likelihood - nominal.log_likelihood
     if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
         return _in_weather(nominal, first, known, threshold, say)
