@@ -38,6 +38,7 @@ TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3
 SIZES = np.geomspace(3e-4, 0.3, 7)  # rad/s^2 of a first look
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
 HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
+DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -60,6 +61,8 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     nominal = as_simulated(record)
     blocks = swinging(nominal) if hypotheses is None else ()
     one = select_from(nominal, known, threshold, 1, say, blocks)
+    if sensors_disagree(one.model):
+        return one  # no cause of the vehicle is told from what the sensors make of it
     say("weather")
     settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
     first = None if settled else _weathered(nominal)
@@ -71,6 +74,20 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
     return _in_weather(nominal, beside, known, threshold, say)
+
+
+def sensors_disagree(model: Model) -> bool:
+    """Attitude and rate are measured, and this model does not make them one motion: a disturbance of one of them, as
+    large as its innovations, is worth DISAGREE nats a row."""
+    record, fitted = model.fit.record, model.fit
+    if not {"theta", "theta_dot"} <= set(record.channels):
+        return False
+    refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
+    own = refilter.log_likelihood(fitted.filter.levels)
+    sizes = np.sqrt(np.nanmean(fitted.innovations**2, axis=0))
+    gains = [refilter.log_likelihood(fitted.filter.levels, Disturbance(name, float(sizes[k]), TIMES[0])) - own
+             for k, name in enumerate(("theta", "theta_dot"))]
+    return max(gains) > DISAGREE * record.rows
 
 
 def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], threshold: float, say: Say) -> Selection:
