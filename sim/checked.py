@@ -13,6 +13,7 @@ from .plant_check import plant_faults
 from .sections import Sensors
 
 COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity
+MASKED = "; these rows are left out"          # by the diagnosis; an estimator judges each row by itself
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
@@ -38,7 +39,7 @@ def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_column
     found = faults(log, nominal)
     if not found:
         return ()
-    line = f"{log.path}: the data check: {'; '.join(fault.message for fault in found)}"
+    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in found)}"
     if strict or (refuse_columns and any(fault.kind in COLUMN_FAULTS for fault in found)):
         raise InputError(line)
     return (line,)

@@ -129,6 +129,14 @@ def test_one_line_of_warning_and_exit_3_with_strict(capsys, written, command):
     assert (status, out) == (3, "") and len(err.splitlines()) == 1 and "column t" in err and "milliseconds" in err
 
 
+def test_rows_that_identify_uses_are_not_said_to_be_left_out(nominals):
+    log = flown(nominals["constant"], 1)
+    log.theta_dot[1000:1200] = 0.0
+    with pytest.warns(launchid.DataWarning, match="exactly zero for 200 rows") as caught:
+        launchid.identify(log, nominals["constant"], window=5)
+    assert "left out" not in str(caught[0].message)
+
+
 def test_diagnose_is_strict_too(capsys, written):
     status, out, err = run(capsys, "diagnose", written / "turned.csv", written / "n.toml", "--strict")
     assert (status, out) == (3, "") and "opposite sign" in err
