@@ -11,7 +11,7 @@ import pytest
 from sim.cli import main
 from sim.flight import fly_whole
 from sim.log import write_flight
-from sim.nominal import load_nominal
+from sim.nominal import Wind, load_nominal
 
 DURATION = 40.0   # s: a turn and its end
 WITHIN = 4.0      # standard deviations: one number in 16,000
@@ -140,6 +140,32 @@ def test_shifted_input_is_a_placebo(tmp_path, capsys, share):
                "beta_cmd": np.roll(flight.beta_cmd, shift)}
     status, said, words = nominal_of(saved(tmp_path / "placebo.csv", columns), capsys)
     assert status == 3 and said["k1"] is None and "k1 cannot be told" in words
+
+
+COLUMNS = (("theta", "theta_dot", "beta", "beta_cmd"), ("theta", "beta", "beta_cmd"), ("theta_dot", "beta", "beta_cmd"),
+           ("theta", "theta_dot", "beta"), ("theta", "theta_dot", "beta_cmd"))
+
+
+@pytest.mark.campaign
+def test_intervals_of_95_percent_hold_in_calm_and_wind_at_every_rate(tmp_path, capsys):
+    """a6, k1 and the delay of 60 flights: refused, or within 1.96 std in at least 88 %."""
+    rng, within = np.random.default_rng(0), []
+    for k in range(60):
+        nominal = load_nominal("constant")
+        assert nominal.simulation is not None and nominal.actuator is not None
+        delay = float(rng.choice([0.0, 0.03]))
+        nominal = dataclasses.replace(
+            nominal, simulation=dataclasses.replace(nominal.simulation, duration=DURATION),
+            actuator=dataclasses.replace(nominal.actuator, delay=delay),
+            wind=Wind(walk=0.002, turbulence=0.005) if k % 2 else None)
+        flight = fly_whole(nominal, seed=1000 + k, period=float(rng.choice([0.003, 0.005, 0.01, 0.02])))
+        names = COLUMNS[k % len(COLUMNS)]
+        columns = {name: getattr(flight, name) for name in ("t", *names)}
+        status, said, _ = nominal_of(saved(tmp_path / f"{k}.csv", columns), capsys)
+        if status == 0 and said["profile"] is None:
+            truth = {"a6": 2.0, "k1": -7.0, "delay": delay if "beta_cmd" in names else 0.0}
+            within += [off(said[name], value) < 1.96 for name, value in truth.items()]
+    assert len(within) > 60 and np.mean(within) >= 0.88
 
 
 # ---- real logs
