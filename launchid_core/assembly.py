@@ -210,10 +210,10 @@ def restart(config: Config, parts: Parts) -> None:
         parts.state.random[0] = first_state(config.seed)
     if parts.gauge is not None:
         restart_gauge(parts.gauge)
-    parts.state.guard[CARRIED] = seal_of(_carried(parts))
+    parts.state.guard[CARRIED] = seal_of(carried(parts))
 
 
-def _carried(parts: Parts) -> Iterator[np.ndarray]:
+def carried(parts: Parts) -> Iterator[np.ndarray]:
     """What the seal CARRIED is over: what persists but for what has seals of its own and the last outcome."""
     state = parts.state
     own = (state.clock, state.counts, state.ring, state.seals, state.guard, *state.outcome)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from sealed import reseal
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core import ring as rb
@@ -501,21 +502,11 @@ def test_what_is_not_sound_is_forgotten_and_said(part):
     """By whatever way it came about: the seals fit."""
     one = fly(config("filtered"), flight()[:1500]).estimator
     getattr(one._parts.state.filter, part).reshape(-1)[0] = NAN
-    one._parts.state.guard[:] = sealed(one)
+    reseal(one)
     answers = [one.update(row) for row in flight()[1500:1600]]
     assert answers.count(Status.RECOVERED) == 1 and answers.index(Status.RECOVERED) < 10
     one = fly_on(one, flight()[1600:7000])
     assert one.estimate().tracked.valid and abs(one.estimate().tracked.a6 - A6) < 6 * one.estimate().tracked.a6_std
-
-
-def sealed(estimator: Estimator) -> list[int]:
-    """Seals that fit the state."""
-    from launchid_core import guard
-    from launchid_core.assembly import _carried
-
-    state = estimator._parts.state
-    control = guard.seal_of([state.clock, state.counts[:rb.COUNT_FIRST]])
-    return [control, guard.seal_of(_carried(estimator._parts))]
 
 
 def fly_on(estimator: Estimator, samples: Iterable[Sample]) -> Estimator:
