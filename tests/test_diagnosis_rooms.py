@@ -102,7 +102,7 @@ def test_a_log_is_checked_and_put_on_its_grid_once():
     body = tree_of(DIAGNOSIS / "verdict.py").body
     functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
     for name, where in (("check", "diagnose"), ("record", "diagnose"), ("with_commands", "_examined"),
-                        ("select", "_examined")):
+                        ("select", "_searched")):
         assert calls_in(functions[where], name) == 1
         others = [other for other, function in functions.items() if calls_in(function, name) and other != where]
         assert others == (["_measure"] if name != "select" else []), name

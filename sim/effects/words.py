@@ -4,22 +4,25 @@ measured signals."""
 MEANING = {
     "control_effectiveness": "k1 -> scale*k1",
     "control_loss": "k1 -> (1 - fraction)*k1 from `time` on",
-    "control_slope": "k1 -> k1*(1 + slope*(t - t_middle)), t_middle the middle of the flight",
+    "control_slope": "k1 -> k1*(1 + slope*(t - middle)); `middle` inf or left out: the centre of the log, of "
+        "the flight in `simulate`",
     "aero_instability": "a6 -> scale*a6",
     "aero_damping": "theta_ddot -= coefficient*theta_dot",
     "aero_cubic": "a6*theta -> a6*(theta + coefficient*theta^3)",
     "friction": "theta_ddot -= coefficient*sign(theta_dot)",
     "thrust_misalignment": "k1*b -> k1*(b + angle)",
     "moment_step": "theta_ddot += acceleration from `time` on",
-    "nozzle_inertia": "theta_ddot += coefficient*beta_ddot",
-    "lateral_drift": "gamma_dot = z_alpha*alpha + z_beta*(b + m)",
+    "nozzle_inertia": "theta_ddot += coefficient*b'' (tail wags dog; of a launcher below 0), b'' the "
+        "nozzle's own, rate limit and all",
+    "lateral_drift": "added to those of `[drift]`, which need not be there; the column `gamma` is the "
+        "nominal's affair and is written with `[drift]` only",
     "slosh": "psi'' + 2 z w psi' + w^2 psi = -theta_ddot; theta_ddot += coupling*w^2*psi",
     "bending": "eta'' + 2 z w eta' + w^2 eta = gain*w^2*b; z_theta += eta, z_theta_dot += eta'",
     "missing_term": "theta_ddot += coefficient*term, a library term",
     "gust": "a6*theta -> a6*(theta + angle*(1 - cos(2 pi (t - time)/duration))/2) while it lasts",
     "steady_wind": "a6*theta -> a6*(theta + angle)",
-    "turbulence": "a6*theta -> a6*(theta + w), w stationary and of first order with `level` and `time_constant`",
-    "wind_walk": "a6*theta -> a6*(theta + w), w a random walk of `level`",
+    "turbulence": "the wind of `[wind]` `turbulence`, beside the nominal's; drawn from the seed",
+    "wind_walk": "the wind of `[wind]` `walk`, from 0 at t = 0, beside the nominal's; drawn from the seed",
     "periodic_disturbance": "theta_ddot += amplitude*sin(frequency*t + phase)",
     "actuator_delay": "u(t) -> u(t - delay), added to the nominal's",
     "actuator_bandwidth": "natural frequency (or 1/time constant) -> scale*it; `lag` = 1: as slow by a first-order lag "
