@@ -11,7 +11,7 @@ from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
 from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
-from sim.diagnosis.judge.gain import LEAST_EXCESS, Gain
+from sim.diagnosis.judge.gain import CHANCE, LEAST_EXCESS, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
 from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
@@ -119,10 +119,10 @@ def test_what_explains_passes_all_that_dominates():
 # ---- what it gains
 
 
-def gained(nats=50.0, share=0.05, noise=1.0, excess=10.0):
+def gained(nats=50.0, share=0.05, noise=1.0, excess=10.0, horizons=math.inf):
     """Held-out errors: the nominal's exceed what noise gives by `excess` of it, of which this share stays."""
     squared = {"theta": (noise * (1.0 + excess), noise * (1.0 + share * excess), noise, noise)}
-    return Gain((0.0, 0.0), nats, {}, squared, None, "here")
+    return Gain((0.0, 0.0), nats, {}, squared, None, "here", {"theta": horizons})
 
 
 @pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
@@ -147,6 +147,14 @@ def test_the_share_is_of_what_is_beyond_noise_and_of_nothing_there_is_none():
     assert two.excess == (40.0, 10.0) and two.share == 0.25
     own = replace(gained(), squared={"theta": (11.0, 3.0, 1.0, 2.0)})   # each model beside its own noise
     assert own.excess == (10.0, 0.5)
+
+
+def test_errors_remain_only_beyond_chance():
+    """Of 50 horizons side by side a mean square is off by a fifth, one sigma."""
+    chance = CHANCE * math.sqrt(2.0 / 50.0)
+    for excess, said in ((INSIDE * chance, 0), (OUTSIDE * chance, 1)):
+        assert len(measure.of_gain(gained(share=excess / 2.0, excess=2.0, horizons=50.0), EXPLAINED)) == said
+    assert measure.of_gain(gained(share=INSIDE * chance / 2.0, excess=2.0), EXPLAINED)   # of more of them
 
 
 # ---- noise

@@ -43,7 +43,8 @@ EXPECTED = {
 def measured(effects=(), freeze=slice(0, 0), name="<flight & test>.csv"):
     """A short flight as a log; `freeze` rows of theta repeat their first."""
     nominal = load_nominal(built_in("constant"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION),
+                      diagnosis=replace(nominal.diagnosis, time_limit=3600.0))  # s: as long as a busy machine takes
     flight = fly_whole(nominal, 1, effects=effects)
     columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
     arrays = {column: getattr(flight, column).copy() for column in columns}

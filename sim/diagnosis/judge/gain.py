@@ -6,7 +6,7 @@ noise levels) is fitted to the others and judged on them.  With a second log, ev
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ FOLDS_SEED = 11
 REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 SPACING = 0.125        # s between predictions
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
+SETTLED = 2.0          # s: before, the state is hardly known, and the square of one error there outweighs all others
+CHANCE = 2.5           # standard deviations of a mean square, beyond which it is more than noise
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -41,6 +43,7 @@ class Gain:
                     what noise alone would give each [of the channel's unit]
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
+    horizons        channel -> how many of the longest stand side by side in what `squared` was measured on
     """
 
     log_likelihood: tuple[float, float]
@@ -49,6 +52,14 @@ class Gain:
     squared: dict[str, tuple[float, float, float, float]]
     closed_loop: tuple[float, float] | None
     source: str
+    horizons: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def is_left(self) -> bool:
+        """The extended model's squared errors exceed what noise gives by more than chance: a mean of n independent
+        squares of normal variables is off by (2/n)^1/2 of itself, one sigma."""
+        return any(extended / noise - 1.0 > CHANCE * math.sqrt(2.0 / self.horizons.get(name, math.inf))
+                   for name, (_, extended, _, noise) in self.squared.items())
 
     @property
     def excess(self) -> tuple[float, float]:
@@ -212,21 +223,22 @@ def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
 
 def _errors(records: Sequence[Record], models: Sequence[Trained],
             rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction errors (models, s, h, 3) whose whole horizon lies in rows left out, and the channels' changes
-    (s, h, 3)."""
+    """Prediction errors (models, s, h, 3) whose whole horizon lies in rows left out and which begin when the filter has
+    settled, and the channels' changes (s, h, 3)."""
     made = np.stack([prediction_errors(of, each.filter, each.point, HORIZONS, SPACING)
                      for of, each in zip(records, models, strict=True)])
     record = records[0]
     spacing = max(1, round(SPACING / record.period))
     starts = spacing * np.arange(made.shape[1])
     change = np.full(made.shape[1:], math.nan)
+    settled = starts * record.period >= min(SETTLED, 0.25 * record.rows * record.period)
     for h, horizon in enumerate(HORIZONS):
         ahead = max(1, round(horizon / record.period))
         inside = starts + ahead < record.rows
         whole = np.zeros(len(starts), bool)
         total = np.concatenate([[0], np.cumsum(rows)])
         whole[inside] = total[starts[inside] + ahead + 1] - total[starts[inside]] == ahead + 1
-        made[:, ~whole, h] = math.nan
+        made[:, ~(whole & settled), h] = math.nan
         change[inside, h] = record.z[starts[inside] + ahead] - record.z[starts[inside]]
     change[~np.isfinite(made[0])] = math.nan
     return made, change
@@ -243,11 +255,12 @@ def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, 
             scale = rms(changes[:, h, c])
             if channel in record.channels and scale > 0.0:
                 nrmse[horizon][channel] = (rms(errors[0, :, h, c]) / scale, rms(errors[1, :, h, c]) / scale)
-    squared = {}
+    squared, horizons = {}, {}
     for c, channel in enumerate(CHANNELS):
         seen = np.isfinite(errors[:, :, -1, c]).all(axis=0)
         if channel in record.channels and seen.any():
             made = [float(np.mean(x)) for x in (*(errors[:, seen, -1, c]**2), *noise[:, seen, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
+            horizons[channel] = max(1.0, float(seen.sum()) * SPACING / HORIZONS[-1])
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                squared, closed_loop, source)
+                squared, closed_loop, source, horizons)

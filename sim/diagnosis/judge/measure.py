@@ -7,7 +7,8 @@ limit in nats fails every log that is long enough.
                part of it that is not alike, 1 - cos^2
     share      of the held-out squared errors over 1 s, beyond what noise gives, that remains (`gain.Gain.share`)
 
-A ratio counts from where it is beyond chance: the constancy's chi-squared, the leftover's own limit.  Each threshold:
+A ratio counts from where it is beyond chance: the constancy's chi-squared, the leftover's own limit, the spread of a
+mean square of so many horizons (`Gain.is_left`).  Each threshold:
 
     name                meaning                                                        set on
     EXPLAINED.variation a size that creeps by a seventh is still that cause's          the project's hidden flights
@@ -108,7 +109,7 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     """Why the held-out gain does not keep the bounds."""
     if not gain.nats > 0.0:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
-    if gain.share is not None and gain.share > bounds.share:
+    if gain.share is not None and gain.share > bounds.share and gain.is_left:
         return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over 1 s remain (at most "
                 f"{100 * bounds.share:.0f} %)"]
     return []

@@ -25,6 +25,8 @@ def horizon_variances(f, block, q, c, r, p, resets, reset_variances, measured, s
             far[:, :] = p
             for j in range(ahead):
                 propagate(block[min(k + j, n - 1)], f, q, d, new_d, far, fp)
+                if k + j + 1 < n and resets[k + j + 1]:
+                    reset(far, d, reset_variances)
             for a in range(N_CHANNELS):
                 variances[k // spacing, a] = r[a]
                 for i in range(m):

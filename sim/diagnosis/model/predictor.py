@@ -187,7 +187,7 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
     errors (s, h, 3) out   measured less predicted of start s, NaN where not measured or beyond the log
     """
     begin, n = v.counter[0], len(z)
-    held, row, kept = np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
+    held, ahead_held, row, kept = np.zeros(2), np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
     air, ahead_air = np.zeros(len(world)), np.zeros(len(world))
     moments, servo = np.zeros_like(v.plant), np.zeros_like(v.actuator)
     for k in range(n):
@@ -197,14 +197,16 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
         correct_row(v, slots, held, world, air, i, k, z, gains, row)
         if k % spacing == 0 and k // spacing < len(errors):
             kept[:], moments[:, :], servo[:, :] = v.state, v.plant, v.actuator
-            reached, ahead_air[:] = k, air
+            reached, ahead_air[:], ahead_held[:] = k, air, held
             for b in range(len(ahead)):
                 if k + ahead[b] >= n:
                     errors[k // spacing, b] = math.nan
                     continue
                 while reached < k + ahead[b]:
+                    if reached > k and (held_rows == 1 or (reached - held_phase) % held_rows == 0):
+                        ahead_held[:] = 0.0
                     pushed = push(v, begin + at[reached], world, ahead_air)
-                    advance_row(v, held, pushed, begin + at[reached], begin + at[reached + 1], begin)
+                    advance_row(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
                     ahead_air *= world[:, 1]
                     reached += 1
                 if v.history.shape[1] > 0:

@@ -171,7 +171,8 @@ def _constant(filt: Filter, measured: np.ndarray) -> float:
 
 
 def as_simulated(record: Record) -> Model:
-    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like."""
+    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like, which
+    must do clearly better."""
     levels = declared(record)
     start = first_filter(record, levels)
     models = [profile(record, (), np.zeros(DEVIATIONS), start)]
@@ -185,7 +186,7 @@ def as_simulated(record: Record) -> Model:
     low, high = bounds(record)
     seen = levels * np.clip(seen / levels, low, high)
     models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
-    return max(models, key=lambda model: model.log_likelihood)
+    return models[1] if models[1].log_likelihood > models[0].log_likelihood + TOLD_APART else models[0]
 
 
 def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
