@@ -159,16 +159,20 @@ def stuck(x):
 
 
 def test_faults_of_rows_are_masked_and_the_rest_is_judged():
-    result = report(diagnose(changed(flown(seed=4), theta_dot=stuck), NOMINAL))
-    assert (result["verdict"], result["where"], result["causes"], result["gain"]) == ("bad-data", "data", [], None)
-    assert result["beneath"] == {"verdict": "consistent", "causes": []}
-    assert "theta_dot" in result["data"]["faults"][0]["message"]
+    """The verdict is the rest's, and what is wrong with the log is said."""
+    few = tuple(each for each in SOUGHT if each.cause in ("gyro_bias", "control_effectiveness"))
+    for effects, expected in (((), "consistent"), (("gyro_bias:rate=0.003",), "explained")):
+        result = report(diagnose(changed(flown(*effects, seed=4), theta_dot=stuck), NOMINAL, hypotheses=few))
+        assert result["verdict"] == expected, result["doubts"]
+        fault, = result["data"]["faults"]
+        assert (fault["kind"], fault["channel"]) == ("stale", "theta_dot") and "theta_dot" in fault["message"]
 
 
 @pytest.mark.parametrize("columns", [{"theta_dot": np.degrees}, {"t": lambda t: 1000.0 * t}, {"beta": np.negative}])
 def test_faults_of_columns_stop_the_diagnosis(columns):
     result = report(diagnose(changed(flown(seed=4), **columns), NOMINAL))
-    assert (result["verdict"], result["beneath"]) == ("bad-data", None)
+    assert (result["verdict"], result["where"], result["causes"], result["gain"]) == ("bad-data", "data", [], None)
+    assert result["remainder"] is None and result["remaining"] == [] and result["weather"] is None
     json.dumps(result, allow_nan=False)
 
 
