@@ -36,7 +36,7 @@ DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
-LONG_STEP = 1.5          # median periods: longer steps are gaps and say nothing about the period
+LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 
 
 @dataclass(frozen=True, eq=False)
