@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign import write_mcap, write_ulog
+from written import write_mcap, write_ulog
 from hypothesis import given
 from hypothesis import strategies as st
 
