@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from written import write_mcap, write_ulog
 from hypothesis import given
 from hypothesis import strategies as st
+from written import write_mcap, write_ulog
 
 import launchid
 from sim.cli import main

@@ -200,14 +200,18 @@ def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
 
 
 def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
-                blocks: Sequence[tuple[Cause, ...]] = (), start: Model | None = None) -> Selection:
+                blocks: Sequence[tuple[Cause, ...]] = (), start: Model | None = None,
+                ranking: Sequence[Ranked] | None = None) -> Selection:
     """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
 
     blocks  causes that make sense together only, tried as the first
     start   a model of the same record whose causes are kept as long as they are needed; None: the nominal
+    ranking of the first cause, where one that begins with causes has it; None: it is made
     """
     record, known = nominal.fit.record, tuple(known)
     found = Selection(nominal, nominal if start is None else start)
+    if start is not None and start.causes:  # what could stand in the place of the first is still told
+        found.rankings.append(list(ranking) if ranking is not None else ranking_of(record, nominal, known))
     while len(found.model.causes) < most and not record.is_late:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = needed(threshold, len(found.model.causes))
@@ -429,10 +433,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         model = found.model
         others = model.causes[:k] + model.causes[k + 1:]
         if not others:
-            without = found.nominal
-            if not found.rankings:  # begun with causes
-                found.rankings.append(ranking_of(record, without, known))
-            ranked = found.rankings[0]
+            without, ranked = found.nominal, found.rankings[0]
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood

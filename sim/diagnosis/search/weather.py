@@ -69,7 +69,9 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     single = one.model.log_likelihood - nominal.log_likelihood
     if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
         return _in_weather(nominal, first, known, threshold, say)
-    found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model) if one.model.causes else one
+    found = one
+    if one.model.causes:
+        found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model, one.rankings[0])
     beside = _weathered(found.model) if found.model.causes else first
     if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
