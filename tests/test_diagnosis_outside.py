@@ -47,7 +47,7 @@ def test_the_search_for_a_moment_begins_at_its_onset(tmp_path, time):
     problem = Problem(of, base.fit.filter)
     start, = scan(problem, base.fit, [RECORDS["moment_step"]])
     assert start.values[1] == pytest.approx(time, abs=1.0) and start.values[0] == pytest.approx(-0.0012, rel=0.3)
-    found = fit(problem, (Cause(RECORDS["moment_step"], start.values),), np.zeros(4))
+    found = fit(problem, (Cause(RECORDS["moment_step"], start.values),), np.zeros(5))
     (size, onset), std = found.causes[0].values, found.std(0)
     assert abs(onset - time) < 4.0 * std[1] < 2.0 and abs(size + 0.0012) < 4.0 * std[0] < 0.001
 
@@ -59,7 +59,7 @@ def test_the_covariances_know_the_nozzle_s_inertia():
     plain, heavy, c = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((3, 6))
     for a, effects in ((plain, []), (heavy, [effect("nozzle_inertia", coefficient=-0.004)])):
         table = pack(effects, 0.001)
-        state_matrix(table.plant, table.actuator, np.full(len(table.plant), -1), 2.0, -7.0, 50.0, 0.7, a, c)
+        state_matrix(table.plant, table.actuator, np.full(len(table.plant), -1), 2.0, -7.0, 50.0, 0.7, False, a, c)
     assert np.allclose(heavy[1], plain[1] - 0.004 * plain[3], rtol=0, atol=1e-12)
     assert np.array_equal(np.delete(heavy, 1, 0), np.delete(plain, 1, 0)) and np.abs(heavy - plain).max() > 1.0
 
@@ -97,7 +97,7 @@ def test_the_slopes_of_a_drift_are_small_enough_for_its_ridge(tmp_path):
         own = dataclasses.replace(own, free=tuple(dataclasses.replace(f, step=shrunk * f.step) for f in own.free))
         cause = Cause(own, (0.004, 0.0024))
         r = problem.residual(Point((own.effect(cause.values),)))
-        jacobian = slopes_at(problem, (cause,), np.zeros(4), r)
+        jacobian = slopes_at(problem, (cause,), np.zeros(5), r)
         basis, _ = np.linalg.qr(np.delete(jacobian, 1, axis=1))
         column = jacobian[:, 1]
         rest.append(np.linalg.norm(column - basis @ (basis.T @ column)))

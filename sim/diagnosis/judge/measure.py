@@ -16,7 +16,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     EXPLAINED.share     nine tenths of the error beyond noise are gone                 meaning only
     DOMINANT.variation  more than half as different along the log is not one cause     meaning only
     DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
-    DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.93
+    DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
@@ -48,7 +48,7 @@ class Bounds:
 
 
 EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
-DOMINANT = Bounds(0.5, 0.5, 0.15, 0.75)
+DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
 LEAST_REMOVED = 0.05
