@@ -247,7 +247,8 @@ def _span(r: Record) -> tuple[float, float]:
 
 
 def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """Missing terms in the place of the catalogue's causes: kept where they pass every test, else a proposal."""
+    """Missing terms in the place of the catalogue's causes: kept where they explain everything (a term that leaves
+    something may stand for anything), else a proposal."""
     assert made.selection is not None
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
     terms = propose(made.selection.nominal, made.threshold, say)
@@ -256,7 +257,8 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     made.proposal, selection = terms
     selection.weather, selection.calm = made.selection.weather, made.selection.calm
     again = _tested(made, selection, measure, say)
-    if not again and selection.model.log_likelihood > made.selection.model.log_likelihood - TERM_MARGIN:
+    behind = made.selection.model.log_likelihood - selection.model.log_likelihood
+    if not again and not made.remaining and behind < TERM_MARGIN:
         made.selection = selection
         return []
     own = made.gain or measure(selection)

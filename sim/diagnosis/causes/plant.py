@@ -8,7 +8,7 @@ import numpy as np
 from ..data.record import Record
 from .hypothesis import Free, Hypothesis, Start, Steps, Values, size
 
-SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 14))      # rad/s: liquid propellant, 0.15 to 3 Hz
+SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 28))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
 BENDING_RESOLVED = 0.45     # rad a step, of the same
 LOWEST_BENDING = 6.0        # rad/s

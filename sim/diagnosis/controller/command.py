@@ -20,6 +20,8 @@ from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
 
+HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
+
 
 def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
@@ -72,9 +74,13 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
-    """(ticks,) [rad] of a jittered log: each held from its own stamp on, the measured nozzle linear between them."""
+    """(ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over rows, from
+    the middle between the rows that it changed between; the measured nozzle linear between them."""
     ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
-    at, values = draft.at[known], command[known]
+    at, values = draft.at[known].astype(np.float64), command[known]
+    changed = np.diff(values) != 0.0
+    if source != "beta" and len(changed) and np.mean(changed) < 1.0 - HELD:
+        at[1:] = np.where(changed, 0.5 * (at[1:] + at[:-1]), at[1:])
     if source == "beta":
         return np.interp(ticks + 2.0 * DIRECT_DAMPING / DIRECT, at, values)
     return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])

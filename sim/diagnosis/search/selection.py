@@ -36,7 +36,7 @@ FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
 THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
 FURTHER = 22.0        # nats for each further one
 MOST_CAUSES = 3
-TRIED = 6             # candidates of a scan that are fitted
+TRIED = 8             # candidates of a scan that are fitted
 PROFILED = 3          # of these, how many get their own noise levels; and all within NEAR of the best
 NEAR = 8.0            # nats
 HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
@@ -51,7 +51,7 @@ UNSEEN = 3.0          # times the declared command and acceleration noise: a sta
 SWAP_GAIN = 1.0       # nats that a swap must bring
 QUIETER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # factors of a weather's level
 QUIET_SEGMENTS = 8
-FARTHEST = 10.0       # times below the fitted levels, of another start: farther no filter stays with the log
+FARTHEST = 100.0      # times below the fitted levels, of another start: farther no filter stays with the log
 UNSTEADY = 0.3        # of its level: weather with which half of the log does not do is none
 
 Say = Callable[[str], None]

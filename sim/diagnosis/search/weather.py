@@ -86,9 +86,9 @@ def sensors_disagree(model: Model) -> bool:
         return False
     refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
     own = refilter.log_likelihood(fitted.filter.levels)
-    sizes = np.sqrt(np.nanmean(fitted.innovations**2, axis=0))
-    gains = [refilter.log_likelihood(fitted.filter.levels, Disturbance(name, float(sizes[k]), TIMES[0])) - own
-             for k, name in enumerate(("theta", "theta_dot"))]
+    sizes = np.sqrt(np.nanmean(fitted.innovations[:, :2]**2, axis=0)).tolist()
+    gains = [refilter.log_likelihood(fitted.filter.levels, Disturbance(name, size, TIMES[0])) - own
+             for name, size in zip(("theta", "theta_dot"), sizes, strict=True)]
     return max(gains) > DISAGREE * record.rows
 
 
