@@ -60,7 +60,7 @@ HORIZON = 1.0                # s of the prediction error in the gain
 NORMAL_95 = 1.96
 LARGE_SCALE = 0.3            # of a scale in the group `large`, as far as a vehicle may be off
 LARGEST_SHARE = 0.9          # of a scale's or a fraction's deviation downwards: the vehicle keeps a tenth
-ONSETS = {"control_loss": "time", "gust": "time"}
+ONSETS = {"control_loss": "time", "moment_step": "time", "gust": "time"}
 
 # How far the other parameters are from those for which the limit is printed: off the search's grid, but so near that
 # the printed limit still is that of the flown shape (slosh's goes with the frequency squared).

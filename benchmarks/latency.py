@@ -11,6 +11,7 @@ Exit status 1 if a demand is missed.
 import argparse
 import gc
 import importlib.util
+import math
 import sys
 import time
 import warnings
@@ -186,6 +187,23 @@ def all_updates(repeats: int) -> dict[str, float]:
     return means
 
 
+def replay_rates(repeats: int) -> None:
+    """Rows of whole logs in one call: samples a second, best repeat."""
+    believed = nominal("constant")
+    table = np.array(list(fly_whole(believed, 0).samples()))
+    print(f"\n{'whole log in one call, 7000 samples':44} {'million/s':>10}")
+    for name, more in (("integral, two terms", {"formulation": "integral"}),
+                       ("filtered, rigid-body, estimated", {"formulation": "filtered",
+                                                            "model": onboard_model(believed)})):
+        estimator = Estimator(Config(window=1.0, sample_period=0.01, **more))
+        estimator.replay(table[:200])  # compiles
+        best = math.inf
+        for _ in range(max(repeats, 5)):
+            estimator.reset()
+            best = min(best, float(timed(estimator.replay, [table])[0][0]))
+        print(f"{name:44} {len(table) / best:10.2f}")
+
+
 def main() -> int:
     """Run and print; exit status 1 if a demand is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -199,6 +217,7 @@ def main() -> int:
     base = float(np.median(closes["launchid"][0]))
     for name, (spent, error) in closes.items():
         print(f"{name:44} {np.median(spent):10.2f} {np.median(spent) / base:14.1f} {error:15.1e}")
+    replay_rates(args.repeats)
     flight = flight_time(args.repeats)
     print(f"\n70 s flight at 1 kHz: {1000 * flight:.1f} ms\n")
     ratio = float(np.median(closes["pysindy"][0])) / base if "pysindy" in closes else float("nan")

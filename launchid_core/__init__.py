@@ -11,6 +11,7 @@ from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
 from .compiling import compile_listeners
 from .sample import Sample
 from .status import EstimateStatus, Status
+from .version import VERSION
 
 if TYPE_CHECKING:
     from .config import Config
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from .port import Port, port_of
     from .uncertainty import BANDS, EDGES
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWEST", "SOLVERS", "Change", "Config",
            "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",

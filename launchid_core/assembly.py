@@ -15,6 +15,7 @@ from .choices import SOLVERS
 from .compress import first_state
 from .config import Config
 from .filtered import LEVEL_PRIOR, WIND_PRIOR
+from .guard import CARRIED, seal_of
 from .library import centred_variables, term_codes
 from .memory import Block
 from .model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
@@ -209,3 +210,11 @@ def restart(config: Config, parts: Parts) -> None:
         parts.state.random[0] = first_state(config.seed)
     if parts.gauge is not None:
         restart_gauge(parts.gauge)
+    parts.state.guard[CARRIED] = seal_of(carried(parts))
+
+
+def carried(parts: Parts) -> Iterator[np.ndarray]:
+    """What the seal CARRIED is over: what persists but for what has seals of its own and the last outcome."""
+    state = parts.state
+    own = (state.clock, state.counts, state.ring, state.seals, state.guard, *state.outcome)
+    return (array for array in state_arrays(parts) if all(array is not each for each in own))

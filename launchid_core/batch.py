@@ -9,6 +9,7 @@ from .kernels import shared
 from .library import CODE_LENGTH, MAX_POWER, N_VARIABLES
 from .memory import take, take2
 from .sparse import SparseWork, view_sparse
+from .stuck import N_LEARNED, N_WATCHED
 from .window import EQUATIONS, Outcome, view_outcome
 
 # plan (i8): what is fixed at construction
@@ -35,8 +36,11 @@ class State(NamedTuple):
     clock: np.ndarray       # (N_CLOCK,)
     counts: np.ndarray      # (N_COUNT,) int64
     ring: np.ndarray        # (m + 1, 7)
+    seals: np.ndarray       # (m + 1,) int64 of the ring's rows
+    guard: np.ndarray       # (2,) int64 seals of clock and counts, of `random`
     outcome: Outcome
     random: np.ndarray      # (1,) int64 generator of the row choice
+    repeats: np.ndarray     # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
 
 
 class Work(NamedTuple):
@@ -95,10 +99,11 @@ def view_fixed(f, at, i, m, q):
 @shared
 def view_state(f, at, i, m, q, rows):
     """Cut it from floats f at `at`, integers i at `m`: q terms, `rows` a window; returns (it, next at, next m)."""
-    clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    clock, counts, ring, seals, guard, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
     random, m = take(i, m, 1)
-    return State(clock, counts, ring, outcome, random), at, m
+    repeats, at = take2(f, at, N_WATCHED, N_LEARNED)
+    return State(clock, counts, ring, seals, guard, outcome, random, repeats), at, m
 
 
 @shared

@@ -1,12 +1,13 @@
 """The one class: samples in by `update`, estimates out by `estimate`."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from . import checkpoint, replay
 from . import report as rp
 from . import ring as rb
 from . import step as st
@@ -22,7 +23,8 @@ from .predictor import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .sample import NAN, Sample
 from .status import EstimateStatus, Status
 
-_STATUSES = tuple(Status(code) for code in range(Status.BUSY, Status.CLOCK_RESET + 1))
+_STATUSES = tuple(Status(code) for code in range(Status.BUSY, Status.RECOVERED + 1))
+_ESTIMATE_STATUSES = frozenset(EstimateStatus)
 _NOTES = {"OUTLIER": OUTLIERS, "RESTART": RESTARTS, "LEVEL_CLAMP": LEVEL_CLAMPS}
 
 
@@ -66,6 +68,27 @@ class Estimator:
         restart(self.config, self._parts)
         self._busy = False
 
+    def save(self) -> bytes:
+        """Everything that persists between samples, to go on from with `restore`; a few tens of kilobytes.
+
+        RuntimeError while an update runs (in another thread, or below a signal handler): the state is between two.
+        """
+        self._refuse_busy("save")
+        return checkpoint.save(self.config, self._parts)
+
+    def restore(self, saved: bytes) -> None:
+        """Go on where `save` of an estimator with an equal configuration stood, to the same bits.
+
+        ValueError says what is wrong with bytes that are damaged, not whole, of another configuration or another
+        version; the estimator is then as before.  RuntimeError while an update runs.
+        """
+        self._refuse_busy("restore")
+        checkpoint.restore(self.config, self._parts, saved)
+
+    def _refuse_busy(self, call: str) -> None:
+        if self._busy:
+            raise RuntimeError(f"{call}: an update is running: one estimator belongs to one thread")
+
     def update(self, sample: Sample) -> Status:
         """Take one sample (seven floats in the order of `Sample`); never raises for any float."""
         if self._busy:
@@ -76,7 +99,35 @@ class Estimator:
             code = self._step(*self._block, *self._options, *sample)
         finally:
             self._busy = False
-        return _STATUSES[code - rb.BUSY]
+        return _STATUSES[code - rb.BUSY] if code != rb.RECOVERED else self._begin_anew(sample)
+
+    def replay(self, samples: np.ndarray | Iterable[Sample]) -> list[Estimate]:
+        """Take samples (n, 7) in one call, as `update` would one by one; the estimate of every window that closed.
+
+        For logs, not for flight: it waits until all are taken, and its loop is compiled when it is first called.
+        RuntimeError while an update runs; ValueError for another shape.
+        """
+        self._refuse_busy("replay")
+        table, loop, at, estimates = replay.table_of(samples), replay.loop_of(self.config.formulation), 0, []
+        while at < len(table):
+            at, code = loop(*self._block, *self._options, table, at)
+            if code == rb.RECOVERED:
+                self._begin_anew(Sample(*table[at - 1].tolist()))
+            elif code == rb.WINDOW_COMPLETE:
+                estimate = self.estimate()
+                assert estimate is not None
+                estimates.append(estimate)
+        return estimates
+
+    def _begin_anew(self, sample: Sample) -> Status:
+        """Memory was damaged: forget all but the counters of answers, and take the sample as the first of all."""
+        counted = self._parts.state.counts[rb.COUNT_FIRST:]
+        before = counted.copy()
+        restart(self.config, self._parts)
+        self._step(*self._block, *self._options, *sample)
+        counted[:] = before
+        counted[Status.RECOVERED - Status.BUSY] += 1
+        return Status.RECOVERED
 
     def _report(self) -> rp.Report | None:
         """Tracked estimate, uncertainty level and sudden changes as of now (formulation `filtered`)."""
@@ -91,7 +142,8 @@ class Estimator:
             return None
         outcome = state.outcome
         number = [float(x) for x in outcome.number]
-        status = EstimateStatus(int(outcome.flag[wn.STATUS]))
+        flag = int(outcome.flag[wn.STATUS])
+        status = EstimateStatus(flag) if flag in _ESTIMATE_STATUSES else EstimateStatus.NUMERICS
         xi, support = outcome.xi.copy(), outcome.support == 1
         xi.flags.writeable = support.flags.writeable = False
         t_start = float(state.clock[rb.T_CLOSED])
@@ -131,13 +183,16 @@ class Estimator:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often `update` gave each status, by name: their sum is the number of calls.
+        """How often `update` gave each status, by name: the sum of those is the number of calls.
+
+        STUCK: windows with a sensor that stood still; WRAP: jumps of theta across +-pi that were undone.
 
         `filtered` adds what it did of its own accord: OUTLIER, measurements left out; RESTART, segments begun anew
         after a gap or because the filter had lost the sensors; LEVEL_CLAMP, steps of a noise level cut short.
         """
         state = self._parts.state
         found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
+        found |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
         if isinstance(state, State):
             found |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
         return found

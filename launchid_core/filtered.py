@@ -24,6 +24,7 @@ from .predictor import (
     RUNNING,
     begins_anew,
     correct,
+    is_lost,
     is_outlier,
     predict,
     spread_at,
@@ -33,7 +34,7 @@ from .predictor import (
 from .ring import BETA_CMD, GAMMA, THETA, T
 from .status import EstimateStatus
 from .tracker import N_BELIEF
-from .whiteness import forget_blocks, note_innovation
+from .whiteness import forget_blocks, note_innovation, note_loss
 
 BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
@@ -263,6 +264,8 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
     if begins_anew(fil, t, max_gap):
         acc.counts[GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
         fil.note[RESTARTS] += int(fil.time[RUNNING])
+        if is_lost(fil):
+            note_loss(check, t)
         start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
                       row[GAMMA])
         acc.s_start[:, :] = 0.0

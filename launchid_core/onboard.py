@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import ring as rb
-from .belief import A6, AT_BETA, AT_THETA, K1, Belief, profile_at, view_belief
+from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION, Belief, profile_at, view_belief
 from .changes import (
     NEXT,
     ONSETS,
@@ -51,8 +51,19 @@ from .filtered import (
     view_accumulator,
     view_accumulator_work,
 )
+from .guard import (
+    CARRIED,
+    close_control,
+    give_up,
+    is_control_whole,
+    is_row_whole,
+    is_sound,
+    refuse,
+    seal_carried,
+    seal_newest,
+)
 from .kernels import inner, merged, once, shared
-from .memory import take
+from .memory import take, take2
 from .model import TURBULENCE
 from .predictor import (
     LAST,
@@ -69,6 +80,7 @@ from .predictor import (
 from .report import report_air, report_changes, report_level, report_tracked
 from .status import EstimateStatus
 from .structure import PRIOR, Learner, absorb_structure, select_terms
+from .stuck import N_LEARNED, N_WATCHED, stands_still
 from .tracker import (
     COV,
     FIRST_STD,
@@ -92,6 +104,7 @@ from .whiteness import (
     IN_WINDOW,
     RAISED,
     Check,
+    contradict,
     drop_blocks,
     judge_window,
     likelihood_of_chance,
@@ -134,6 +147,7 @@ SHORT = int(EstimateStatus.SHORT)
 GAP = int(EstimateStatus.GAP)
 MODEL = int(EstimateStatus.MODEL)
 SEPARATION = int(EstimateStatus.SEPARATION)
+STUCK = int(EstimateStatus.STUCK)
 
 
 class Fixed(NamedTuple):
@@ -150,6 +164,8 @@ class State(NamedTuple):
     clock: np.ndarray   # (N_CLOCK,)
     counts: np.ndarray  # (N_COUNT,) int64
     ring: np.ndarray    # (m + 1, 7)
+    seals: np.ndarray   # (m + 1,) int64 of the ring's rows
+    guard: np.ndarray   # (2,) int64 seals of clock and counts, of what is carried on
     outcome: Outcome
     filter: Filter
     acc: Accumulator
@@ -157,6 +173,7 @@ class State(NamedTuple):
     watch: Watch
     check: Check
     active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
+    repeats: np.ndarray  # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
 
 
 class Work(NamedTuple):
@@ -179,7 +196,7 @@ def view_fixed(f, at, i, m, q, nodes, r, levels, air_nodes):
 @shared
 def view_state(f, at, i, m, q, rows, n, levels):
     """Cut it from floats f at `at`, integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    clock, counts, ring, at, m = rb.view_ring(f, at, i, m, rows)
+    clock, counts, ring, seals, guard, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
     fil, at, m = view_filter(f, at, i, m, q, n, levels)
     acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
@@ -187,7 +204,8 @@ def view_state(f, at, i, m, q, rows, n, levels):
     watch, at, m = view_watch(f, at, i, m, n)
     check, at, m = view_check(f, at, i, m)
     active, m = take(i, m, q)
-    return State(clock, counts, ring, outcome, fil, acc, bank, watch, check, active), at, m
+    repeats, at = take2(f, at, N_WATCHED, N_LEARNED)
+    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, check, active, repeats), at, m
 
 
 @shared
@@ -340,12 +358,18 @@ def learn_terms(belief, state, coefficient, learner, learning):
 def close_filtered(fixed, state, work, learner, learning):
     """Close the window, its last block being closed: its own estimate into the outcome, and begin the next one."""
     acc, out, belief = state.acc, state.outcome, fixed.belief
+    stop = belief.constant
+    still = stands_still(state.ring, state.counts, state.repeats, stop[SATURATION], stop[SATURATION + 1],
+                         stop[SATURATION + 2])
     learn_terms(belief, state, work.acc.coefficient, learner, learning)
     clear_outcome(out, OK)
     out.flag[USED] = acc.counts[SAMPLES]
     out.flag[GAPS_SEEN] = acc.counts[GAPS]
     if acc.counts[SAMPLES] < fixed.option[ENOUGH]:
         out.flag[STATUS] = GAP if acc.counts[GAPS] > 0 else SHORT
+    elif still:
+        out.flag[STATUS] = STUCK
+        contradict(state.check, state.filter.time[LAST])
     else:
         unexplained = solve_window(belief, acc, work.acc, state.active)
         judge_window(state.check, state.filter.level, unexplained)
@@ -428,14 +452,27 @@ def follow_range(fixed, state, sigma, gauge, complete):
             close_range(sigma, gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
 
 
+@inner
+def is_block_whole(state, learner, gauge):
+    """Whether what waits in the ring, and all that is carried on, is as it was left."""
+    if seal_carried(state, learner, gauge) != state.guard[CARRIED]:
+        return False
+    whole, capacity = True, state.ring.shape[0]
+    for back in range(1, state.counts[rb.WAITING] + 1):
+        whole = whole and is_row_whole(state.ring, state.seals, (state.counts[rb.HEAD] - back) % capacity)
+    return whole
+
+
 @merged
 def follow(fixed, state, work, learner, learning, sigma, gauge, code):
-    """A sample was accepted with this status: use what waits, if it is enough."""
+    """A sample was accepted with this status: use what waits, if it is enough; returns False if memory is damaged."""
     counts = state.counts
     complete, reset = code == rb.WINDOW_COMPLETE, code == rb.CLOCK_RESET
     counts[rb.WAITING] += 1
     if counts[rb.WAITING] < BLOCK and not complete and not reset:
-        return
+        return True
+    if not is_block_whole(state, learner, gauge):
+        return False
     spare = counts[rb.CLOSED_BACK] if complete else int(reset)
     take_samples(fixed, state, work, learner, learning, spare, complete)
     if complete:
@@ -444,16 +481,23 @@ def follow(fixed, state, work, learner, learning, sigma, gauge, code):
     elif reset:
         abandon_window(state)
     follow_range(fixed, state, sigma, gauge, complete)
+    state.guard[CARRIED] = seal_carried(state, learner, gauge)
+    return is_sound(state.filter, state.bank.total)
 
 
 @merged
 def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, theta, theta_dot, beta, theta_ddot,
                     beta_cmd, gamma):
-    """Take one sample; returns its Status."""
+    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
+    if not is_control_whole(state):
+        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
                    gamma)
     if code >= 0:
-        follow(fixed, state, work, learner, learning, sigma, gauge, code)
+        seal_newest(state)
+        if not follow(fixed, state, work, learner, learning, sigma, gauge, code):
+            return give_up(state.counts, code)
+    close_control(state)
     return code
 
 

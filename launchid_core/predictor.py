@@ -71,6 +71,7 @@ START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
 MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
 OFFSET_TIME = 6000.0            # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
+SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # time (f8)
@@ -273,6 +274,12 @@ def spread_at(belief, fil, j, t):
     return factor * variance
 
 
+@inner
+def is_lost(fil):
+    """Whether so many measurements in a row were left out that the filter is wrong, not the sensor."""
+    return max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
+
+
 @once
 def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     """Begin at a sample with nothing known of before: state from it, nuisances as declared, sensitivities afresh."""
@@ -313,6 +320,8 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
         fil.s[i, i] = 1.0
     if np.isfinite(gamma):
         fil.path[GAMMA_NOW] = gamma
+    elif is_lost(fil) and (belief.constant[AIRY] == 0.0 or abs(fil.path[GAMMA_NOW]) > SMALL_ANGLE):
+        fil.path[GAMMA_NOW] = 0.0  # the last one measured may be what misled it
     fil.command[:] = np.nan
     fil.outliers[:] = 0
     fil.time[LAST] = t
@@ -647,8 +656,7 @@ def is_outlier(fil, channel, partner, z, r):
 @inner
 def begins_anew(fil, t, max_gap):
     """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
-    lost = max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
-    return lost or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
+    return is_lost(fil) or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
 
 
 @inner

@@ -15,6 +15,17 @@ from . import ring as rb
 from .batch import ENOUGH, KEEP, MEASURED, PAIR, SOLVER, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
 from .compress import choose_rows
 from .derivative import differentiate, mark_segments
+from .guard import (
+    CARRIED,
+    are_rows_whole,
+    close_control,
+    fold_rows,
+    give_up,
+    is_control_whole,
+    refuse,
+    seal_newest,
+    xor_integer,
+)
 from .kernels import inner, once
 from .library import N_VARIABLES, TAU, library_row, raw_from_standard
 from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
@@ -22,6 +33,7 @@ from .residual import drift_integral, drift_pointwise, report_absent, report_spr
 from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
 from .sparse import sparse_solve
 from .status import EstimateStatus
+from .stuck import stands_still
 from .window import (
     ATTITUDE,
     EQUATIONS,
@@ -52,6 +64,7 @@ SATURATED = int(EstimateStatus.SATURATED)
 NUMERICS = int(EstimateStatus.NUMERICS)
 LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
 SEPARATION = int(EstimateStatus.SEPARATION)
+STUCK = int(EstimateStatus.STUCK)
 
 
 @once
@@ -256,11 +269,13 @@ def regress(fixed, work, out, count, pieces):
 
 
 @inner
-def choose_window_rows(plan, work, random, n, saturated, gaps):
-    """Choose the rows to keep among the usable ones; returns (rows kept, OK or the reason why they are too few)."""
-    kept = choose_rows(work.usable, n, plan[KEEP], random, work.kept)
+def choose_window_rows(fixed, state, work, n, saturated, gaps):
+    """Choose the rows to keep among the usable ones; returns (rows kept, OK or the reason why not to use them)."""
+    plan, stop = fixed.plan, fixed.saturation
+    kept = choose_rows(work.usable, n, plan[KEEP], state.random, work.kept)
+    still = stands_still(state.ring, state.counts, state.repeats, stop[THETA], stop[THETA_DOT], stop[BETA])
     if kept >= plan[ENOUGH]:
-        return kept, OK
+        return kept, STUCK if still else OK
     if kept + saturated >= plan[ENOUGH]:
         return kept, SATURATED
     return kept, GAP if gaps > 0 else SHORT
@@ -293,7 +308,7 @@ def close_pointwise(fixed, state, work):
     fill_slopes(work, n, fixed.plan[MEASURED])
     for i in range(n):
         work.usable[i] = int(np.isfinite(work.slope[0, i] + work.slope[1, i] + work.slope[2, i]))
-    kept, status = choose_window_rows(fixed.plan, work, state.random, n, saturated, gaps)
+    kept, status = choose_window_rows(fixed, state, work, n, saturated, gaps)
     if status == OK:
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         standardise(work, fixed.centred, kept, t_centre)
@@ -310,7 +325,7 @@ def close_integral(fixed, state, work):
     q = fixed.codes.shape[0]
     for i in range(n):
         work.usable[i] = int(np.isfinite(work.signal[THETA_DOT, i]))
-    kept, status = choose_window_rows(fixed.plan, work, state.random, n, saturated, gaps)
+    kept, status = choose_window_rows(fixed, state, work, n, saturated, gaps)
     if status == OK:
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         standardise(work, fixed.centred, kept, t_centre)
@@ -319,25 +334,52 @@ def close_integral(fixed, state, work):
         centre_segments(work.drift[:PAIR * kept].reshape((PAIR, kept)), work, kept)
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
         centre_segments(work.target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), work, kept)
-        status = regress(fixed, work, state.outcome, kept, pieces)
+        if kept - pieces > q:
+            status = regress(fixed, work, state.outcome, kept, pieces)
+        else:  # each piece has its own unknown beginning
+            status = GAP
     end_close(state, status, kept, gaps)
+
+
+@inner
+def is_window_whole(state):
+    """Whether the closed window's rows, the generator of the row choice and the shares of repeats are as left."""
+    if xor_integer(state.random[0], fold_rows(state.repeats)) != state.guard[CARRIED]:
+        return False
+    return are_rows_whole(state.ring, state.seals, state.counts)
 
 
 @once
 def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Take one sample; returns its Status."""
+    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
+    if not is_control_whole(state):
+        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
                    gamma)
+    if code >= 0:
+        seal_newest(state)
     if code == rb.WINDOW_COMPLETE:
+        if not is_window_whole(state):
+            return give_up(state.counts, code)
         close_pointwise(fixed, state, work)
+        state.guard[CARRIED] = xor_integer(state.random[0], fold_rows(state.repeats))
+    close_control(state)
     return code
 
 
 @once
 def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Take one sample; returns its Status."""
+    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
+    if not is_control_whole(state):
+        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
                    gamma)
+    if code >= 0:
+        seal_newest(state)
     if code == rb.WINDOW_COMPLETE:
+        if not is_window_whole(state):
+            return give_up(state.counts, code)
         close_integral(fixed, state, work)
+        state.guard[CARRIED] = xor_integer(state.random[0], fold_rows(state.repeats))
+    close_control(state)
     return code

@@ -6,6 +6,8 @@ t_end) or, if that is missing, with the first one after.  The ring keeps the
 newest m + 1 samples: a full window and the one that may come after it.
 """
 
+import math
+
 import numpy as np
 
 from .kernels import inner, once, shared
@@ -22,20 +24,25 @@ LIMIT_FIRST = 3  # limits[LIMIT_FIRST + column] is the range of that column
 N_LIMITS = LIMIT_FIRST + N_COLUMNS
 
 # clock (f8): what persists between samples
-T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED = range(4)  # T_CLOSED: t_start of the window that just closed
-N_CLOCK = 4
+T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED, TURNED, BEFORE = range(6)
+# T_CLOSED: t_start of the window that just closed; TURNED [rad]: whole turns added to theta; BEFORE [rad]: the last
+# theta as it was measured
+N_CLOCK = 6
 
 # count (i8)
-HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES = range(10)
+HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK, WRAPS = range(12)
 # WAITING: samples in the ring that the filter has not taken; ESTIMATES: 1 once a window has closed
-COUNT_FIRST = 10  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
-N_STATUS = int(Status.CLOCK_RESET) - int(Status.BUSY) + 1
+# STUCK: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
+COUNT_FIRST = 12  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
+N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
 N_COUNT = COUNT_FIRST + N_STATUS
+N_GUARD = 2  # seals beside those of the rows: guard.CONTROL, guard.CARRIED
 
 ACCEPTED = int(Status.ACCEPTED)
 WINDOW_COMPLETE = int(Status.WINDOW_COMPLETE)
 AFTER_GAP = int(Status.AFTER_GAP)
 CLOCK_RESET = int(Status.CLOCK_RESET)
+RECOVERED = int(Status.RECOVERED)
 NONFINITE = int(Status.NONFINITE)
 RANGE = int(Status.RANGE)
 DT_ZERO = int(Status.DT_ZERO)
@@ -44,16 +51,22 @@ BUSY = int(Status.BUSY)
 
 LAST_SAMPLE = 1.5       # periods: nearer than this to the end, a sample is its window's last
 SAME_INSTANT = 1.0e-6   # periods: stamps closer than this are one instant (rounding of k*period)
+SEAM = 0.5              # rad: a theta that jumps from so near +-pi to so near the other crossed it (50 rad/s at 100 Hz)
+HALF_TURN = math.pi
+TURN = 2.0 * math.pi
 RESET_COUNT = 5         # consecutive stamps that agree on an earlier clock before it is believed
 
 
 @shared
 def view_ring(f, at, i, m, rows):
-    """Cut clock, count and a ring for windows of `rows`; returns (clock, count, ring, next at, next m)."""
+    """Cut clock, count, a ring for windows of `rows` and the seals of both (`guard`); returns (clock, count, ring,
+    seals, guard, next at, next m)."""
     clock, at = take(f, at, N_CLOCK)
     count, m = take(i, m, N_COUNT)
     ring, at = take2(f, at, rows + 1, N_COLUMNS)
-    return clock, count, ring, at, m
+    seals, m = take(i, m, rows + 1)
+    guard, m = take(i, m, N_GUARD)
+    return clock, count, ring, seals, guard, at, m
 
 
 @once
@@ -123,6 +136,19 @@ def seek_window(limits, clock, count, t):
     return closed
 
 
+@once
+def unwrap(clock, count, theta, anew):
+    """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""
+    before = clock[BEFORE]
+    clock[BEFORE] = theta
+    if anew:
+        clock[TURNED] = 0.0
+    elif before * theta < 0.0 and abs(abs(before) - HALF_TURN) < SEAM and abs(abs(theta) - HALF_TURN) < SEAM:
+        clock[TURNED] += TURN if before > 0.0 else -TURN
+        count[WRAPS] += 1
+    return theta if clock[TURNED] == 0.0 else theta + clock[TURNED]
+
+
 @inner
 def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.
@@ -140,14 +166,15 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     if code < 0:
         count[COUNT_FIRST + code - BUSY] += 1
         return code
-    if count[STARTED] == 0 or code == CLOCK_RESET:
+    first = count[STARTED] == 0
+    if first or code == CLOCK_RESET:
         start_clock(clock, count, t)
     complete = seek_window(limits, clock, count, t)
 
     head = count[HEAD]
     row = ring[head]
     row[T] = t
-    row[THETA] = theta
+    row[THETA] = unwrap(clock, count, theta, code != ACCEPTED or first)
     row[THETA_DOT] = theta_dot
     row[BETA] = beta
     row[THETA_DDOT] = theta_ddot

@@ -10,6 +10,7 @@ class Status(IntEnum):
     WINDOW_COMPLETE = 1  # a new estimate is ready
     AFTER_GAP = 2        # first sample of a new segment: more than `max_gap` after the last one
     CLOCK_RESET = 3      # first sample of a new segment and a new window: the clock was set back
+    RECOVERED = 4        # first sample of all again: the estimator's own memory was damaged, everything was forgotten
     NONFINITE = -1       # t, theta or beta not finite, or an infinity anywhere
     RANGE = -2           # a value beyond the range of its channel
     DT_ZERO = -3         # the time stamp of the last accepted sample again
@@ -29,3 +30,4 @@ class EstimateStatus(IntEnum):
     NUMERICS = 6         # a result that is not finite
     MODEL = 7            # the innovations contradict the model: numbers would lie
     SEPARATION = 8       # a6 and k1 cannot be told apart: only a combination is known
+    STUCK = 9            # a sensor stood still while what it measures moved

@@ -36,6 +36,9 @@ LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
 CHECK_MEMORY = 10.0     # s
 CONTRADICTED = 200.0    # of the statistic
 BELIEVED = 90.0
+MANY_LOSSES = 3.5       # restarts within CHECK_MEMORY: a change costs one or two, more are a sensor or model gone wrong
+FORGOTTEN = 20.0        # s after which whatever contradicted the model, however strongly, is forgotten
+LARGEST_STATISTIC = BELIEVED * math.exp(2.0 * FORGOTTEN / CHECK_MEMORY)  # which has fallen to BELIEVED by then
 MERGED = 2.5            # s: alarms so near to one another are of one change
 STEADY_WINDOW = 15.0    # 6e-4 a window
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
@@ -47,10 +50,11 @@ FREEDOM = 30.0          # of the chi square of that mean and of the statistic's 
 # sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
 MEAN = 0
 # number (f8)
-STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS = range(4)
+STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS, LOSSES, LAST_LOSS = range(6)
 # WEIGHT: sum of squared fading weights, the variance of each sum; LAST_CHANGE, RESTLESS [s]: alarm of a sudden change,
-# of one soon after another
-N_NUMBERS = 4
+# of one soon after another; LOSSES: fading count of restarts because the filter had lost the sensors, the last at
+# LAST_LOSS [s]
+N_NUMBERS = 6
 # flag (i8)
 OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS = range(7)
 # place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed;
@@ -152,6 +156,29 @@ def take_block(check, dt):
             check.history[lag, c] = check.history[lag - 1, c]
         check.history[0, c] = u
     check.number[STATISTIC] = statistic / weight
+    if check.number[STATISTIC] > LARGEST_STATISTIC:
+        share = math.sqrt(LARGEST_STATISTIC / check.number[STATISTIC])
+        for c in range(N_CHANNELS):
+            for lag in range(LAGS + 1):
+                check.sums[c, lag] *= share
+        check.number[STATISTIC] = LARGEST_STATISTIC
+
+
+@inner
+def contradict(check, t):
+    """At t [s] something is wrong that no block shows: the model is contradicted for CHECK_MEMORY."""
+    check.number[RESTLESS] = t
+    check.flag[IS_RESTLESS], check.flag[RAISED] = 1, 1
+
+
+@inner
+def note_loss(check, t):
+    """The filter begins anew at t [s] because it had lost the sensors; often is a fault of the model."""
+    since = t - check.number[LAST_LOSS]
+    kept = check.number[LOSSES] * math.exp(-since / CHECK_MEMORY) if since >= 0.0 else 0.0
+    check.number[LOSSES], check.number[LAST_LOSS] = kept + 1.0, t
+    if kept + 1.0 > MANY_LOSSES:
+        contradict(check, t)
 
 
 @inner

@@ -1,29 +1,30 @@
-"""`python -m sim` is the command `launchid`, as a process of its own: it says when it has to compile first."""
+"""`python -m sim` is the command `launchid`, as a process of its own: it says when it has to compile first, and it can
+be interrupted from its first moment on."""
 
-import mmap
+import os
+import signal
 import sys
+from types import FrameType
 
-from launchid_core import compile_listeners
-
-from .cli import main, say
+from .errors import INTERRUPTED, INTERRUPTED_STATUS
 
 
-class Announcement:
-    """One line when the first kernel is compiled, in this process or in one forked from it."""
-
-    def __init__(self) -> None:
-        self.said = mmap.mmap(-1, 1)  # shared with forked workers
-
-    def __call__(self, module: str, name: str) -> None:
-        if self.said[0] == 0:
-            self.said[0] = 1
-            what = "estimator" if module.startswith("launchid_core") else "simulation"
-            say(f"launchid: compiling the {what} (first use of this version on this machine, up to a minute) ...")
+def _leave(number: int, frame: FrameType | None) -> None:
+    """While modules are imported: an exception there may be caught, or printed, by whoever imports."""
+    os.write(2, f"{INTERRUPTED}\n".encode())
+    os._exit(INTERRUPTED_STATUS)
 
 
 def command() -> int:
     """The console script."""
-    compile_listeners.append(Announcement())
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else it is ignored, as under nohup
+    if ours:
+        signal.signal(signal.SIGINT, _leave)
+    from .announcement import announce
+    from .cli import main
+    announce()
+    if ours:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     return main()
 
 

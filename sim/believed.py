@@ -29,12 +29,13 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
 
     period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
 
+    Without [controller] the noises of command and acceleration are one draw per sensor period.
     Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
     filter stays regular.  InputError naming the effect that it cannot hold.
     """
-    nominal.require("actuator", "controller", "simulation")
-    assert nominal.controller is not None
-    if period is not None and period > SLOWEST * nominal.controller.period:
+    nominal.require("actuator", "simulation")
+    noise_period = nominal.controller.period if nominal.controller is not None else nominal.sensors.period
+    if nominal.controller is not None and period is not None and period > SLOWEST * nominal.controller.period:
         raise InputError(
             f"{path or nominal.path}: samples {period:g} s apart: the filtered formulation expected at most {SLOWEST} "
             f"of the controller's periods of {nominal.controller.period:g} s, or too many commands are missing; log "
@@ -62,7 +63,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
         theta_std=std(sensors.theta_std, sensors.theta_step),
         theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
-        acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=nominal.controller.period,
+        acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
         gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal))
 
 

@@ -1,4 +1,11 @@
-"""The two ways a user's input can be wrong."""
+"""The two ways a user's input can be wrong, and how a command says that it was stopped."""
+
+INTERRUPTED = "launchid: interrupted; files already written are whole"
+INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
+
+EXTRAS = {  # module -> the extra that brings it
+    "matplotlib": "plots", "tqdm": "plots", "distributed": "cluster", "pandas": "frames",
+    "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs"}
 
 
 class InputError(Exception):
@@ -7,3 +14,11 @@ class InputError(Exception):
 
 class UsageError(Exception):
     """The command's words or parameters are wrong (exit status 2)."""
+
+
+def extra_needed(error: ModuleNotFoundError) -> UsageError:
+    """What to install for a module of an extra; any other missing module is a fault, and is raised again."""
+    name = (error.name or "").split(".")[0]
+    if name not in EXTRAS:
+        raise error
+    return UsageError(f"this needs {name}, which is not installed: pip install 'launchid[{EXTRAS[name]}]'")

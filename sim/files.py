@@ -2,7 +2,7 @@
 
 A regular file is written beside, under a hidden name, and takes the place of the old one when it is whole: with the
 old one's mode, and behind a symbolic link, which stays.  A device, a FIFO or a socket, and the file that stdout or
-stderr is, are written through.  What a killed run left under a hidden name goes at the next run to the same path.
+stderr is, are written through.  What a killed run left under a hidden name goes at the next run into the same folder.
 
 A file is refused (InputError, one line) that may not be written by its mode, whoever asks, and one that the command
 reads: within `inputs_spared`, what `reads` has named.
@@ -28,6 +28,7 @@ except ImportError:  # not a POSIX system: no lock says whose a hidden file is, 
     fcntl = None  # type: ignore[assignment]
 
 SHOWN = 40           # characters of a file's name in its hidden one's, so that this is not too long where that is
+HIDDEN = re.compile(r"\..+\.[0-9a-f]{16}\.launchid", re.DOTALL)  # no name that anybody else gives
 WRITABLE = 0o222     # mode bits; root may write without them, and is refused all the same
 NEW_MODE = 0o666     # of a new file, less the umask
 
@@ -45,13 +46,22 @@ def inputs_spared() -> Iterator[None]:
         _inputs.reset(token)
 
 
-def reads(path: str | Path) -> None:
-    """Name a file that is read."""
+def reads(path: str | Path | int) -> None:
+    """Name a file that is read, by its path or its descriptor."""
     known = _inputs.get()
     if known is not None:
         with contextlib.suppress(OSError, ValueError):
             found = os.stat(path)
             known.add((found.st_dev, found.st_ino))
+
+
+def is_read(path: str | Path) -> bool:
+    """Was this file named to `reads`."""
+    return _is_input(os.stat(path))
+
+
+def _is_input(found: os.stat_result) -> bool:
+    return (found.st_dev, found.st_ino) in (_inputs.get() or ())
 
 
 def check_output(path: str | Path) -> os.stat_result | None:
@@ -69,7 +79,8 @@ def check_output(path: str | Path) -> os.stat_result | None:
     if stat.S_ISREG(found.st_mode):
         if not found.st_mode & WRITABLE or not os.access(path, os.W_OK):
             raise InputError(f"{path}: cannot be written (it is read-only)")
-        if (found.st_dev, found.st_ino) in (_inputs.get() or ()):
+    if stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode):
+        if _is_input(found):
             raise InputError(f"{path}: cannot be written (it is this command's input); expected another name")
     return found
 
@@ -83,7 +94,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         replaced = found is None or (stat.S_ISREG(found.st_mode) and _stream(found) is None)
         target = Path(os.path.realpath(path)) if replaced else None
         place = target or Path(tempfile.gettempdir()) / path.name
-        _remove_abandoned(place)
+        _remove_abandoned(place.parent)
         handle, temporary = _claimed(place)
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -127,14 +138,10 @@ def _write_through(temporary: Path, path: Path) -> None:
 # ---- hidden files
 
 
-def _hidden(target: Path) -> str:
-    return f".{target.name[:SHOWN]}."
-
-
 def _claimed(target: Path) -> tuple[int | None, Path]:
     """A new hidden file and the descriptor that holds its lock: as long as that is open, its process lives."""
     while True:
-        path = target.parent / f"{_hidden(target)}{secrets.token_hex(8)}.launchid"
+        path = target.parent / f".{target.name[:SHOWN]}.{secrets.token_hex(8)}.launchid"
         handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
         if fcntl is None:
             os.close(handle)
@@ -146,10 +153,9 @@ def _claimed(target: Path) -> tuple[int | None, Path]:
         os.close(handle)
 
 
-def _remove_abandoned(target: Path) -> None:
-    """Remove the hidden files of this path that no living process holds."""
-    ours = re.compile(re.escape(_hidden(target)) + r"[0-9a-f]{16}\.launchid")
-    for path in [entry for entry in target.parent.iterdir() if ours.fullmatch(entry.name)] if fcntl else ():
+def _remove_abandoned(folder: Path) -> None:
+    """Remove the hidden files in this folder, of whatever output, that no living process holds."""
+    for path in [entry for entry in folder.iterdir() if HIDDEN.fullmatch(entry.name)] if fcntl else ():
         with contextlib.suppress(OSError):  # locked, or of another user
             handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
             try:

@@ -95,11 +95,17 @@ def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
     return a6, k1
 
 
-def packed(nominal: Nominal, effects: Iterable[Effect] = ()) -> Table:
-    """The nominal's further terms, its effects and these, as the compiled step reads them."""
-    step = nominal.simulation.step if nominal.simulation is not None else 0.0
+def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | None = None) -> Table:
+    """The nominal's further terms, its effects and these, as the compiled step reads them.
+
+    centre  [s] a `middle` that is not given; None: of the nominal's flight
+    """
+    simulation = nominal.simulation
+    step = simulation.step if simulation is not None else 0.0
+    if centre is None:
+        centre = 0.5 * simulation.duration if simulation is not None else math.nan
     terms = [effect("missing_term", term=term, coefficient=value) for term, value in nominal.terms]
-    return pack([*terms, *nominal.effects, *effects], step)
+    return pack([*terms, *nominal.effects, *effects], step, centre)
 
 
 def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Factor, Factor]:
@@ -165,7 +171,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
         noise(seed, "theta", sensors.theta_std, steps), noise(seed, "theta_dot", sensors.theta_dot_std, steps),
         noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks), np.zeros(ticks),
         excitation(nominal, ticks, controller.period), np.zeros((2, seen)), *table,
-        wind=drawn_wind(nominal.wind, seed, steps, h),
+        wind=drawn_wind(nominal.wind, seed, steps, h, table.environment),
         drift=np.zeros((2, 0)) if nominal.drift is None else np.stack(nominal.drift.at(half_steps)),
         rate_reference=guidance.rate_at(np.round(ticking, CLOCK_DIGITS)), filters=sections(nominal))
     return vehicle, steps

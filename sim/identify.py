@@ -1,5 +1,6 @@
 """Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
 
+import collections
 import itertools
 import math
 from collections.abc import Iterable
@@ -14,21 +15,24 @@ from .errors import UsageError
 from .identify_fit import delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
+from .shown import slow_hint, with_std
 
 __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
-                "LEVEL_CLAMP": "noise levels' steps cut short"}
+                "LEVEL_CLAMP": "noise levels' steps cut short", "STUCK": "windows with a sensor that stood still",
+                "WRAP": "jumps of theta across +-pi undone"}
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal, else measured if the log has theta_ddot, else integral (`reproduce`).
+    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else
+    integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """
     default = "measured" if "theta_ddot" in log.columns else "integral"
-    formulation = asked or ("filtered" if nominal is not None else default)
+    formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
     if formulation == "measured" and "theta_ddot" not in log.columns:
         raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
     if formulation == "filtered" and nominal is None:
@@ -38,6 +42,18 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     return formulation
 
 
+def is_stand(nominal: Nominal) -> bool:
+    """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
+    return bool(nominal.terms) or nominal.actuator is None
+
+
+def stand_library(nominal: Nominal) -> tuple[str, ...]:
+    """The terms of a nominal, as a library."""
+    rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
+    return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
+        tuple(term for term, _ in nominal.terms)
+
+
 def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str | None, tracked: bool,
                **choices: Any) -> Config:
     """Config for a log; UsageError for what the options ask and the log lacks.
@@ -45,6 +61,8 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
+    if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
+        choices["library"] = stand_library(nominal)
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
         t = log.t[np.isfinite(log.t)]
@@ -58,7 +76,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     try:
         return Config(**timing, formulation=formulation, model=model, **choices)
     except ValueError as error:
-        raise UsageError(str(error)) from None
+        raise UsageError(f"{error}{slow_hint(log.period)}") from None
 
 
 def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
@@ -138,12 +156,30 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
+    if not any(window["valid"] for window in windows):
+        lead["why"] = why(windows)
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
+
+
+REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
+           "RANK": "the terms cannot be told apart: one of them does not move, or two move as one",
+           "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
+           "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
+           "SEPARATION": "a6 and k1 cannot be told apart"}
+
+
+def why(windows: list[dict[str, Any]]) -> str:
+    """Why no window is valid, in one plain sentence."""
+    if not windows:
+        return "no window of this log is valid: the log is shorter than one window"
+    counts = collections.Counter(window["status"] for window in windows)
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
+    return f"no window of this log is valid: {'; '.join(said)}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -161,28 +197,27 @@ def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
 
 def table(result: dict[str, Any]) -> str:
     """The windows as a table for a terminal."""
-    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {'a6 [1/s^2]':>22} {'k1 [1/s^2]':>22}  active terms"]
+    tracked = any("tracked" in w for w in result["windows"])
+    heads = ["a6 [1/s^2]", "k1 [1/s^2]", *(("tracked a6", "tracked k1") if tracked else ())]
+    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
 
-    def pair(window: dict[str, Any], name: str) -> str:
-        if window[name] is None:
-            return f"{'-':>22}"
-        std = window[f"{name}_std"]
-        return f"{window[name]:>11.5g}" + (f" +- {std:<7.2g}" if std is not None else " " * 11)
+    def pair(of: dict[str, Any], name: str) -> str:
+        return f"{with_std(of[name], of[f'{name}_std']):>20}"
 
     for w in result["windows"]:
         terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
-        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} "
-                     f"{pair(w, 'a6')} {pair(w, 'k1')}  {terms}")
+        pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])
     for c in result.get("changes", []):
-        lines.append(f"sudden change of {c['parameter']} at {c['t']:.2f} +- {c['t_std']:.2f} s: {c['before']:.4g} -> "
-                     f"{c['after']:.4g} (size {c['size']:.3g} +- {c['size_std']:.2g})")
-    if not any(w["valid"] for w in result["windows"]):
-        lines.append("no window of this log is valid: the status of each says why")
+        lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {c['before']:.4g} -> "
+                     f"{c['after']:.4g} (size {with_std(c['size'], c['size_std'])})")
+    if "why" in result:
+        lines.append(result["why"])
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
     done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
     if done:
-        lines.append(f"the filter of its own accord: {done}")
+        lines.append(f"the estimator of its own accord: {done}")
     return "\n".join(lines)

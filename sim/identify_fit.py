@@ -9,7 +9,8 @@ which no differencing makes noisy.  Three questions:
 * by how much beta leads (`delay`): the shift at which it explains most.
 
 A window whose fit predicts nothing, or whose beta is no better than the placebos, is refused with status `MODEL`; so
-are all if beta follows theta_ddot: a term is missing.
+are all if beta follows theta_ddot: a term is missing; and, on a stand, those with theta where sin(theta) leaves clearly
+less.
 """
 
 import dataclasses
@@ -39,7 +40,9 @@ SAME_TIME = 2.0      # sample periods that stamps may be off, before no window i
 LEAST_ALONE = 5      # increments in a window that is judged for itself too; shorter ones by the log's sum alone
 MOST_DELAY = 0.3     # s either way
 FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
-PIECE = 5.0          # s over which one set of coefficients holds while a delay is sought
+LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
+STRAIGHT = 0.8       # of the squares that theta leaves: if sin(theta) leaves less, theta is the wrong term
+PIECE = 5.0          # s over which one set of coefficients holds while a delay, or another term, is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +205,33 @@ def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
             for k in range(len(estimates))]
 
 
+def bent(rows: Rows, estimates: list[Estimate]) -> list[bool]:
+    """Of each window, whether theta is the wrong term in it: the log has large angles (a test stand), and over pieces
+    of it sin(theta), alone or with damping and dry friction, leaves clearly less in its place."""
+    asked = [e.valid and "theta" in active_terms(e) for e in estimates]
+    if not any(asked) or not np.max(np.abs(rows.theta)) > LARGE:
+        return [False] * len(estimates)
+    terms = active_terms(estimates[asked.index(True)])
+    sine = tuple("sin(theta)" if term == "theta" else term for term in terms)
+    rest = tuple(term for term in ("theta_dot", "sign(theta_dot)") if term not in terms)
+    straight, *others = (sum(squares(rows, at, each) for at in pieces_of(rows))
+                         for each in (terms, sine, (*sine, *rest)))
+    return [each and min(others) < STRAIGHT * straight for each in asked]
+
+
+def squares(rows: Rows, at: slice, terms: tuple[str, ...]) -> float:
+    """What the terms leave of the increments of some rows."""
+    _, _, y, phi = increments(rows, at, terms, rows.beta)
+    return float(np.sum(left(phi, y) ** 2))
+
+
+def pieces_of(rows: Rows) -> list[slice]:
+    """Pieces of about PIECE."""
+    count = max(1, round(len(rows.t) * float(np.median(np.diff(rows.t))) / PIECE))
+    edges = np.linspace(0, len(rows.t), count + 1).astype(int).tolist()
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+
 def refused(estimate: Estimate) -> Estimate:
     """The window's numbers contradict the log."""
     nan = math.nan
@@ -226,8 +256,8 @@ def judge(log: Log, config: Config, estimates: list[Estimate],
         return estimates, [dataclasses.replace(fit, whiteness=each.whiteness if math.isfinite(each.whiteness) else None)
                            for fit, each in zip(fits, estimates, strict=True)]
     late = lead is not None and lead["value"] + SURE * lead["std"] < -SAME_TIME * config.sample_period
-    wrong = [late or vain or (fit.upper is not None and fit.upper < 0.0)
-             for vain, fit in zip(placebo(rows, estimates), fits, strict=True)]
+    wrong = [late or vain or curved or (fit.upper is not None and fit.upper < 0.0)
+             for vain, curved, fit in zip(placebo(rows, estimates), bent(rows, estimates), fits, strict=True)]
     return [refused(e) if no and e.valid else e for e, no in zip(estimates, wrong, strict=True)], fits
 
 
@@ -237,9 +267,7 @@ def delay(log: Log, config: Config) -> dict[str, float] | None:
     if rows is None or not any("beta" in term for term in config.terms):
         return None
     t, period = rows.t, float(np.median(np.diff(rows.t)))
-    count = max(1, round(len(t) * period / PIECE))
-    edges = np.linspace(0, len(t), count + 1).astype(int).tolist()
-    pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    pieces = pieces_of(rows)
 
     def explained(beta: np.ndarray) -> float:
         return sum(gain(rows, at, config.terms, beta) or 0.0 for at in pieces)

@@ -40,11 +40,12 @@ if TYPE_CHECKING:
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
            "Offsets", "Profile", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
-           "load_nominal", "locate", "read_profile", "write_nominal"]
+           "load_nominal", "locate", "nominal_lines", "read_profile", "write_nominal"]
 
 DATA = Path(__file__).parent / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
-STANDS = ("pendulum_linear",)   # plants of test stands, given by their terms: for `diagnose`
+STANDS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
+          "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
 
 
 def built_in(name: str) -> Path:
@@ -461,7 +462,12 @@ def _row(path: Path, number: int, line: str, header: tuple[str, ...]) -> list[fl
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
-    """Write a nominal that reads back equal; shortest numbers that read back to the same bits.
+    """Write a nominal that reads back equal; shortest numbers that read back to the same bits."""
+    write_text(path, (line + "\n" for line in nominal_lines(nominal, path)))
+
+
+def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
+    """The lines of a nominal file at this path.
 
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
     is written beside the new file as NAME.SECTION.csv (vehicle, uncertainty, drift, wind).
@@ -488,7 +494,7 @@ def write_nominal(nominal: Nominal, path: str | Path) -> None:
         from .effects import values
         lines += ["", "[[effects]]", f"name = {_literal(of.name)}"]
         lines += [f"{key} = {_literal(value)}" for key, value in values(of).items()]
-    write_text(path, (line + "\n" for line in lines))
+    return lines
 
 
 def _number_lines(part: Any) -> Iterator[str]:

@@ -9,16 +9,20 @@ import math
 import numpy as np
 
 from .effects import Effect, effect
+from .effects.environment import TURBULENCE, WIND_WALK
+from .effects.table import CODE, P0, P1, empty_table
 from .sections import Offsets, Wind
 from .vehicle.kernels import kernel
 
 _STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
+CALM = empty_table().environment
 OFFSETS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias", "moment")
 
 
-def _draws(seed: int, stream: str, count: int) -> np.ndarray:
-    """`count` standard normal draws of a source."""
-    return np.random.default_rng((_STREAMS[stream], seed)).standard_normal(count)
+def _draws(seed: int, stream: str, count: int, source: int = 0) -> np.ndarray:
+    """`count` standard normal draws of a source, the first, second... of its kind."""
+    key = (_STREAMS[stream], seed, source) if source > 0 else (_STREAMS[stream], seed)
+    return np.random.default_rng(key).standard_normal(count)
 
 
 # ---- offsets
@@ -47,20 +51,39 @@ def moment_of(drawn: dict[str, float]) -> float:
 # ---- wind
 
 
-def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float) -> np.ndarray:
-    """(steps + 1,) [rad] at every step [s] of the flight, or (0,) if it is calm."""
-    if wind is None or wind.is_calm:
+def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, effects: np.ndarray = CALM) -> np.ndarray:
+    """(steps + 1,) [rad] at every step [s] of the flight, or (0,) if it is calm.
+
+    effects  (n, N_COLUMNS) environment's rows: each source of chance is drawn by itself, the nominal's first
+    """
+    walks, turbulences = sources(wind, effects)
+    if (wind is None or wind.is_calm) and not walks and not turbulences:
         return np.zeros(0)
-    total = np.zeros(steps + 1) if wind.profile is None else wind.profile.at(np.arange(steps + 1) * step)
-    if wind.walk > 0.0 or wind.initial > 0.0:
-        increments = _draws(seed, "walk", steps + 1)
-        increments[0] *= wind.initial
-        increments[1:] *= wind.walk * math.sqrt(step)
+    total = np.zeros(steps + 1) if wind is None or wind.profile is None else \
+        wind.profile.at(np.arange(steps + 1) * step)
+    for source, (walk, initial) in enumerate(walks):
+        increments = _draws(seed, "walk", steps + 1, source)
+        increments[0] *= initial
+        increments[1:] *= walk * math.sqrt(step)
         total += np.cumsum(increments)
-    if wind.turbulence > 0.0:
-        total += coloured(_draws(seed, "turbulence", steps + 1), math.exp(-step / wind.turbulence_time)) \
-            * wind.turbulence
+    for source, (level, time) in enumerate(turbulences):
+        total += coloured(_draws(seed, "turbulence", steps + 1, source), math.exp(-step / time)) * level
     return total
+
+
+Pairs = list[tuple[float, float]]
+
+
+def sources(wind: Wind | None, effects: np.ndarray) -> tuple[Pairs, Pairs]:
+    """Walks (level [rad/sqrt(s)], one sigma at t = 0 [rad]) and turbulences (level [rad], time constant [s]) that blow.
+
+    A `wind_walk` among the effects (n, N_COLUMNS) begins at 0: a wind of any strength at t = 0 is `steady_wind`'s.
+    """
+    walks = [(wind.walk, wind.initial)] if wind is not None else []
+    turbulences = [(wind.turbulence, wind.turbulence_time)] if wind is not None else []
+    walks += [(float(row[P0]), 0.0) for row in effects if row[CODE] == WIND_WALK]
+    turbulences += [(float(row[P0]), float(row[P1])) for row in effects if row[CODE] == TURBULENCE]
+    return [walk for walk in walks if max(walk) > 0.0], [each for each in turbulences if each[0] > 0.0]
 
 
 @kernel

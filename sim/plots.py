@@ -1,51 +1,53 @@
-"""Every figure: axes with units, truth drawn, readable in grey."""
+"""The paper's figures, and how every figure is written: axes with units, truth drawn, readable in grey."""
 
 import itertools
-import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["svg.hashsalt"] = "launchid"  # the same bytes each time
-
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from launchid_core import EDGES, Estimate, Level, polynomial
+from launchid_core import polynomial
 
+from .errors import UsageError
 from .experiments.cases import CASES
 from .experiments.flights import A6, END, K1, START, TRUE_A6, TRUE_K1, Result, case_nominal
 from .files import atomic_path
 from .flight import dispersion, fly_whole, parameters
-from .log import Log
-from .nominal import Nominal
 
 DPI = 110
 GREYS = {-1: ("0.55", ":"), 0: ("0.0", "-"), 1: ("0.35", "--")}
 UNIT = "1/s$^2$"
+METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is left out
+    ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+
+
+def check_suffix(path: str | Path) -> str:
+    """The format that the path's suffix asks for; UsageError if it is none."""
+    suffix = Path(path).suffix.lower() or ".png"
+    if suffix not in METADATA:
+        raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
+    return suffix
 
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a PNG (or what the suffix says) whole or not at all, the same bytes each time."""
-    suffix = Path(path).suffix.lower() or ".png"
-    if suffix not in (".png", ".svg", ".pdf"):
-        from .errors import UsageError
-        raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
-    metadata: dict[str, Any] = {".png": {"Software": None}, ".svg": {"Date": None},
-                                ".pdf": {"CreationDate": None}}[suffix]
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=metadata)
-    plt.close(figure)
+    suffix = check_suffix(path)
+    with atomic_path(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "launchid"}):
+        figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=METADATA[suffix])
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:  # which keeps the figures that it made
+        pyplot.close(figure)
 
 
-def _panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:
-    figure, axes = plt.subplots(rows, 1, sharex=True, figsize=(9, 0.8 + height * rows))
-    axes = [axes] if rows == 1 else list(axes)
+def panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:
+    """Axes below each other with one abscissa, of a figure that no window shows by itself."""
+    figure = Figure(figsize=(9, 0.8 + height * rows))
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
     figure.suptitle(title, fontsize=11, y=0.94)
     for axis in axes:
         axis.grid(True, color="0.85", linewidth=0.6)
@@ -54,7 +56,8 @@ def _panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[An
 
 def loop_figure() -> Figure:
     """Figure 1: the loop as a block diagram."""
-    figure, axis = plt.subplots(figsize=(10, 3.6))
+    figure = Figure(figsize=(10, 3.6))
+    axis = figure.subplots()
     axis.set_axis_off()
     axis.set_xlim(0, 10)
     axis.set_ylim(0, 3.6)
@@ -88,7 +91,7 @@ def steps_figure(results: list[Result]) -> Figure:
     result = min(results, key=lambda r: r.seed)
     flight = fly_whole(nominal, result.seed, "ideal")
     rng = np.random.default_rng(result.seed)
-    figure = plt.figure(figsize=(11, 4.6))
+    figure = Figure(figsize=(11, 4.6))
     grid = figure.add_gridspec(3, 3, width_ratios=[1.2, 0.8, 1.2], wspace=0.45)
     shown = slice(10_000, 10_400)
     pick = np.sort(rng.choice(400, 133, replace=False))
@@ -125,7 +128,7 @@ def steps_figure(results: list[Result]) -> Figure:
 def windows_figure(name: str, results: list[Result], title: str) -> Figure:
     """Figures 3, 4, 6, 8: estimates of all seeds over the truth, and the error with its tolerance band."""
     case = CASES[name]
-    figure, axes = _panels(4, title, 1.7)
+    figure, axes = panels(4, title, 1.7)
     nominal = case_nominal(case)
     end = max(result.tables[0][-1, END] for result in results)
     fine = np.linspace(0.0, end, 800)
@@ -162,7 +165,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
 
 def profile_figure(title: str, with_range: bool) -> Figure:
     """Figures 5 and 7: the profile, and the profile with its uncertainty ranges."""
-    figure, axes = _panels(2, title)
+    figure, axes = panels(2, title)
     styles = {"vega-dispersed": ("0.75", "sigma = 0.25"), "vega-dispersed-profile": ("0.45", "sigma(t), proposed")}
     nominal = case_nominal(CASES["vega"])
     for k, axis in enumerate(axes):
@@ -183,7 +186,8 @@ def profile_figure(title: str, with_range: bool) -> Figure:
 def tuning_figure(results: list[Result]) -> Figure:
     """The two trade-offs: threshold, and window by compression, clean and under flight sensors."""
     case = CASES["tuning"]
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.8))
+    figure = Figure(figsize=(12, 3.8))
+    axes = figure.subplots(1, 3)
     figure.suptitle("Tuning on the constant nominal (1 kHz ideal, 100 Hz flight sensors)", fontsize=11)
     groups: dict[str, dict[float, tuple[float, float]]] = {}
     for k, variant in enumerate(case.variants):
@@ -249,88 +253,3 @@ def paper_figures(folder: Path, results: dict[str, list[Result]]) -> list[str]:
             save(make(), folder / name)
             written.append(name)
     return written
-
-
-def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> None:
-    """delta of one parameter with its 95 % interval between the edges of the bands."""
-    delta, half = np.array([x.delta for x in levels]), 1.96 * np.array([x.delta_std for x in levels])
-    out = np.array([not x.in_range for x in levels], bool)
-    axis.fill_between(t, delta - half, delta + half, color="0.8", label="95 % interval")
-    for edge, line in zip(EDGES, (":", "--", "-"), strict=True):
-        axis.axhline(edge, color="0.4", linestyle=line, linewidth=0.9, label=f"{100 * edge:g} % of sigma")
-        axis.axhline(-edge, color="0.4", linestyle=line, linewidth=0.9)
-    axis.plot(t, delta, color="0.0", linewidth=1.3, label="delta")
-    axis.plot(t[out], delta[out], "x", color="0.0", markersize=4, label="out: another factor at play")
-    limit = max(1.3, 1.15 * float(np.max(np.abs(delta), initial=0.0)))
-    axis.set_ylim(-limit, limit)
-    axis.set_ylabel(f"delta of {name} [-]")
-
-
-def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) -> Figure:
-    """delta with its bands and 95 % interval, and the tracked a6 and k1 over the nominal with its range."""
-    figure, axes = _panels(4, f"{Path(log.path).name}: uncertainty level", 1.8)
-    known = [(e.t_end, e.uncertainty, e.tracked) for e in estimates
-             if e.uncertainty is not None and e.uncertainty.valid and e.tracked is not None]
-    t = np.array([row[0] for row in known])
-    fine = np.linspace(estimates[0].t_start, estimates[-1].t_end, 400) if estimates else np.zeros(1)
-    assert nominal.uncertainty is not None
-    for k, name in enumerate(("a6", "k1")):
-        _delta_panel(axes[k], t, [getattr(u, name) for _, u, _ in known], name)
-        value = nominal.vehicle.at(fine)[k]
-        spread = np.abs(value) * nominal.uncertainty.at(fine)[k]
-        tracked = np.array([getattr(x, name) for *_, x in known])
-        half = 1.96 * np.array([getattr(x, f"{name}_std") for *_, x in known])
-        axis = axes[2 + k]
-        axis.fill_between(fine, value - spread, value + spread, color="0.88", label="range of the nominal")
-        axis.plot(fine, value, "--", color="0.5", label="nominal")
-        axis.plot(t, tracked, color="0.0", linewidth=1.3, label="tracked")
-        axis.plot(t, tracked - half, ":", color="0.2", linewidth=0.9, label="95 % interval")
-        axis.plot(t, tracked + half, ":", color="0.2", linewidth=0.9)
-        shown = np.concatenate([value - 1.3 * spread, value + 1.3 * spread, tracked])
-        margin = 0.08 * float(np.ptp(shown))
-        axis.set_ylim(float(np.min(shown)) - margin, float(np.max(shown)) + margin)
-        axis.set_ylabel(f"{name} [{UNIT}]")
-    for axis, columns in ((axes[0], 6), (axes[2], 4)):
-        axis.legend(fontsize=7, ncol=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
-    axes[3].set_xlabel("t [s]")
-    return figure
-
-
-def _draw_tracked(axis: Any, estimates: list[Estimate], name: str) -> None:
-    """The tracked estimate with its 95 % band, where there is one."""
-    tracked = [(e.t_end, getattr(e.tracked, name), getattr(e.tracked, f"{name}_std"))
-               for e in estimates if e.tracked is not None and e.tracked.valid]
-    if tracked:
-        t, value, std = np.array(tracked).T
-        axis.fill_between(t, value - 1.96 * std, value + 1.96 * std, color="0.75", label="tracked, 95 % interval")
-        axis.plot(t, value, color="0.35", linewidth=1.0)
-
-
-def identify_figure(log: Log, estimates: list[Estimate], nominal: Nominal | None) -> Figure:
-    """Estimates of a log with their 95 % intervals, the nominal beside them, and the signals below."""
-    figure, axes = _panels(4, f"{Path(log.path).name}: identified parameters", 1.6)
-    t = np.array([0.5 * (e.t_start + e.t_end) for e in estimates])
-    half = np.array([0.5 * (e.t_end - e.t_start) for e in estimates])
-    at_bound = " (from the Cramer-Rao bound)" if any(math.isfinite(e.a6_bound) for e in estimates) else ""
-    for axis, name in ((axes[0], "a6"), (axes[1], "k1")):
-        value = np.array([getattr(e, name) for e in estimates])
-        std = np.array([getattr(e, f"{name}_std") for e in estimates])
-        axis.errorbar(t, value, xerr=half, yerr=1.96 * np.nan_to_num(std), fmt="o", color="0.1", markersize=3,
-                      linewidth=0.8, label=f"window's own estimate, 95 % interval{at_bound}")
-        _draw_tracked(axis, estimates, name)
-        if nominal is not None:
-            fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
-            axis.plot(fine, nominal.vehicle.at(fine)[name == "k1"], "--", color="0.5", label="nominal")
-        axis.set_ylabel(f"{name} [{UNIT}]")
-        finite = value[np.isfinite(value)]
-        if len(finite) > 1:
-            low, high = np.percentile(finite, [2, 98])
-            margin = 0.3 * (high - low) + 1e-6 + 0.05 * math.fabs(high)
-            axis.set_ylim(low - margin, high + margin)
-    axes[0].legend(fontsize=8)
-    axes[2].plot(log.t, log.theta, color="0.1", linewidth=0.8)
-    axes[2].set_ylabel("theta [rad]")
-    axes[3].plot(log.t, log.beta, color="0.1", linewidth=0.8)
-    axes[3].set_ylabel("beta [rad]")
-    axes[3].set_xlabel("t [s]")
-    return figure

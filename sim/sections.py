@@ -109,6 +109,16 @@ class Actuator:
     def is_first_order(self) -> bool:
         return self.time_constant > 0.0
 
+    @property
+    def frequency(self) -> float:
+        """[rad/s] w, or 1/T"""
+        return 1.0 / self.time_constant if self.is_first_order else self.natural_frequency
+
+    @property
+    def lag(self) -> float:
+        """[s] by which it follows a slow command late, its delay apart."""
+        return self.time_constant if self.is_first_order else 2.0 * self.damping_ratio / self.natural_frequency
+
 
 @dataclass(frozen=True)
 class Section:

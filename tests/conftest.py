@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-SHARED_LOGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+from sim.log import MEASURED
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 settings.register_profile("dev", max_examples=40, deadline=None, suppress_health_check=_quiet)
@@ -31,7 +31,5 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 @pytest.fixture
 def real_logs() -> Path:
-    """Folder of the measured pendulum logs, which are not part of this project."""
-    if not SHARED_LOGS.is_dir():
-        pytest.skip("the real logs (shared/data/real beside the checkout) are not here")
-    return SHARED_LOGS
+    """Folder of the measured logs that come with the package."""
+    return MEASURED

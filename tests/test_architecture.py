@@ -17,7 +17,11 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
 NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/figures.py",  # figures
+           "sim/answers/answer.py", "sim/answers/figures.py",
            "sim/experiments/report.py"}  # progress bar
+FORMATS = {"sim/convert/readers.py"}  # of other people's logs
+FRAMES = {"sim/answers/answer.py"}  # answers as data frames
+FRONT = sorted((ROOT / "launchid").rglob("*.py"))
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
               "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",
               "outer", "append"}
@@ -154,15 +158,43 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
     allowed = {"numpy", "numba", "launchid_core", "sim"} | STANDARD
     if name_of(path) in DRAWING:
         allowed |= {"matplotlib", "tqdm"}
+    if name_of(path) in FRAMES:
+        allowed |= {"pandas"}
+    if name_of(path) in FORMATS:
+        allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy"}
     for module, _, line in imports(path):
         assert module.split(".")[0] in allowed, f"{name_of(path)}:{line} {module}"
+
+
+# ---- the front
+
+
+@pytest.mark.parametrize("path", FRONT, ids=name_of)
+def test_the_front_imports_numpy_and_the_packages_behind_it(path):
+    for module, _, line in imports(path):
+        top = module.split(".")[0]
+        assert top in {"numpy", "launchid", "launchid_core", "sim"} | STANDARD, f"{name_of(path)}:{line} {module}"
+
+
+def test_the_front_has_no_logic():
+    """Each function hands its arguments on: no branch but for what was left out, no loop."""
+    for function in [node for node in tree_of(ROOT / "launchid" / "__init__.py").body
+                     if isinstance(node, ast.FunctionDef)]:
+        found = [type(node).__name__ for node in ast.walk(function)
+                 if isinstance(node, ast.If | ast.For | ast.While | ast.Try | ast.Lambda)]
+        assert found == [], function.name
+
+
+@pytest.mark.parametrize("path", CORE + SIM, ids=name_of)
+def test_nothing_behind_the_front_imports_it(path):
+    assert all(module.split(".")[0] != "launchid" for module, _, _ in imports(path))
 
 
 # ---- both
 
 
-@pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/cli.py"], ids=name_of)
-def test_nothing_prints_but_the_command(path):
+@pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/terminal.py"], ids=name_of)
+def test_nothing_prints_but_the_terminal(path):
     said = [line for name, line in calls(tree_of(path))
             if name in {"print", "input"} or name.endswith(("stdout.write", "stderr.write"))]
     assert said == [], f"{name_of(path)}: lines {said}"

@@ -36,7 +36,9 @@ SMALL = (  # about the smallest that shows
     "actuator_gain:scale=0.97", "actuator_rate_limit:rate=0.2", "actuator_backlash:half_width=0.001",
     "actuator_bias:angle=0.001", "attitude_bias:angle=0.005", "attitude_delay:delay=0.013", "gyro_bias:rate=0.001",
     "gyro_scale:scale=0.98", "gyro_delay:delay=0.008", "nozzle_sensor_bias:angle=0.001",
-    "controller_mismatch:kp_scale=1.05")
+    "controller_mismatch:kp_scale=1.05", "moment_step:acceleration=0.005,time=20", "nozzle_inertia:coefficient=-0.001",
+    "control_slope:slope=0.002", "lateral_drift:z_alpha=0.01,z_beta=0.01", "turbulence:level=0.003",
+    "wind_walk:level=0.002")
 GROSS = (
     "control_effectiveness:scale=0.4", "control_effectiveness:scale=1.6", "control_loss:fraction=0.5,time=12",
     "aero_instability:scale=0.3", "aero_instability:scale=1.7", "aero_damping:coefficient=2",
@@ -51,7 +53,10 @@ GROSS = (
     "actuator_backlash:half_width=0.035", "actuator_bias:angle=0.087", "attitude_bias:angle=-0.087",
     "attitude_delay:delay=0.06", "gyro_bias:rate=0.087", "gyro_scale:scale=0.5", "gyro_scale:scale=1.5",
     "gyro_delay:delay=0.06", "nozzle_sensor_bias:angle=0.087", "controller_mismatch:kp_scale=0.6",
-    "controller_mismatch:kp_scale=1.5,kd_scale=0.5", "controller_mismatch:delay=0.06")
+    "controller_mismatch:kp_scale=1.5,kd_scale=0.5", "controller_mismatch:delay=0.06",
+    "moment_step:acceleration=0.2,time=20", "nozzle_inertia:coefficient=-0.02", "nozzle_inertia:coefficient=0.02",
+    "control_slope:slope=-0.01", "lateral_drift:z_alpha=0.3,z_beta=0.2", "turbulence:level=0.03,time_constant=0.2",
+    "wind_walk:level=0.01")
 
 
 @lru_cache

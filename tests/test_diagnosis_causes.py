@@ -12,11 +12,12 @@ from sim.diagnosis.judge.named import Named
 from sim.diagnosis.judge.user_gain import samples
 from sim.diagnosis.report.words import look_alikes, sentence, would_decide
 from sim.effects import CATALOGUE, effect
+from sim.sections import Actuator
 
 RECORD = SimpleNamespace(
     t=np.arange(0.0, 40.0, 0.01), period=0.01, resolution=0.01, step=0.0025, tick=4, rows=4000, command_is_known=True,
     channels=("theta", "theta_dot", "beta"), commands=np.sin(np.arange(0.0, 40.0, 0.01)),
-    actuator=SimpleNamespace(natural_frequency=50.0, damping_ratio=0.7))
+    actuator=Actuator(natural_frequency=50.0, damping_ratio=0.7))
 
 
 @pytest.mark.parametrize("cause", [each.cause for each in SOUGHT])

@@ -16,6 +16,7 @@ from sim.diagnosis.report.answer import report
 from sim.diagnosis.search import selection
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
+from sim.log import OPTIONAL, REQUIRED
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -47,7 +48,7 @@ def test_the_mismatch_is_named_from_every_other_command(effect, tau):
     true = {"kp_scale": 1.0, "kd_scale": 1.0, "delay": 0.0} | {
         key: float(value) for key, value in (part.split("=") for part in effect.split(","))}
     for name, value in true.items():
-        near = 0.02 if name == "kd_scale" else 0.005
+        near = 0.025 if name == "kd_scale" else 0.005  # the servo's timing, within 1 ms, is like a derivative
         assert result["causes"][0]["parameters"][name]["value"] == pytest.approx(value, abs=near)
     if "kd" not in effect or "kp" not in effect:
         log = made.log
@@ -143,8 +144,7 @@ def test_a_log_that_drifts_through_the_controllers_periods_says_nothing_of_it():
 def test_a_computing_time_longer_than_the_log():
     nominal = dataclasses.replace(NOMINAL, effects=(from_text("controller_mismatch:delay=6"),))
     log = flown(period=SLOW)
-    short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in
-                                        ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot")})
+    short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in REQUIRED + OPTIONAL})
     assert diagnose(short, nominal).controller is None  # no command of the log answers an error of the log
 
 

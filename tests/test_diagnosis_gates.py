@@ -1,91 +1,220 @@
-"""Every gate between what the search found and what the verdict says, one by one, on constructed findings: what is just
-inside passes, what is just outside does not."""
+"""Every gate between what the search found and what the verdict says (test_diagnosis_verdict.py), one by one, on
+constructed findings: what is just inside passes, what is just outside does not."""
 
 import math
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from sim.diagnosis import verdict
 from sim.diagnosis.causes import RECORDS, Cause, missing_term
-from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
-from sim.diagnosis.data.fault import Fault
+from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
+from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
-from sim.diagnosis.judge.diagnosis import Diagnosis
-from sim.diagnosis.judge.gain import Gain
+from sim.diagnosis.judge.gain import CHANCE, LEAST_EXCESS, Gain
 from sim.diagnosis.judge.leftover import Leftover
-from sim.diagnosis.judge.named import Named, _groups, _rivals, doubts_about
+from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
+from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
+from sim.diagnosis.search.selection import Weather
 
 BEGAN, ENDED = 0.0, 45.0   # s
+SPAN = BEGAN, ENDED
+INSIDE, OUTSIDE = 0.99, 1.01   # of a bound
 
 
-def same(chi_squared):
-    """A size over the log."""
-    return Constancy(chi_squared, (0.0,) * 9, (1.0,) * 8, (0.1,) * 8)
+def varying(share, chi_squared=CONSTANCY_LIMIT + 1.0, mean=1.0, std=1e-6):
+    """A size over the log that goes up and down by this share of itself."""
+    sizes = tuple(mean * (1.0 + share * (-1.0)**k) for k in range(SEGMENTS))
+    return Constancy(chi_squared, (0.0,) * (SEGMENTS + 1), sizes, (std,) * SEGMENTS)
 
 
-def cause(name="slosh", evidence=100.0, chi_squared=7.0, **given):
-    return Named(name, {}, {}, {}, (), evidence, same(chi_squared), **given)
+def cause(name="slosh", evidence=100.0, varies=0.0, **given):
+    return Named(name, {}, {}, {}, (), evidence, varying(varies), **given)
 
 
 def left(gain, place="plant", shape="", at_mode=False):
     return Leftover(Disturbance(place, 1.0, 1.0), gain, shape, at_mode)
 
 
-def doubts(*named, left=()):
-    return doubts_about(named, left, BEGAN, ENDED)
+def doubts(*named, left=(), bounds=EXPLAINED, rows=0, same_place=True):
+    return measure.doubts(named, left, rows, SPAN, bounds, same_place)
 
 
 # ---- a size that changes
 
 
-def test_a_size_that_is_not_the_same_all_along_is_doubted():
-    assert doubts(cause(chi_squared=CONSTANCY_LIMIT)) == []
-    said, = doubts(cause(chi_squared=CONSTANCY_LIMIT + 1.0))
-    assert said.startswith("slosh: its size is not the same") and f"over {SEGMENTS} segments" in said
-    assert doubts(cause(chi_squared=31.0)) == [] and doubts(cause(chi_squared=47.0))   # seen: a true one, a foreign one
-    assert len(doubts(cause(chi_squared=99.0), cause("gust", chi_squared=99.0))) == 2
-    assert doubts(replace(cause(), constancy=None)) == []  # the controller's is exact
+@pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
+def test_a_size_that_is_not_the_same_all_along_is_doubted(bounds):
+    assert doubts(cause(varies=INSIDE * bounds.variation), bounds=bounds) == []
+    said, = doubts(cause(varies=OUTSIDE * bounds.variation), bounds=bounds)
+    assert said.startswith("slosh: its size is not the same") and f"at most {100 * bounds.variation:.0f} %" in said
+    assert len(doubts(cause(varies=0.9), cause("gust", varies=0.9), bounds=bounds)) == 2
+    assert doubts(replace(cause(), constancy=None), bounds=bounds) == []  # the controller's is exact
+
+
+def test_a_size_varies_only_beyond_chance():
+    assert measure.variation(varying(0.9, CONSTANCY_LIMIT), 0.0) == 0.0
+    assert measure.variation(varying(0.9, CONSTANCY_LIMIT + 1e-9), 0.0) == pytest.approx(0.9)
+    # what the standard deviations alone give is taken off: (0.3^2 - 7/8 0.2^2)^1/2
+    assert measure.variation(varying(0.3, std=0.2), 0.0) == pytest.approx(math.sqrt(0.09 - 0.875 * 0.04))
+    assert measure.variation(varying(0.1, std=0.2), 0.0) == 0.0
+    assert measure.variation(None, 0.0) == 0.0
+
+
+def test_a_size_varies_beside_its_distance_from_what_changes_nothing():
+    one = varying(0.05, mean=0.8)   # a scale of 0.76 to 0.84 is 0.2 +- 0.04 away from 1
+    assert measure.variation(one, 1.0) == pytest.approx(0.2)
+    assert measure.variation(one, math.inf) == pytest.approx(0.05)   # a rate limit: none is infinitely high
+    assert measure.variation(varying(0.1, mean=1.0), 1.0) > 100.0 * DOMINANT.variation   # there is no cause at all
 
 
 # ---- what is left
 
+KINDS = [("", False), ("theta^2", False), ("u*time", False), ("sin(3 t)", False), ("sin(3 t)", True)]
 
-@pytest.mark.parametrize(("shape", "at_mode"), [("", False), ("theta^2", False), ("u*time", False), ("sin(3 t)", False),
-                                                ("sin(3 t)", True)])
-def test_more_than_may_be_left_is_doubted(shape, at_mode):
+
+@pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
+@pytest.mark.parametrize(("shape", "at_mode"), KINDS)
+def test_more_than_may_be_left_is_doubted(shape, at_mode, bounds):
     limit = left(0.0, shape=shape, at_mode=at_mode).limit
-    assert doubts(left=(left(limit, shape=shape, at_mode=at_mode),)) == []
-    said, = doubts(left=(left(limit + 0.1, shape=shape, at_mode=at_mode),))
-    assert f"(limit {limit:.0f})" in said and (shape or "unknown shape") in said
+    assert doubts(left=(left(limit, shape=shape, at_mode=at_mode),), bounds=bounds) == []
+    said, = doubts(left=(left(limit + 0.1, shape=shape, at_mode=at_mode),), bounds=bounds)
+    assert "explains" in said and (shape or "unknown shape") in said
 
 
-def test_a_hundredth_of_what_a_place_s_causes_explain_may_be_left_there():
-    large = cause(evidence=2000.0)
-    assert doubts(large, left=(left(19.9),)) == []
-    assert doubts(large, left=(left(20.1),))
-    assert doubts(large, cause("bending", evidence=1000.0), left=(left(29.9),)) == []
-    assert doubts(cause("gyro_bias", evidence=2000.0), left=(left(19.9),))   # another place
-    assert doubts(cause("gyro_bias", evidence=2000.0), left=(left(19.9, "theta"),)) == []  # any sensor's is theirs
+@pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
+@pytest.mark.parametrize("shape", ["", "theta^2"])
+def test_a_share_of_what_a_place_s_causes_explain_may_be_left_there(shape, bounds):
+    large, most = cause(evidence=20000.0), 20000.0 * (bounds.shape if shape else bounds.left)
+    assert doubts(large, left=(left(INSIDE * most, shape=shape),), bounds=bounds) == []
+    assert doubts(large, left=(left(OUTSIDE * most, shape=shape),), bounds=bounds)
+    both = large, cause("bending", evidence=10000.0)
+    assert doubts(*both, left=(left(1.5 * INSIDE * most, shape=shape),), bounds=bounds) == []
+    foreign = cause("gyro_bias", evidence=20000.0)   # another place
+    assert doubts(foreign, left=(left(INSIDE * most, shape=shape),), bounds=bounds)
+    assert doubts(foreign, left=(left(INSIDE * most, "theta", shape),), bounds=bounds) == []  # any sensor's is theirs
+    assert doubts(foreign, left=(left(INSIDE * most, shape=shape),), bounds=bounds, same_place=False) == []
+
+
+def test_what_a_row_gains_is_too_little_to_explain():
+    """A long log shows what no model has: a limit in nats would fail every one."""
+    rows, many = 100_000, PER_ROW * 100_000
+    for kind in KINDS:
+        assert doubts(left=(left(INSIDE * many, "plant", *kind),), rows=rows) == []
+        assert doubts(left=(left(OUTSIDE * many, "plant", *kind),), rows=rows)
+        assert doubts(left=(left(INSIDE * many, "plant", *kind),), rows=rows // 2)
 
 
 def test_only_the_first_that_is_too_much_is_said():
     assert len(doubts(left=(left(9.0), left(30.0, "beta"), left(20.0)))) == 1
 
 
+def test_what_explains_passes_all_that_dominates():
+    for name in ("variation", "left", "shape", "share"):
+        assert 0.0 < getattr(EXPLAINED, name) < getattr(DOMINANT, name) < 1.0
+
+
+# ---- what it gains
+
+
+def gained(nats=50.0, share=0.05, noise=1.0, excess=10.0, horizons=math.inf):
+    """Held-out errors: the nominal's exceed what noise gives by `excess` of it, of which this share stays."""
+    squared = {"theta": (noise * (1.0 + excess), noise * (1.0 + share * excess), noise, noise)}
+    return Gain((0.0, 0.0), nats, {}, squared, None, "here", {"theta": horizons})
+
+
+@pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
+def test_errors_that_remain_on_data_left_out_are_doubted(bounds):
+    assert measure.of_gain(gained(share=INSIDE * bounds.share), bounds) == []
+    said, = measure.of_gain(gained(share=OUTSIDE * bounds.share), bounds)
+    assert f"at most {100 * bounds.share:.0f} %" in said and "data left out" in said
+    for nats in (0.0, -3.0, math.nan, -math.inf):
+        said, = measure.of_gain(gained(nats, 0.0), bounds)
+        assert "lose" in said or "nan" in said
+    assert measure.of_gain(gained(0.1), bounds) == []
+
+
+def test_the_share_is_of_what_is_beyond_noise_and_of_nothing_there_is_none():
+    assert gained(share=0.3, noise=7.0).share == pytest.approx(0.3)
+    assert gained(share=2.0).share == 1.0
+    assert gained(share=-0.05).share == 0.0   # better than noise gives is no error left
+    assert gained(excess=OUTSIDE * LEAST_EXCESS).share is not None
+    assert gained(excess=INSIDE * LEAST_EXCESS).share is None
+    assert measure.of_gain(gained(excess=INSIDE * LEAST_EXCESS, share=0.9), EXPLAINED) == []
+    two = replace(gained(), squared={"theta": (11.0, 1.0, 1.0, 1.0), "theta_dot": (31.0, 11.0, 1.0, 1.0)})
+    assert two.excess == (40.0, 10.0) and two.share == 0.25
+    own = replace(gained(), squared={"theta": (11.0, 3.0, 1.0, 2.0)})   # each model beside its own noise
+    assert own.excess == (10.0, 0.5)
+
+
+def test_errors_remain_only_beyond_chance():
+    """Of 50 horizons side by side a mean square is off by a fifth, one sigma."""
+    chance = CHANCE * math.sqrt(2.0 / 50.0)
+    for excess, said in ((INSIDE * chance, 0), (OUTSIDE * chance, 1)):
+        assert len(measure.of_gain(gained(share=excess / 2.0, excess=2.0, horizons=50.0), EXPLAINED)) == said
+    assert measure.of_gain(gained(share=INSIDE * chance / 2.0, excess=2.0), EXPLAINED)   # of more of them
+
+
+# ---- noise
+
+
+def test_a_level_far_above_the_declared_hides_what_is_not_modelled():
+    def said(factor, significant=True):
+        return measure.too_noisy({"theta": {"factor": 0.01, "significant": True},
+                                  "acceleration": {"factor": factor, "significant": significant}})
+
+    assert said(measure.NOISE) is None and said(99.0, significant=False) is None
+    assert "noise of acceleration at 3.1 times" in said(3.1)
+
+
+# ---- weather that nobody declared
+
+
+def weather(gain=50.0, name=TURBULENCE, rivals=()):
+    entry = WIND if name == TURBULENCE else MOMENT
+    return Weather(Source(name, entry, 0.005, 0.005, 1.0), 0.005, 0.001, gain, rivals)
+
+
+def test_weather_is_small_beside_causes_that_explain_much():
+    assert measure.small(weather(INSIDE * measure.SMALL_WEATHER * 300.0), (cause(), cause("gust", 200.0)))
+    assert not measure.small(weather(OUTSIDE * measure.SMALL_WEATHER * 300.0), (cause(), cause("gust", 200.0)))
+    assert not measure.small(weather(), ())
+
+
+@pytest.mark.parametrize(("name", "said"), [(TURBULENCE, "turbulence of 0.005 rad that changes within 1 s (50 nats)"),
+                                            (SLOW_MOMENT, "a moment of 0.005 rad/s^2 that changes within 1 s")])
+def test_weather_is_said_with_its_unit_and_time(name, said):
+    assert measure.weather_words(SimpleNamespace(weather=weather(name=name))).startswith(said)
+
+
+# ---- what remains
+
+
+def test_what_remains_is_said_by_the_strongest_of_what_there_is():
+    def remains(left=(), where=None, noisy=None, sky=None, gain=None):
+        return measure.remainder(gain, tuple(left), SimpleNamespace(weather=sky), where, noisy)
+
+    one = remains([left(20.0, "beta"), left(40.0, "actuator", "u*time")], gain=gained(share=0.3))
+    assert (one.share, one.where) == (pytest.approx(0.3), "actuator") and "u*time" in one.words and "40" in one.words
+    assert remains([left(9.0)], noisy="noise of theta").words == "noise of theta"   # below its limit there is nothing
+    assert remains().share == 0.0 and remains(gain=gained(excess=0.0)).share == 0.0
+    assert remains([left(40.0)], "controller").where == "controller"
+    assert remains([left(40.0)], sky=weather(50.0)).where == "environment"
+    assert remains([left(60.0, "beta")], sky=weather(50.0)).where == "sensor"
+    assert remains(sky=weather(name=SLOW_MOMENT)).where == "plant"
+
+
 # ---- what the log does not determine
 
 
-def undetermined(name, at_an_end=False, **values):
+def untold(name, at_an_end=False, **values):
     """Doubts about a cause with these (value, std)."""
     each = Named(name, {key: value for key, (value, _) in values.items()}, {key: std for key, (_, std) in
                                                                            values.items()}, {}, (), 100.0, None,
                  at_an_end)
-    return doubts(each)
+    return undetermined(each, *SPAN)
 
 
 @pytest.mark.parametrize(("inside", "outside", "said"), [
@@ -95,19 +224,19 @@ def undetermined(name, at_an_end=False, **values):
     (("periodic_disturbance", {"frequency": (0.28, 0.01)}), ("periodic_disturbance", {"frequency": (0.27, 0.01)}),
      "less than 2 of its periods"),
     (("slosh", {"frequency": (0.27, 0.01)}), ("slosh", {"frequency": (0.27, 0.14)}), "its frequency"),
+    (("moment_step", {"time": (0.61, 0.2)}), ("moment_step", {"time": (0.59, 0.2)}), "its onset"),
     (("gust", {"time": (0.1, 0.2)}), ("gust", {"time": (0.1, 0.2), "at_an_end": True}), "end of the range")])
 def test_what_the_log_does_not_tell_is_doubted(inside, outside, said):
-    assert undetermined(inside[0], **inside[1]) == []
-    doubt, = undetermined(outside[0], **outside[1])
+    assert untold(inside[0], **inside[1]) == []
+    doubt, = untold(outside[0], **outside[1])
     assert said in doubt and doubt.startswith(f"{outside[0]}: ")
 
 
-def test_an_onset_is_judged_from_the_log_s_own_beginning(judged):
+def test_an_onset_is_judged_from_the_log_s_own_beginning():
     each = Named("control_loss", {"time": 20000.5}, {"time": 0.2}, {}, (), 100.0, None)
-    assert doubts_about((each,), (), 20000.0, 20045.0) and not doubts_about((each,), (), 19999.0, 20045.0)
+    assert undetermined(each, 20000.0, 20045.0) and not undetermined(each, 19999.0, 20045.0)
     line = Named("periodic_disturbance", {"frequency": 0.27}, {"frequency": 0.01}, {}, (), 100.0, None)
-    assert doubts_about((line,), (), 20000.0, 20045.0) and not doubts_about((line,), (), 20000.0, 20050.0)
-    assert judged(Found(each), shift=20000.0).made.doubts and not judged(Found(each), shift=19999.0).made.doubts
+    assert undetermined(line, 20000.0, 20045.0) and not undetermined(line, 20000.0, 20050.0)
 
 
 # ---- look-alikes and steps
@@ -160,230 +289,3 @@ def test_what_may_join_which_causes():
     assert joining(Cause(lag, ())) == ["gust", "gyro_bias", "actuator_delay"]   # in whichever form
     terms = (missing_term("theta^2"), missing_term("theta^3"))
     assert selection._allowed(terms, (Cause(terms[0], ()),)) == [terms[1]]
-
-
-# ---- the verdict
-
-
-class Found:
-    """A selection whose parts are given: the causes it names, what is left beside them, what they gain."""
-
-    def __init__(self, *named, left=(), nats=50.0, log_likelihood=0.0):
-        self.named, self.nats = named, nats
-        alone = tuple(left) if left and not named else (left_at("plant", 5.0),)
-        self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, left=alone)
-        self.model = SimpleNamespace(causes=named, log_likelihood=log_likelihood, left=tuple(left)) if named else \
-            self.nominal
-
-
-def left_at(place, gain):
-    return Leftover(Disturbance(place, 1.0, 1.0), gain)
-
-
-@pytest.fixture
-def judged(monkeypatch):
-    """The verdict on a `Found`, and of how many selections the gain was measured."""
-    monkeypatch.setattr(verdict, "named_causes", lambda found: found.named)
-    monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
-    monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
-    monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
-
-    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0):
-        asked, measured = [], []
-        monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
-        made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found)
-        made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
-                                      input="beta_cmd", nominal=SimpleNamespace(controller=True))
-
-        def measure(of):
-            measured.append(of)
-            return Gain((0.0, 0.0), of.nats, {}, None, "here")
-
-        verdict._judge(made, measure, lambda text: None)
-        return SimpleNamespace(made=made, asked=len(asked), measured=measured)
-
-    return judge
-
-
-def test_nothing_found_and_nothing_left_is_consistent(judged):
-    each = judged(Found())
-    assert (each.made.verdict, each.made.where, each.made.causes, each.made.gain) == ("consistent", None, (), None)
-    assert each.measured == [] and each.made.extension is None
-
-
-def test_causes_that_pass_every_test_explain_the_strongest_first(judged):
-    weak, strong = cause("gyro_bias", 30.0), cause("slosh", 90.0)
-    each = judged(Found(weak, strong))
-    assert (each.made.verdict, each.made.where, each.made.causes) == ("explained", "plant", (strong, weak))
-    assert each.made.nearest == () and each.made.extension == "extended" and len(each.measured) == 1
-
-
-@pytest.mark.parametrize("nats", [0.0, -3.0, math.nan, -math.inf])
-def test_causes_that_gain_nothing_on_data_left_out_are_not_believed(judged, nats):
-    each = judged(Found(cause("gyro_bias"), nats=nats))
-    assert (each.made.verdict, each.made.causes) == ("unexplained", ()) and each.made.extension is None
-    assert len(each.made.doubts) == 1 and "data left out" in each.made.doubts[0]
-    assert [near.cause for near in each.made.nearest] == ["gyro_bias"] and len(each.measured) == 1
-    assert judged(Found(cause("gyro_bias"), nats=0.1)).made.verdict == "explained"
-
-
-@pytest.mark.parametrize("found", [
-    Found(cause("gyro_bias", chi_squared=CONSTANCY_LIMIT + 1.0)),
-    Found(cause("gyro_bias"), left=[left(11.0)]),
-    Found(cause("gyro_bias", is_at_an_end=True)),
-    Found(left=[left(11.0, "theta")])])
-def test_any_doubt_makes_it_unexplained_and_keeps_what_comes_nearest(judged, found):
-    each = judged(found)
-    assert each.made.verdict == "unexplained" and len(each.made.doubts) == 1 and each.made.causes == ()
-    assert each.made.nearest == found.named
-    assert len(each.measured) == len(found.named)   # the nearest's gain is shown all the same
-    found.nats = -1.0
-    assert len(judged(found).made.doubts) == 1   # but no second doubt
-
-
-# ---- where it is
-
-
-def test_the_place_is_where_a_disturbance_helps_the_nominal_most_or_the_nearest_cause_more(judged):
-    found = Found(cause("gyro_bias", 30.0, 99.0))
-    for gains, place in (({"beta": 31.0, "actuator": 20.0}, "sensor"), ({"actuator": 31.0, "beta": 20.0}, "actuator"),
-                         ({"actuator": 29.0}, "sensor")):
-        found.nominal.left = tuple(left_at(*each) for each in gains.items())
-        assert judged(found).made.where == place
-    found.nominal.left = (left(99.0, shape="sin(3 t)"), left_at("actuator", 31.0))   # a line tells no place
-    assert judged(found).made.where == "actuator"
-
-
-# ---- the controller
-
-
-def controlled(kind, evidence=200.0, **given):
-    return ControllerCheck(kind, 1e-3, 1e-5, evidence=evidence, **given)
-
-
-@pytest.mark.parametrize("kind", [UNKNOWN, FILTER])
-def test_a_foreign_controller_is_unexplained_whatever_else_was_found(judged, kind):
-    each = judged(Found(cause("gyro_bias")), controlled(kind, time_constant=0.08 if kind == FILTER else None))
-    assert (each.made.verdict, each.made.where, each.made.causes) == ("unexplained", "controller", ())
-    assert "not the nominal controller's" in each.made.doubts[-1]
-    assert ("0.08 s" in each.made.doubts[-1]) == (kind == FILTER)
-    assert each.asked == 0   # no term of the plant is sought for it
-
-
-@pytest.mark.parametrize("kind", [GAIN, DELAY, f"{GAIN} and {DELAY} and {FILTER}"])
-def test_other_gains_and_computing_time_are_a_cause_beside_the_others(judged, kind):
-    each = judged(Found(cause("gyro_bias")), controlled(kind, kp_scale=1.1))
-    assert [(every.cause, every.where) for every in each.made.causes] == [
-        ("controller_mismatch", "controller"), ("gyro_bias", "sensor")]
-    assert each.made.where == "controller" and len(each.measured) == 1
-    alone = judged(Found(), controlled(kind))
-    assert alone.made.verdict == "explained" and len(alone.measured) == 1 and alone.made.causes[0].constancy is None
-
-
-def test_the_nominal_s_own_controller_is_no_cause(judged):
-    assert judged(Found(), controlled(NONE)).made.verdict == "consistent"
-
-
-def test_a_slow_log_lacks_an_unknown_controller_s_commands_which_seems_the_actuator_s_fault(judged):
-    found = Found()
-    for evidence, place, slow, where in (
-            (200.0, "plant", True, "controller"), (50.0, "plant", True, "plant"),
-            (50.0, "actuator", True, "controller"), (50.0, "plant", False, "controller")):
-        found.nominal.left = (left_at(place, 90.0),)
-        each = judged(found, controlled(UNKNOWN, evidence), slow=slow)
-        assert (each.made.where, each.asked) == (where, 0)   # and no term of the plant is sought beside it
-
-
-# ---- missing terms
-
-
-def term(nats=40.0, log_likelihood=0.0, **given):
-    each = Named("missing_term", {"term": "theta^2"}, {}, {}, (), 60.0, same(given.pop("chi_squared", 7.0)))
-    return "missing: +1 theta^2", Found(each, nats=nats, log_likelihood=log_likelihood, **given)
-
-
-DOUBTED = Found(cause("slosh", chi_squared=99.0))
-
-
-def test_missing_terms_that_pass_every_test_stand_for_doubted_causes(judged):
-    each = judged(DOUBTED, terms=term())
-    assert (each.made.verdict, each.made.causes[0].label) == ("explained", "missing_term theta^2")
-    assert each.made.selection is not DOUBTED and each.made.gain.nats == 40.0
-
-
-@pytest.mark.parametrize("terms", [
-    None, term(nats=-1.0), term(chi_squared=99.0), term(left=[left(11.0)]),
-    term(log_likelihood=-verdict.TERM_MARGIN - 0.1)])
-def test_missing_terms_with_a_doubt_of_their_own_or_far_behind_are_a_proposal(judged, terms):
-    each = judged(DOUBTED, terms=terms)
-    assert (each.made.verdict, each.made.nearest, each.asked) == ("unexplained", DOUBTED.named, 1)
-    assert each.made.selection is DOUBTED and "its size" in each.made.doubts[0]
-    assert each.made.left == () and each.made.gain.nats == DOUBTED.nats
-    assert each.made.proposal == (None if terms is None else terms[0])
-
-
-def test_missing_terms_may_be_a_little_behind(judged):
-    assert judged(DOUBTED, terms=term(log_likelihood=-verdict.TERM_MARGIN + 0.1)).made.verdict == "explained"
-
-
-def test_missing_terms_are_sought_for_doubts_in_plant_or_environment_and_with_the_whole_catalogue(judged):
-    assert judged(Found(cause("gust", chi_squared=99.0)), terms=term()).asked == 1
-    assert judged(Found(cause("gyro_bias", chi_squared=99.0)), terms=term()).asked == 0
-    assert judged(DOUBTED, terms=term(), catalogue=False).asked == 0
-    assert judged(Found(cause()), terms=term()).asked == 0
-
-
-# ---- before and after
-
-
-@pytest.mark.parametrize(("kinds", "rest"), [(("spike",), True), (("stamps", "range", "stale", "dropout"), True),
-                                             (("unit",), False), (("spike", "sign"), False), (("swapped",), False)])
-def test_faults_of_rows_are_masked_and_faults_of_columns_are_not(monkeypatch, kinds, rest):
-    faults = tuple(Fault(kind, "theta", 0.0, 1.0, 1, kind) for kind in kinds)
-    monkeypatch.setattr(verdict, "check", lambda *given: SimpleNamespace(is_bad=True, faults=faults))
-    examined = []
-    monkeypatch.setattr(verdict, "_refuse_foreign", lambda *given: None)
-    monkeypatch.setattr(verdict, "_examined", lambda made, *given: examined.append(made))
-    made = verdict.diagnose(None, None)
-    assert (made.verdict, made.where, made.causes) == ("bad-data", "data", ()) and len(examined) == rest
-    assert (made.beneath is not None) == rest
-
-
-def test_too_few_rows_are_not_searched(monkeypatch):
-    for rows, searched in ((verdict.FEWEST_ROWS - 1, False), (verdict.FEWEST_ROWS, True)):
-        record = SimpleNamespace(rows=rows)
-        monkeypatch.setattr(verdict, "record", lambda *given, record=record: record)
-        found: list[int] = []
-        monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
-        monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
-        monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-        monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
-        monkeypatch.setattr(verdict, "noise_of", lambda model: {})
-        made = verdict._examined(Diagnosis(None, None, None), None, 0, None, lambda text: None)
-        assert (len(found) == 1) == searched
-        assert searched or (made.verdict == "consistent" and {each.size for each in made.limits} == {None})
-
-
-def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
-    taken = []
-    monkeypatch.setattr(verdict, "record", lambda *given: SimpleNamespace(rows=verdict.FEWEST_ROWS))
-    monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
-    monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
-    monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
-    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-    monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
-    monkeypatch.setattr(verdict, "noise_of", lambda model: {})
-    for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
-        made = verdict._examined(Diagnosis(None, None, None), None, bootstrap, None, lambda text: None)
-        assert made.threshold == threshold and taken[-2:] == [threshold] * 2
-
-
-def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
-    read = []
-    monkeypatch.setattr(verdict, "check", lambda log, nominal: read.append(log))
-    monkeypatch.setattr(verdict, "record", lambda *given: "record")
-    monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
-    monkeypatch.setattr(verdict, "on_another", lambda r, model, nominal, controller: r)
-    measure = verdict._measure(Diagnosis(None, None, None), "second log")
-    assert read == []
-    assert [measure(Found()) for _ in range(3)] == ["record"] * 3 and read == ["second log"]

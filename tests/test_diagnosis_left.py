@@ -10,6 +10,7 @@ import pytest
 from test_diagnosis_gates import left
 
 from sim.diagnosis.causes import RECORDS, Cause
+from sim.diagnosis.data.world import CALM, WEATHER, WIND, Source, World
 from sim.diagnosis.judge import leftover as leftover_module
 from sim.diagnosis.judge import levels
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, constancy
@@ -184,7 +185,7 @@ def test_what_is_left_gains_at_least_what_it_did_under_the_old_noise(monkeypatch
 
 def test_a_noise_level_differs_if_it_does_beyond_doubt(monkeypatch):
     """Likelihoods with a curvature of 100: a standard deviation of 0.1 of the logarithm."""
-    record = SimpleNamespace(channels=("theta", "theta_dot", "beta"), command_is_known=True)
+    record = SimpleNamespace(channels=("theta", "theta_dot", "beta"), command_is_known=True, world=CALM)
     fitted = SimpleNamespace(record=record, innovations=None,
                              filter=SimpleNamespace(levels=np.exp([0.0, 0.29, -0.29, 0.31, -0.31])))
     monkeypatch.setattr(levels, "declared", lambda record: np.ones(5))
@@ -196,3 +197,16 @@ def test_a_noise_level_differs_if_it_does_beyond_doubt(monkeypatch):
     assert [found[name]["std"] / found[name]["factor"] for name in LEVELS] == pytest.approx([0.1] * 5)
     record.channels, record.command_is_known = ("theta",), False
     assert set(levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))) == {"theta", "acceleration"}
+
+
+def test_of_the_world_s_levels_the_declared_are_reported(monkeypatch):
+    """What nobody declared, the slow moment below the limits and weather that is sought, is no noise of the nominal."""
+    sources = (Source("a moment", 2, 0.1, 0.1, 20.0), Source("declared", WIND, 0.2, 0.2, 1.0, WEATHER),
+               Source("sought", WIND, 0.3, 0.3, 1.0, (1e-3, 40.0)), Source("a constant", WIND, 0.0, 0.1))
+    record = SimpleNamespace(channels=("theta",), command_is_known=False, world=World(sources))
+    fitted = SimpleNamespace(record=record, innovations=None, filter=SimpleNamespace(levels=np.full(8, 2.0)))
+    monkeypatch.setattr(levels, "declared", lambda record: np.ones(8))
+    monkeypatch.setattr(levels, "Refilter", lambda *given: SimpleNamespace(
+        log_likelihood=lambda x: -50.0 * float(np.sum(np.log(x / 2.0)**2))))
+    found = levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))
+    assert set(found) == {"theta", "acceleration", "declared"} and found["declared"]["factor"] == 2.0

@@ -40,15 +40,16 @@ EXPECTED = {
     "bad-data": {"faults.png"}}
 
 
-def measured(effects=(), freeze=slice(0, 0), name="<flight & test>.csv"):
-    """A short flight as a log; `freeze` rows of theta repeat their first."""
+def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
+    """A short flight as a log; in_degrees: its theta_dot."""
     nominal = load_nominal(built_in("constant"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION),
+                      diagnosis=replace(nominal.diagnosis, time_limit=3600.0))  # s: as long as a busy machine takes
     flight = fly_whole(nominal, 1, effects=effects)
     columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
     arrays = {column: getattr(flight, column).copy() for column in columns}
-    if freeze.stop:
-        arrays["theta"][freeze] = arrays["theta"][freeze.start]
+    if in_degrees:
+        arrays["theta_dot"] = np.degrees(arrays["theta_dot"])
     return Log(name, columns, (), theta_ddot=np.full(len(flight.t), np.nan), **arrays), nominal
 
 
@@ -62,7 +63,7 @@ def diagnoses() -> dict[str, Diagnosis]:
     """One of each verdict, few hypotheses each, so that it is quick."""
     loss = effect("control_loss", fraction=0.4, time=14.0)
     made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
-            judged(("control_effectiveness",), effects=[loss]), judged((), freeze=slice(1000, 1100))]
+            judged(("control_effectiveness",), effects=[loss]), judged((), in_degrees=True)]
     return {each.verdict: each for each in made}
 
 
@@ -163,9 +164,9 @@ def test_the_first_lines_say_verdict_cause_size_and_doubt(folders):
     assert "EXPLAINED (plant): control_loss" in words["explained"] and "k1 drops by 0." in words["explained"]
     assert "nats (12 needed)" in words["explained"] and "Held out" in words["explained"]
     assert "UNEXPLAINED" in words["unexplained"] and "not the cause" in words["unexplained"]
-    assert "disturbance of unknown shape" in words["unexplained"]
+    assert "disturbance of unknown shape" in words["unexplained"] or "remains" in words["unexplained"]
     assert "CONSISTENT" in words["consistent"] and "cannot be excluded" in words["consistent"]
-    assert "BAD DATA" in words["bad-data"] and "theta repeats its value" in words["bad-data"]
+    assert "BAD DATA" in words["bad-data"] and "theta_dot is in degrees" in words["bad-data"]
     for verdict, said in words.items():
         for term in ("Doubts", "nats", "held out", "constancy", "NRMSE", "tolerance", "launchid diagnose"):
             assert term in said, f"{verdict}: {term}"
@@ -242,7 +243,7 @@ def test_a_line_is_named_at_its_frequency_and_white_noise_names_none():
 def test_the_reconstructed_disturbance_is_the_one_flown():
     figures = pytest.importorskip("sim.diagnosis.report.figures", reason="matplotlib is not installed: no figures")
     made = judged((), effects=[effect("periodic_disturbance", amplitude=0.02, frequency=2.0, phase=1.0)])
-    d = figures.reconstructed(made)
+    d = figures.reconstructed(figures.bare(made))
     truth = 0.02 * np.sin(2.0 * made.record.t + 1.0)
     assert made.verdict == "unexplained"
     assert np.corrcoef(d, truth)[0, 1] > 0.9 and 0.8 < np.std(d) / np.std(truth) < 1.2

@@ -101,8 +101,8 @@ def test_a_log_is_checked_and_put_on_its_grid_once():
     """And a second log, which is another one, once."""
     body = tree_of(DIAGNOSIS / "verdict.py").body
     functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
-    for name, where in (("check", "diagnose"), ("record", "_examined"), ("with_commands", "_examined"),
-                        ("select", "_examined")):
+    for name, where in (("check", "diagnose"), ("record", "diagnose"), ("with_commands", "_examined"),
+                        ("select", "_searched")):
         assert calls_in(functions[where], name) == 1
         others = [other for other, function in functions.items() if calls_in(function, name) and other != where]
         assert others == (["_measure"] if name != "select" else []), name
@@ -125,7 +125,10 @@ def named_in(text: str) -> set[str]:
     return {cause for cause in CATALOGUE if text == cause or ("_" in cause and re.search(rf"\b{cause}\b", text))}
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if room_of(path) != "causes"], ids=name_of)
+WORLD = DIAGNOSIS / "data" / "world.py"  # its states bear the names of the keys of [wind] and [offsets]
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if room_of(path) != "causes" and path != WORLD], ids=name_of)
 def test_only_the_records_know_a_cause_by_its_name(path):
     assert [text for text in literals(tree_of(path)) if named_in(text)] == []
 

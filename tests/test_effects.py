@@ -22,8 +22,8 @@ from sim.flight import SUITES, Flight, fly, fly_whole, parameters
 from sim.nominal import BUILT_IN, Multisine, Nominal, Profile, built_in, load_nominal, write_nominal
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
-REQUIRED = {"time": 2.0, "frequency": 20.0, "duration": 3.0, "term": "theta^3"}
-CONTRACT = {  # section 4: where, and parameters with their neutral value, default, or None
+REQUIRED = {"time": 2.0, "frequency": 20.0, "duration": 3.0, "term": "theta^3", "z_alpha": 0.0, "z_beta": 0.0}
+CONTRACT = {  # sections 4 and 5: where, and parameters with their neutral value, default, or None
     "control_effectiveness": ("plant", {"scale": 1}), "control_loss": ("plant", {"fraction": 0, "time": None}),
     "aero_instability": ("plant", {"scale": 1}), "aero_damping": ("plant", {"coefficient": 0}),
     "aero_cubic": ("plant", {"coefficient": 0}), "friction": ("plant", {"coefficient": 0}),
@@ -31,6 +31,9 @@ CONTRACT = {  # section 4: where, and parameters with their neutral value, defau
     "slosh": ("plant", {"coupling": 0, "frequency": None, "damping_ratio": 0.02}),
     "bending": ("plant", {"gain": 0, "frequency": None, "damping_ratio": 0.03}),
     "missing_term": ("plant", {"term": None, "coefficient": 0}),
+    "moment_step": ("plant", {"acceleration": 0, "time": None}), "nozzle_inertia": ("plant", {"coefficient": 0}),
+    "control_slope": ("plant", {"slope": 0}), "lateral_drift": ("plant", {"z_alpha": None, "z_beta": None}),
+    "turbulence": ("environment", {"level": 0, "time_constant": 1}), "wind_walk": ("environment", {"level": 0}),
     "gust": ("environment", {"angle": 0, "time": None, "duration": None}), "steady_wind": ("environment", {"angle": 0}),
     "periodic_disturbance": ("environment", {"amplitude": 0, "frequency": None, "phase": 0}),
     "actuator_delay": ("actuator", {"delay": 0}), "actuator_bandwidth": ("actuator", {"scale": 1}),
@@ -40,13 +43,17 @@ CONTRACT = {  # section 4: where, and parameters with their neutral value, defau
     "gyro_bias": ("sensor", {"rate": 0}), "gyro_scale": ("sensor", {"scale": 1}),
     "gyro_delay": ("sensor", {"delay": 0}), "nozzle_sensor_bias": ("sensor", {"angle": 0}),
     "controller_mismatch": ("controller", {"kp_scale": 1, "kd_scale": 1, "delay": 0})}
-FORMS = {"actuator_bandwidth": {"lag": 0}, "actuator_rate_limit": {"wind_up": 0}}  # beside the contract's
+FORMS = {"actuator_bandwidth": {"lag": 0}, "actuator_rate_limit": {"wind_up": 0},
+         "control_slope": {"middle": math.inf}}  # beside the contract's
 STRONG = {
     "control_effectiveness:scale=0.8", "control_loss:fraction=0.3,time=1.5", "aero_instability:scale=1.3",
     "aero_damping:coefficient=0.4", "aero_cubic:coefficient=30", "friction:coefficient=0.01",
     "thrust_misalignment:angle=0.01", "slosh:coupling=0.4,frequency=3", "bending:gain=0.03,frequency=30",
-    "missing_term:term=theta^2,coefficient=2", "gust:angle=0.02,time=1,duration=2", "steady_wind:angle=0.02",
-    "periodic_disturbance:amplitude=0.02,frequency=4", "actuator_delay:delay=0.02", "actuator_bandwidth:scale=0.6",
+    "missing_term:term=theta^2,coefficient=2", "moment_step:acceleration=0.02,time=1.5",
+    "nozzle_inertia:coefficient=-0.004", "control_slope:slope=0.05", "lateral_drift:z_alpha=0.05,z_beta=0.03",
+    "gust:angle=0.02,time=1,duration=2", "steady_wind:angle=0.02",
+    "periodic_disturbance:amplitude=0.02,frequency=4", "turbulence:level=0.01", "wind_walk:level=0.01",
+    "actuator_delay:delay=0.02", "actuator_bandwidth:scale=0.6",
     "actuator_gain:scale=0.9", "actuator_rate_limit:rate=0.02", "actuator_backlash:half_width=0.002",
     "actuator_bias:angle=0.01", "attitude_bias:angle=0.01", "attitude_delay:delay=0.013", "gyro_bias:rate=0.01",
     "gyro_scale:scale=1.1", "gyro_delay:delay=0.0305", "nozzle_sensor_bias:angle=0.01",
@@ -139,7 +146,10 @@ EXTRA = {
         (f.t > 1) & (f.t < 3), f.a6 * 0.02 * (1 - np.cos(2 * np.pi * (f.t - 1) / 2)) / 2, 0.0),
     "periodic_disturbance:amplitude=0.02,frequency=4,phase=0.5": lambda f: 0.02 * np.sin(4.0 * f.t + 0.5),
     "control_effectiveness:scale=0.8": lambda f: 0.0, "aero_instability:scale=1.3": lambda f: 0.0,
-    "control_loss:fraction=0.3,time=1.5": lambda f: 0.0}
+    "control_loss:fraction=0.3,time=1.5": lambda f: 0.0, "control_slope:slope=0.1": lambda f: 0.0,
+    "moment_step:acceleration=-0.02,time=1.5": lambda f: np.where(f.t >= 1.5, -0.02, 0.0),
+    "turbulence:level=0.01": lambda f: f.a6 * f.wind, "wind_walk:level=0.01": lambda f: f.a6 * f.wind,
+    "lateral_drift:z_alpha=0.05,z_beta=0.03": lambda f: -f.a6 * f.true_gamma}
 
 
 @pytest.mark.parametrize("text", EXTRA)
@@ -447,6 +457,9 @@ REFUSED = [
     ("control_loss:fraction=1.5,time=1", "1.5", "at most 1"), ("gust:angle=1,time=1,duration=0", "duration", "above 0"),
     ("missing_term:term=zeta,coefficient=1", "'zeta'", "library term"),
     ("missing_term:term=tau*theta,coefficient=1", "tau", "library term"),
+    ("control_slope:slope=inf", "slope = inf", "1/s"), ("control_slope:slope=0.1,middle=nan", "middle = nan", "[s]"),
+    ("lateral_drift:z_alpha=0.1", "'z_beta' is missing", "a number"), ("turbulence:level=-1", "level", "at least 0"),
+    ("turbulence:level=1,time_constant=0", "time_constant", "above 0"),
     ("friction:coefficient=-1", "coefficient", "at least 0"), ("actuator_bandwidth:scale=0", "scale", "above 0")]
 
 

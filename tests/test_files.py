@@ -49,6 +49,78 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "figure": figure}
 
 
+# ---- a log that is no file
+
+
+def fed(fifo: Path, data: bytes) -> threading.Thread:
+    os.mkfifo(fifo)
+    thread = threading.Thread(target=lambda: fifo.write_bytes(data), daemon=True)
+    thread.start()
+    return thread
+
+
+def identified(log: Path, capsys: pytest.CaptureFixture) -> str:
+    capsys.readouterr()
+    assert main(["identify", str(log), "--json", "-"]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_log_is_read_from_a_fifo(tmp_path, log, capsys):
+    expected = identified(log, capsys)
+    thread = fed(tmp_path / "pipe", log.read_bytes())
+    assert identified(tmp_path / "pipe", capsys) == expected
+    thread.join(10)
+
+
+def test_a_log_is_read_from_a_process_s_output_and_from_standard_input(log, capsys):
+    """As a shell does with `<(cat LOG)` and with `< LOG`."""
+    if not os.path.isdir("/dev/fd"):
+        pytest.skip("no /dev/fd here")
+    expected = identified(log, capsys)
+    words = [sys.executable, "-m", "sim", "identify"]
+    out, into = os.pipe()
+    with subprocess.Popen(["cat", str(log)], stdout=into):
+        os.close(into)
+        done = subprocess.run([*words, f"/dev/fd/{out}", "--json", "-"], pass_fds=(out,), cwd=ROOT, text=True,
+                              capture_output=True, timeout=300, check=False)
+        os.close(out)
+    assert (done.returncode, done.stdout) == (0, expected)
+    with log.open("rb") as file:
+        done = subprocess.run([*words, "-", "--json", "-"], stdin=file, cwd=ROOT, text=True, capture_output=True,
+                              timeout=300, check=False)
+    assert (done.returncode, done.stdout) == (0, expected)
+    before = log.read_bytes()
+    with log.open("rb") as file:
+        done = subprocess.run([*words, "-", "--json", str(log)], stdin=file, cwd=ROOT, text=True, capture_output=True,
+                              timeout=300, check=False)
+    assert done.returncode == 3 and "input" in done.stderr and log.read_bytes() == before
+
+
+def test_what_standard_input_lacks_is_one_line(log):
+    for stdin in (b"", b"t,theta\n0,1\n", b"\x89PNG\r\n\x1a\n\xff"):
+        done = subprocess.run([sys.executable, "-m", "sim", "identify", "-"], input=stdin, cwd=ROOT,
+                              capture_output=True, timeout=300, check=False)
+        err = done.stderr.decode()
+        assert done.returncode == 3 and len(err.splitlines()) == 1 and err.startswith("launchid: -: "), err
+    done = subprocess.run([sys.executable, "-m", "sim", "identify", "-"], cwd=ROOT, capture_output=True, timeout=300,
+                          check=False, preexec_fn=lambda: os.close(0))
+    assert done.returncode == 3 and b"closed" in done.stderr
+
+
+def test_a_pipe_is_no_second_log_and_no_output_of_its_reader(tmp_path, log, capsys):
+    pipe = tmp_path / "pipe"
+    thread = fed(pipe, log.read_bytes())
+    assert main(["diagnose", str(pipe), "constant", "--holdout", str(pipe)]) == 3
+    assert "read once" in capsys.readouterr().err
+    thread.join(10)
+    pipe.unlink()
+    thread = fed(pipe, log.read_bytes())
+    assert main(["identify", str(pipe), "--json", str(pipe)]) == 3
+    assert "input" in capsys.readouterr().err
+    thread.join(10)
+    assert stat.S_ISFIFO(pipe.lstat().st_mode)
+
+
 # ---- what is no file is written through
 
 
@@ -259,15 +331,17 @@ def writing(path: Path) -> subprocess.Popen:
 
 def test_what_a_killed_run_left_goes_at_the_next_and_a_living_one_s_stays(tmp_path):
     path = tmp_path / "x.json"
-    near = [tmp_path / name for name in (".x.json.swp", ".x.json.0123456789abcdef.launchid.bak", "x.json.launchid")]
+    near = [tmp_path / name for name in (".x.json.swp", ".x.json.0123456789abcdef.launchid.bak", "x.json.launchid",
+                                         ".0123456789abcdef.launchid")]
     for other in near:
         other.write_text("another's")
-    killed, living = writing(path), writing(path)
+    killed, other, living = writing(path), writing(tmp_path / "y.csv"), writing(path)
     try:
         hidden = {p.name for p in tmp_path.iterdir() if p not in near}
-        assert len(hidden) == 2 and not path.exists()
-        killed.send_signal(signal.SIGKILL)
-        killed.wait(10)
+        assert len(hidden) == 3 and not path.exists()
+        for process in (killed, other):
+            process.send_signal(signal.SIGKILL)
+            process.wait(10)
         write_text(path, ["whole"])
         left = {p.name for p in tmp_path.iterdir() if p not in near}
         assert path.read_text() == "whole"

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from sealed import reseal
 
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core import belief as bl
@@ -319,6 +320,7 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     level, structure = state.filter.level.copy(), learner.r.copy()
     newest = (state.watch.counts[ch.NEXT] - 1) % ch.ONSETS
     state.watch.factor[newest] = 1e3
+    reseal(estimator)
     for sample in samples[305:310]:
         estimator.update(sample)
     assert state.watch.counts[ch.EVENTS] == 1

@@ -28,10 +28,11 @@ from sim.log import read_log
 from sim.nominal import load_nominal
 
 SECONDS = 45.0       # of the flights of the default run; what begins somewhere in a flight gets a whole one
-BEGINNING = ("control_loss", "gust")
+BEGINNING = ("control_loss", "moment_step", "gust")
 VISIBLE = 2.0        # times a clearly visible size (`size_at`)
 ALIKE = 0.999        # |cosine| of exact equivalents
 EITHER = {"control_effectiveness", "aero_instability"}   # their tolerance of 2 % hides small sizes
+SEARCHED = {each.cause for each in SOUGHT} | {"controller_mismatch"}
 FEW = ("control_loss", "aero_damping", "slosh", "bending", "gust", "actuator_delay", "actuator_backlash", "gyro_scale",
        "attitude_delay", "nozzle_sensor_bias")
 
@@ -78,7 +79,7 @@ def test_what_is_hidden_is_found(tmp_path, cause, seed, variant, rate):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("nominal", ["constant", "vega_like"])
-@pytest.mark.parametrize("cause", LISTED)
+@pytest.mark.parametrize("cause", [name for name in LISTED if name in SEARCHED])
 @pytest.mark.parametrize("variant", [PLAIN, OTHER])
 def test_every_cause_is_found_on_both_vehicles(tmp_path, nominal, cause, variant):
     spec = draw_spec(77, cause=cause, nominal=nominal, factor=2.0 * VISIBLE if cause in EITHER else VISIBLE,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hidden import LISTED, OTHER, PLAIN, QUIET, UNLISTED, Noise, Spec, draw_spec, fly, hide, size_at, write_csv
 from hidden.build import SUBSTEP, Build
-from hidden.catalogue import CAUSES, told
+from hidden.catalogue import CAUSES, CHANCE, told
 from hidden.flight import COLUMNS
 from hidden.listed import FITS
 from hidden.motion import LOST
@@ -26,7 +26,7 @@ from sim.nominal import Nominal, load_nominal
 
 FOLDER = Path(__file__).parent / "hidden"
 MEASURED = COLUMNS[2:]
-FORMS = {"lag", "wind_up"}   # parameters of the project's beside the contract's
+FORMS = {"lag", "wind_up", "middle"}   # parameters of the project's beside the contract's
 PLACES = {"plant", "environment", "actuator", "sensor", "controller", "data"}
 
 
@@ -350,7 +350,7 @@ SIMILAR = 0.9  # cosine of what two forms of a cause do to a noise-free flight; 
 SIZE_RANGE = 1.35  # and the ratio of their sizes, either way
 
 
-@pytest.mark.parametrize("cause", [cause for cause in LISTED if cause != "actuator_rate_limit"])
+@pytest.mark.parametrize("cause", [cause for cause in LISTED if cause not in {"actuator_rate_limit"} | CHANCE])
 def test_other_form_does_much_the_same(cause):
     sign = -1.0 if cause == "actuator_bandwidth" else 1.0
     clean = quiet()
@@ -375,7 +375,7 @@ def silenced(name: str) -> Nominal:
 
 SILENT = {name: silenced(name) for name in NAMES}
 AGREE, AGREE_STEP = 1e-7, 1e-4  # of a column's rms: smooth causes; causes with an instant or a kink on the 1 ms grid
-STEPPED = {"control_loss", "actuator_rate_limit"}
+STEPPED = {"control_loss", "actuator_rate_limit", "moment_step"}
 AGREE_FRICTION = 1e-3  # at rest the project's friction chatters with coefficient times its step
 
 
@@ -395,7 +395,7 @@ def test_clean_flight_agrees_with_the_project(nominal, rate):
 
 
 @pytest.mark.parametrize(("nominal", "sign"), [("constant", 1.0), ("constant", -1.0), ("vega_like", 1.0)])
-@pytest.mark.parametrize("cause", LISTED)
+@pytest.mark.parametrize("cause", [cause for cause in LISTED if cause not in CHANCE])
 def test_every_cause_agrees_with_the_project(cause, nominal, sign):
     hidden = LISTED[cause](3.0, np.random.default_rng(5), nominal, sign=sign)
     allowed = AGREE_FRICTION if cause == "friction" else AGREE_STEP if cause in STEPPED else AGREE
@@ -405,7 +405,7 @@ def test_every_cause_agrees_with_the_project(cause, nominal, sign):
 @pytest.mark.parametrize("seed", range(8))
 def test_pairs_agree_with_the_project(seed):
     rng = np.random.default_rng(seed)
-    names = rng.choice(sorted(set(LISTED) - {"friction"}), 2, replace=False)
+    names = rng.choice(sorted(set(LISTED) - {"friction"} - CHANCE), 2, replace=False)
     spec = draw_spec(seed, tuple(str(name) for name in names), "vega_like", factor=1.0)
     assert disagreement("vega_like", spec.effects) < AGREE_STEP, spec
 

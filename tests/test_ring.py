@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from launchid_core import Config, Estimator, Sample, Status
+from launchid_core import Config, Estimator, Sample, Status, guard
 from launchid_core import ring as rb
 from launchid_core.memory import named_arrays
 
@@ -60,6 +60,7 @@ def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimato
     if status == Status.DT_NEGATIVE:
         before["counts"][rb.CANDIDATES] = estimator._parts.state.counts[rb.CANDIDATES]
         before["clock"][rb.T_CANDIDATE] = estimator._parts.state.clock[rb.T_CANDIDATE]
+        before["guard"][guard.CONTROL] = estimator._parts.state.guard[guard.CONTROL]
     for name, array in arrays(estimator).items():
         assert array.tobytes() == before[name].tobytes(), name
 
@@ -203,8 +204,8 @@ class RingMachine(RuleBasedStateMachine):
     @invariant()
     def counts_add_up(self) -> None:
         if hasattr(self, "model"):
-            assert self.estimator.counts == {status.name: n for status, n in self.model.calls.items()}
-            assert sum(self.estimator.counts.values()) == self.k
+            counts = {status: self.estimator.counts[status.name] for status in Status}
+            assert counts == self.model.calls and sum(counts.values()) == self.k
 
     @invariant()
     def memory_stays(self) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import re
+import signal
+import stat
 import subprocess
 import sys
 import tomllib
@@ -10,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import launchid_core
-from sim.__main__ import Announcement
+from sim.announcement import Announcement
 
 ROOT = Path(__file__).resolve().parents[1]
 IMPORT_LIMIT = 0.15  # s of the processor, of the core above numba
@@ -41,7 +43,94 @@ def test_the_version_has_one_source():
     assert python("-m", "sim", "--version").stdout == f"launchid {launchid_core.__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" not in project["project"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "launchid_core.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "launchid_core.version.VERSION"}
+
+
+# ---- streams that are not there, and interrupts
+
+
+def closed(*numbers: int, words: str) -> subprocess.CompletedProcess:
+    def close() -> None:
+        for number in numbers:
+            os.close(number)
+    return subprocess.run([sys.executable, "-m", "sim", *words.split()], cwd=ROOT, capture_output=True, text=True,
+                          timeout=300, check=False, preexec_fn=close)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX descriptors")
+def test_a_closed_stdout_matters_to_what_writes_there_alone(tmp_path):
+    for words in ("effects", "--help", "--version", "identify --help"):
+        done = closed(1, words=words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (3, 1) and "standard output" in done.stderr
+    done = closed(1, words=f"effects --json {tmp_path}/effects.json")
+    assert done.returncode == 3 and (tmp_path / "effects.json").read_text().startswith("{")
+    done = closed(0, 1, words=f"simulate constant --period 0.1 --out {tmp_path}/log.csv")
+    assert done.returncode == 0 and (tmp_path / "log.csv").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX descriptors")
+def test_without_stderr_stdout_holds_the_data_alone(tmp_path):
+    done = closed(2, words=f"simulate constant --period 0.1 --out {tmp_path}/log.csv")
+    assert (done.returncode, done.stdout) == (0, "") and (tmp_path / "log.csv").is_file()
+    assert closed(2, words="identify none.csv").stdout == ""
+
+
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path):
+    node = tmp_path / "full"
+    try:
+        os.mknod(node, 0o666 | stat.S_IFCHR, os.makedev(1, 7))
+        full = node.open("w")
+    except (AttributeError, OSError) as error:
+        pytest.skip(f"no private device can be made or opened here ({error})")
+    with full:
+        for words in (["effects"], ["--help"]):
+            done = subprocess.run([sys.executable, "-m", "sim", *words], cwd=ROOT, stdout=full, text=True,
+                                  stderr=subprocess.PIPE, timeout=300, check=False)
+            assert done.returncode == 3
+            assert len(done.stderr.splitlines()) == 1 and "standard output: cannot be written" in done.stderr
+
+
+STOPPED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "MODULE":
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from sim.__main__ import command
+sys.exit(command())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.parametrize("module", ["argparse", "launchid_core", "sim.cli", "sim.experiments", "numpy", "sim.effects"])
+def test_an_interrupt_while_modules_are_imported_is_one_line(module):
+    done = python("-c", STOPPED.replace("MODULE", module), "effects")
+    assert done.returncode == 130
+    assert done.stderr == "launchid: interrupted; files already written are whole\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+def test_who_ignores_interrupts_goes_on_ignoring_them():
+    done = subprocess.run([sys.executable, "-c", STOPPED.replace("MODULE", "sim.cli"), "--version"], cwd=ROOT,
+                          text=True, capture_output=True, timeout=300, check=False,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("launchid ")
+
+
+@pytest.mark.parametrize("words", ["identify LOG --plot x.png", "uncertainty LOG vega_like --plot x.png"])
+def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
+    """As in an environment with the wheel alone."""
+    log = tmp_path / "log.csv"
+    log.write_text("t,theta,beta\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
+    (tmp_path / "without.py").write_text("import sys; sys.modules['matplotlib'] = None\n"
+                                         "from sim.cli import main; sys.exit(main(sys.argv[1:]))")
+    done = python(tmp_path / "without.py", *words.replace("LOG", str(log)).split(), PYTHONPATH=str(ROOT))
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines()[-1].endswith("pip install 'launchid[plots]'")
+    assert len(done.stderr.splitlines()) == 1 or done.stderr.startswith("launchid: compiling")
+    assert not (ROOT / "x.png").exists()
 
 
 def test_the_core_costs_little_beside_numba():
@@ -70,7 +159,7 @@ def second(x):
 """
 RUN = """
 from launchid_core import compile_listeners
-from sim.__main__ import Announcement
+from sim.announcement import Announcement
 compile_listeners += [Announcement()] * {said}
 import toy
 print(toy.first(1.0) + toy.second(1.0))

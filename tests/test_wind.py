@@ -25,7 +25,6 @@ from sim.nominal import (
 )
 from sim.outside import OFFSETS, drawn_offsets, drawn_wind
 from sim.sections import UNKNOWN_WIND
-from sim.understood import refuse_flight_path
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
 DRIFT = Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02]))
@@ -325,20 +324,3 @@ def test_simulate_writes_gamma(tmp_path):
     assert main(["simulate", str(tmp_path / "n.toml"), "--out", str(tmp_path / "log.csv"), "--seed", "2"]) == 0
     columns = read_log(tmp_path / "log.csv").columns
     assert columns == ("t", "theta", "beta", "theta_dot", "beta_cmd", "theta_ref", "gamma")
-
-
-@pytest.mark.parametrize(("sections", "name"), [
-    ({"drift": DRIFT}, "[drift]"), ({"wind": WINDY}, "[wind]"), ({"offsets": UNSURE}, "[offsets]")])
-def test_diagnose_refuses_what_it_would_ignore(tmp_path, capsys, sections, name):
-    write_flight(tmp_path / "log.csv", fly_whole(short(1.0)))
-    write_nominal(short(1.0, **sections), tmp_path / "n.toml")
-    assert main(["diagnose", str(tmp_path / "log.csv"), str(tmp_path / "n.toml")]) == 3
-    said = capsys.readouterr().err
-    assert name in said and len(said.splitlines()) == 1
-
-
-def test_log_of_a_flight_path_is_refused_by_its_column(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("t,theta,beta,gamma\n0,0.3,0,0.1\n")
-    with pytest.raises(InputError, match="line 1: column gamma"):
-        refuse_flight_path(read_log(path), "diagnose")

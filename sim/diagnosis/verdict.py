@@ -1,45 +1,62 @@
 """The diagnosis of one log: through the rooms in their order, and the verdict."""
 
 import functools
+import time
 from collections.abc import Callable
 from dataclasses import replace
+
+import numpy as np
 
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from ..understood import refuse_flight_path, refuse_foreign_loop, refuse_foreign_world
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import is_slow, with_commands
 from .controller.kind import FILTER, ControllerCheck
 from .data.check import check
-from .data.record import Record
+from .data.record import THETA_DOT, Record
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
-from .judge.gain import Gain, held_out, on_another
+from .judge.gain import Gain, held_out, on_another, removed
 from .judge.leftover import leftovers
 from .judge.levels import noise_of
 from .judge.limits import limits, unseen
-from .judge.named import doubts_about, mismatch, named_causes
+from .judge.measure import (
+    DOMINANT,
+    EXPLAINED,
+    LEAST_REMOVED,
+    Remainder,
+    doubts,
+    of_gain,
+    remainder,
+    small,
+    too_noisy,
+    weather_words,
+)
+from .judge.named import mismatch, named_causes, named_weather
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Say, Selection, select
+from .search.selection import THRESHOLD, Model, Say, Selection, fewer, strongest
+from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 100      # without which nothing is fitted
+FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing
+SEARCHED = 0.7         # of the time limit that the search may take; the rest is the judge's
 
 Measure = Callable[[Selection], Gain]
 
 
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
              hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
-             say: Say = lambda text: None) -> Diagnosis:
+             say: Say = lambda text: None, noise: str = "bounded") -> Diagnosis:
     """Why measurement and simulation part.
 
     log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
@@ -47,43 +64,34 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     hypotheses    to choose from; None: the catalogue
     bootstrap     clean flights to measure the threshold on; 0: take `threshold`
     say           told what is being done
+    noise         how far levels may be from the declared: "bounded", "declared" or "free"
     """
-    _refuse_foreign(nominal, log, holdout)
     say("data check")
+    until = time.monotonic() + SEARCHED * nominal.diagnosis.time_limit
     data = check(log, nominal)
     made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
-    if data.is_bad:
+    if not all(fault.kind in MASKED for fault in data.faults):
         made.where = "data"
-        return made if not all(fault.kind in MASKED for fault in data.faults) else _beneath(made, say)
-    return _examined(made, holdout, bootstrap, hypotheses, say)
-
-
-def _refuse_foreign(nominal: Nominal, log: Log, holdout: Log | None) -> None:
-    """InputError where the nominal or a log has what the diagnosis would have to ignore."""
-    refuse_foreign_loop(nominal, "diagnose")
-    refuse_foreign_world(nominal, "diagnose")
-    for each in (log, holdout):
-        if each is not None:
-            refuse_flight_path(each, "diagnose")
-
-
-def _beneath(made: Diagnosis, say: Say) -> Diagnosis:
-    """A log with faults that can be masked: the verdict stays `bad-data`; what the rest would have said is kept."""
-    rest = replace(made)
+        return made
     try:
-        _examined(rest, None, 0, None, say)
+        r = record(log, nominal, data)
     except InputError:
-        return made  # too little is left
-    made.beneath = (rest.verdict, tuple(cause.cause for cause in rest.causes))
-    made.record, made.selection, made.noise = rest.record, rest.selection, rest.noise
-    made.limits, made.isolability, made.controller = rest.limits, rest.isolability, rest.controller
-    return made
+        if not data.is_bad:
+            raise
+        made.where = "data"
+        return made
+    made.record = replace(r, noise=noise, until=until)
+    if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
+        made.where = "data"
+        return made
+    return _examined(made, holdout, bootstrap, hypotheses, say)
 
 
 def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: tuple[Hypothesis, ...] | None,
               say: Say) -> Diagnosis:
-    """Everything after the data check; InputError where the log holds no input."""
-    r = made.record = record(made.log, made.nominal, made.data)
+    """Everything after the data check."""
+    r = made.record
+    assert r is not None
     if r.rows < FEWEST_ROWS:
         made.verdict = "consistent"  # nothing is wrong that so short a log could show, and the limits say none could
         made.limits = tuple(unseen())
@@ -92,100 +100,211 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     made.record = r
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
-    made.selection = select(r, made.threshold, hypotheses, say)
+    made = _searched(made, holdout, hypotheses, say)
+    if _sensors_disagree(made):
+        made = _without_gyro(made, holdout, hypotheses, say)
+    assert made.selection is not None
+    say("detection limits")
+    found, made.isolability = limits(made.selection.model.fit.record, made.selection.model, made.threshold)
+    made.limits = tuple(found)
+    return made
+
+
+def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
+              say: Say) -> Diagnosis:
+    """With the search and the verdict on this record."""
+    assert made.record is not None
+    made.selection = select(made.record, made.threshold, hypotheses, say)
+    made.is_cut_short = made.record.is_late
     say("goodness")
     _judge(made, _measure(made, holdout), say)
-    say("detection limits")
-    found, made.isolability = limits(r, made.selection.model, made.threshold)
-    made.limits = tuple(found)
-    made.noise = noise_of(made.selection.model)
     return made
+
+
+def _sensors_disagree(made: Diagnosis) -> bool:
+    """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
+    of one of them."""
+    r = made.record
+    if made.verdict != "unexplained" or r is None or r.is_late or not {"theta", "theta_dot"} <= set(r.channels):
+        return False
+    best = max(made.left_nominal, key=lambda each: each.gain, default=None)
+    return best is not None and best.disturbance.place in ("theta", "theta_dot")
+
+
+def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
+                  say: Say) -> Diagnosis:
+    """The same on the attitude alone (a device may have filtered its rate), where that is dominant then; else as it
+    was."""
+    assert made.record is not None
+    say("without theta_dot, which does not fit theta")
+    z = made.record.z.copy()
+    z[:, THETA_DOT] = np.nan
+    again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
+                      catalogue=made.catalogue, record=replace(made.record, z=z))
+    again = _searched(again, holdout, hypotheses, say)
+    if again.verdict not in ("explained", "dominant"):
+        return made
+    share = again.gain.share if again.gain is not None and again.gain.share is not None else 0.0
+    again.verdict = "dominant"
+    again.remaining = ("theta_dot does not fit theta and was left out", *again.remaining)
+    again.remainder = Remainder(share, "sensor", again.remaining[0])
+    return again
 
 
 def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     """How a selection's gain is measured: on folds of the record, or on a second log, which passes the first rooms
     once, when it is first asked for."""
-    r, nominal = made.record, made.nominal
+    nominal = made.nominal
     if holdout is None:
-        assert r is not None
-        return lambda selection: held_out(r, selection.model, selection.nominal, made.controller)
+        return lambda selection: held_out(selection.model, _before(selection), made.controller)
 
     @functools.cache
     def second() -> Record:
         assert holdout is not None
         return with_commands(record(holdout, nominal, check(holdout, nominal)), NominalFollower())[0]
 
-    return lambda selection: on_another(second(), selection.model, selection.nominal, made.controller)
+    return lambda selection: on_another(second(), selection.model, _before(selection), made.controller)
+
+
+def _before(selection: Selection) -> Model:
+    """What a selection is an extension of: where the weather is all there is, the nominal without it."""
+    return selection.nominal if selection.model.causes or selection.calm is None else selection.calm
 
 
 def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
-    """Verdict, place, causes, gain."""
+    """Verdict, place, causes, gain, what remains."""
+    assert made.selection is not None and made.record is not None
     controller = made.controller
-    assert made.selection is not None
-    doubts = _tested(made, made.selection, measure, say)
     foreign = controller is not None and controller.is_foreign
-    if doubts or foreign:
+    found = _tested(made, made.selection, measure, say)
+    if found or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if doubts and not foreign and made.catalogue and _place(made) in FREE:
-        doubts = _with_terms(made, measure, doubts, say)
-    if foreign:
+    if found and made.catalogue and not foreign and _place(made) in FREE:
+        found = _with_terms(made, measure, found, say)
+    if found and made.nearest:
+        found = _with_fewer(made, measure, found, say)
+    if foreign and not made.nearest:
         assert controller is not None
-        doubts.append(f"the logged command is not the nominal controller's ({_controller_words(controller)})")
-    if doubts:
-        _unexplained(made, doubts, measure)
+        found = [*found, f"the logged command is not the nominal controller's ({_controller_words(controller)})"]
+    if found:
+        _unexplained(made, found, measure)
         return
-    causes = list(made.nearest)
+    if made.remaining and made.gain is not None and not made.record.is_late:
+        _without_idle(made, measure, say)
+    causes = [*made.nearest]
     if controller is not None and controller.is_named:
         causes.append(mismatch(controller))
         made.gain = made.gain or measure(made.selection)
     causes.sort(key=lambda cause: -cause.evidence)
     made.causes, made.nearest = tuple(causes), ()
-    made.verdict = "explained" if causes else "consistent"
-    made.where = causes[0].where if causes else None
-    if causes:
-        assert made.record is not None
-        made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller)
-        say("gain for the estimator's user")
-        made.user = user_gain(made.nominal, made.extension)
+    if not causes:
+        made.verdict, made.where = "consistent", None
+        return
+    made.where = causes[0].where
+    made.verdict = "explained" if not made.remaining and not foreign else "dominant"
+    if made.verdict == "dominant":
+        made.remainder = remainder(made.gain, made.left, made.selection, "controller" if foreign else None,
+                                   too_noisy(made.noise))
+    made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
+                              made.record.centre, tuple(cause for cause in causes if cause.is_weather))
+    say("gain for the estimator's user")
+    made.user = None if made.record.is_late else user_gain(made.nominal, made.extension)
 
 
 def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> list[str]:
-    """The best causes of a selection into `nearest`, with what is left and what they gain; the doubts about them."""
+    """The causes of a selection into `nearest`, with what is left and what they gain; why they are not even dominant.
+    What forbids `explained` alone goes into `remaining`."""
+    assert made.record is not None
     made.nearest = named_causes(selection)
     made.left = tuple(leftovers(selection.model))
-    assert made.record is not None
-    first, last = (float(made.record.t[k]) + made.record.shift for k in (0, -1))
-    doubts = doubts_about(made.nearest, made.left, first, last)
-    if made.nearest and not doubts:
-        say("held-out gain")
-        made.gain = measure(selection)
-        if not made.gain.nats > 0.0:
-            doubts.append(f"on data left out of the fit the causes lose {-made.gain.nats:.0f} nats")
-    return doubts
+    made.noise = noise_of(selection.model)
+    made.gain, made.remaining = None, ()
+    rows, span = made.record.rows, _span(made.record)
+    found = doubts(made.nearest, made.left, rows, span, DOMINANT, same_place=False)
+    strict = doubts(made.nearest, made.left, rows, span, EXPLAINED, same_place=True)
+    noisy = too_noisy(made.noise)
+    weather = selection.weather
+    if weather is not None and weather.is_wind and not strict and noisy is None:
+        made.nearest = (*made.nearest, named_weather(weather))
+    elif weather is not None and not small(weather, made.nearest):
+        strict.append(f"{weather_words(selection)} remains")
+    if noisy is not None:
+        strict.append(noisy)
+    if not made.nearest:
+        return strict
+    if found:
+        return found
+    say("held-out gain")
+    made.gain = measure(selection)
+    made.remaining = (*strict, *of_gain(made.gain, EXPLAINED))
+    return of_gain(made.gain, DOMINANT)
 
 
-def _with_terms(made: Diagnosis, measure: Measure, doubts: list[str], say: Say) -> list[str]:
-    """Missing terms in the place of the catalogue's causes: kept where they pass every test, else a proposal."""
+def _span(r: Record) -> tuple[float, float]:
+    """[s] of the log's clock: first and last row."""
+    return float(r.t[0]) + r.shift, float(r.t[-1]) + r.shift
+
+
+def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
+    """Missing terms in the place of the catalogue's causes: kept where they explain everything (a term that leaves
+    something may stand for anything), else a proposal."""
     assert made.selection is not None
-    before = made.nearest, made.left, made.gain
-    found = propose(made.selection.nominal, made.threshold, say)
-    if found is None:
-        return doubts
-    made.proposal, selection = found
+    before = made.nearest, made.left, made.gain, made.noise, made.remaining
+    terms = propose(made.selection.nominal, made.threshold, say)
+    if terms is None:
+        return found
+    made.proposal, selection = terms
+    selection.weather, selection.calm = made.selection.weather, made.selection.calm
     again = _tested(made, selection, measure, say)
-    if not again and selection.model.log_likelihood > made.selection.model.log_likelihood - TERM_MARGIN:
+    behind = made.selection.model.log_likelihood - selection.model.log_likelihood
+    if not again and not made.remaining and behind < TERM_MARGIN:
         made.selection = selection
         return []
-    made.nearest, made.left, made.gain = before
-    return doubts
+    own = made.gain or measure(selection)
+    if not (own.nats > 0.0 and (own.share is None or own.share < 1.0)):
+        made.proposal = None  # what does not predict better is no proposal
+    made.nearest, made.left, made.gain, made.noise, made.remaining = before
+    return found
 
 
-def _unexplained(made: Diagnosis, doubts: list[str], measure: Measure) -> None:
+def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
+    """The strongest cause alone, where several together are in doubt."""
+    assert made.selection is not None
+    if len(made.selection.model.causes) < 2:
+        return found
+    before = made.nearest, made.left, made.gain, made.noise, made.remaining
+    selection = fewer(made.selection, [strongest(made.selection)])
+    again = _tested(made, selection, measure, say)
+    if not again:
+        made.selection = selection
+        return []
+    made.nearest, made.left, made.gain, made.noise, made.remaining = before
+    return found
+
+
+def _without_idle(made: Diagnosis, measure: Measure, say: Say) -> None:
+    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it."""
+    selection = made.selection
+    assert selection is not None and made.gain is not None
+    shares = removed(selection.model, made.gain)
+    kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
+    if not kept or len(kept) == len(shares):
+        return
+    before = made.nearest, made.left, made.gain, made.noise, made.remaining
+    without = fewer(selection, kept)
+    if _tested(made, without, measure, say):
+        made.nearest, made.left, made.gain, made.noise, made.remaining = before
+    else:
+        made.selection = without
+
+
+def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
     selection = made.selection
     assert selection is not None
-    made.verdict, made.doubts = "unexplained", tuple(doubts)
+    made.verdict, made.doubts = "unexplained", tuple(found)
     made.where = _place(made)
+    made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
     if made.gain is None and made.nearest:
         made.gain = measure(selection)
 
@@ -203,9 +322,12 @@ def _place(made: Diagnosis) -> str:
     assert made.selection is not None and made.record is not None
     slow = is_slow(made.record)
     foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
-    best = max((each for each in made.left_nominal if not each.is_line), key=lambda leftover: leftover.gain)
+    left = made.left_nominal or made.left
+    best = max((each for each in left if not each.is_line), key=lambda leftover: leftover.gain)
     if foreign is not None and (foreign.evidence > best.gain or not slow):
         return "controller"
+    weather = made.selection.weather
+    where, most = (best.where, best.gain) if weather is None or weather.gain < best.gain else ("plant", weather.gain)
     strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
-    where = strongest.where if strongest is not None and strongest.evidence > best.gain else best.where
+    where = strongest.where if strongest is not None and strongest.evidence > most else where
     return "controller" if foreign is not None and where == "actuator" else where

@@ -5,6 +5,7 @@ takes that, provided at least one parameter of the effect is given; any other is
 required.  An effect may stand several times (two gusts, two bending modes).
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ from launchid_core import parse_term, term_name
 
 from ..errors import UsageError
 from . import actuator, controller, environment, plant, sensor
-from .table import CODE, N_COLUMNS, P0, PLACES, TERM, Cause, Effect, Parameter, Table
+from .table import CENTRE, CODE, N_COLUMNS, P0, PLACES, TERM, Cause, Effect, Parameter, Table
 
 CATALOGUE: dict[str, Cause] = {
     cause.name: cause for place in (plant, environment, actuator, sensor, controller) for cause in place.EFFECTS}
@@ -122,18 +123,19 @@ def _sorting(of: Effect) -> tuple[int, tuple[str, ...]]:
     return _CODE[of.name], tuple(map(repr, of.values))
 
 
-def pack(effects: Iterable[Effect], step: float) -> Table:
+def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Table:
     """The effects as the compiled step reads them, in an order of their own.
 
     effects  any order, any number of each
     step     [s] of integration; UsageError if it does not resolve an effect's frequency
+    centre   [s] of the flight, or of the log: a `middle` that is not given; NaN: nobody needs it
     """
     ordered = sorted(effects, key=_sorting)
-    rows = {place: [_row(of, step) for of in ordered if CATALOGUE[of.name].where == place] for place in PLACES}
+    rows = {place: [_row(of, step, centre) for of in ordered if CATALOGUE[of.name].where == place] for place in PLACES}
     return Table(*(np.array(rows[place], dtype=np.float64).reshape(-1, N_COLUMNS) for place in PLACES))
 
 
-def _row(of: Effect, step: float) -> np.ndarray:
+def _row(of: Effect, step: float, centre: float) -> np.ndarray:
     """One effect as a row (N_COLUMNS,), its states at rest."""
     row = np.zeros(N_COLUMNS)
     row[CODE] = _CODE[of.name]
@@ -145,5 +147,5 @@ def _row(of: Effect, step: float) -> np.ndarray:
         if parameter.name == "frequency" and not value * step <= RADIANS_PER_STEP:
             raise UsageError(f"effect {of.name}: frequency = {value!r}: expected at most "
                              f"{RADIANS_PER_STEP / step:g} rad/s, what the simulation's step of {step:g} s resolves")
-        row[P0 + k] = value
+        row[P0 + k] = centre if value == CENTRE and parameter.default == CENTRE else value
     return row

@@ -7,6 +7,9 @@ Assumptions: the aerodynamic moment is a6 times the angle (of a plant given by i
 terms: the coefficient of `theta` times it); without [drift] wind turns the vehicle
 and does not drift it.
 
+`turbulence` and `wind_walk` are chance, not functions of time: their rows stand here,
+`sim.outside` draws them with the nominal's [wind], by the same law.
+
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
 
@@ -15,7 +18,7 @@ import math
 from ..vehicle.kernels import inner, kernel
 from .table import CODE, P0, P1, P2, Cause, Parameter
 
-GUST, STEADY_WIND, PERIODIC_DISTURBANCE = range(3)
+GUST, STEADY_WIND, PERIODIC_DISTURBANCE, TURBULENCE, WIND_WALK = range(5)
 
 EFFECTS = (
     Cause("gust", "environment", (
@@ -27,6 +30,10 @@ EFFECTS = (
         Parameter("amplitude", "rad/s^2", neutral=0.0),
         Parameter("frequency", "rad/s", low=0.0, above=True),
         Parameter("phase", "rad", default=0.0))),
+    Cause("turbulence", "environment", (
+        Parameter("level", "rad", neutral=0.0, low=0.0),
+        Parameter("time_constant", "s", default=1.0, low=0.0, above=True))),
+    Cause("wind_walk", "environment", (Parameter("level", "rad/sqrt(s)", neutral=0.0, low=0.0),)),
 )
 
 

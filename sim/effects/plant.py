@@ -1,11 +1,12 @@
 """Effects on the vehicle's rotation: what it is beside a rigid body with the nominal's a6 and k1.
 
-Every moment is an angular acceleration [rad/s^2] that adds to a6 theta + k1 beta.
+Every moment is an angular acceleration [rad/s^2] that adds to a6 theta + k1 beta; `lateral_drift` turns the flight
+path instead, by the equation and with the state of [drift].
 
 Assumptions: small angles, one plane; a mode is one linear oscillator, at rest at
 t = 0, and does not act back on other modes but through theta_ddot.
-Limitations: `bending` moves the sensors, not the centre of mass; the engine's
-inertia (tail-wags-dog) is not modelled.
+Limitations: `bending` moves the sensors, not the centre of mass; `nozzle_inertia`
+turns the rigid vehicle, and does not load the servo.
 
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
@@ -14,6 +15,7 @@ from launchid_core import function_value
 
 from ..vehicle.kernels import inner, kernel
 from .table import (
+    CENTRE,
     CODE,
     MEMORY,
     MEMORY_DOT,
@@ -30,7 +32,9 @@ from .table import (
 )
 
 (CONTROL_EFFECTIVENESS, CONTROL_LOSS, AERO_INSTABILITY, AERO_DAMPING, AERO_CUBIC, FRICTION, THRUST_MISALIGNMENT,
- SLOSH, BENDING, MISSING_TERM) = range(10)
+ SLOSH, BENDING, MISSING_TERM, MOMENT_STEP, NOZZLE_INERTIA, CONTROL_SLOPE, LATERAL_DRIFT) = range(14)
+
+SAME_INSTANT = 1e-9  # s: a time of the integration that near an onset is the onset
 
 EFFECTS = (
     Cause("control_effectiveness", "plant", (Parameter("scale", "", neutral=1.0),)),
@@ -53,6 +57,10 @@ EFFECTS = (
     Cause("missing_term", "plant", (
         Parameter("term", "term"),
         Parameter("coefficient", "rad/s^2 per unit of the term", neutral=0.0))),
+    Cause("moment_step", "plant", (Parameter("acceleration", "rad/s^2", neutral=0.0), Parameter("time", "s"))),
+    Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0),)),
+    Cause("control_slope", "plant", (Parameter("slope", "1/s", neutral=0.0), Parameter("middle", "s", default=CENTRE))),
+    Cause("lateral_drift", "plant", (Parameter("z_alpha", "1/s"), Parameter("z_beta", "1/s"))),
 )
 
 
@@ -130,6 +138,26 @@ def missing_term(coefficient, fx, e, theta, theta_dot, beta):
     return value * function_value(int(fx[e, TERM + 4]), argument)
 
 
+@kernel
+def stepped_moment(acceleration, time, t):
+    """acceleration [rad/s^2] from `time` [s] on: an engine out, off the axis; a fin or a fairing that is gone."""
+    return acceleration if t > time - SAME_INSTANT else 0.0
+
+
+@kernel
+def nozzle_reaction(coefficient, beta_ddot):
+    """coefficient beta'': the swung engine's reaction, tail wags dog; of a launcher coefficient =
+    -(I_R + m_R l_R l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its gimbal, J of the vehicle,
+    l_c from its centre of mass to the gimbal)."""
+    return coefficient * beta_ddot
+
+
+@kernel
+def sloping(slope, middle, t, k1):
+    """k1 (1 + slope (t - middle)): thrust, arm or inertia run away from what was believed of them."""
+    return k1 * (1.0 + slope * (t - middle))
+
+
 # ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
 
 
@@ -143,6 +171,8 @@ def parameters(fx, t, a6, k1):
             k1 = lost_control(fx[e, P0], fx[e, P1], t, k1)
         elif fx[e, CODE] == AERO_INSTABILITY:
             a6 = scaled(fx[e, P0], a6)
+        elif fx[e, CODE] == CONTROL_SLOPE:
+            k1 = sloping(fx[e, P0], fx[e, P1], t, k1)
     return a6, k1
 
 
@@ -150,7 +180,7 @@ def parameters(fx, t, a6, k1):
 def change_parameters(fx):
     """Whether any effect is one on a6 or k1."""
     for e in range(fx.shape[0]):
-        if fx[e, CODE] == CONTROL_EFFECTIVENESS or fx[e, CODE] == CONTROL_LOSS or fx[e, CODE] == AERO_INSTABILITY:
+        if fx[e, CODE] in (CONTROL_EFFECTIVENESS, CONTROL_LOSS, AERO_INSTABILITY, CONTROL_SLOPE):
             return True
     return False
 
@@ -187,6 +217,37 @@ def acceleration(fx, a6, k1, alpha, theta, theta_dot, beta):
 
 
 @inner
+def moment_over_time(fx, t):
+    """Sum of the moments [rad/s^2] that nothing but the time t [s] makes; -0.0 where there is none."""
+    total = -0.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == MOMENT_STEP:
+            total += stepped_moment(fx[e, P0], fx[e, P1], t)
+    return total
+
+
+@inner
+def reaction(fx, beta_ddot):
+    """Sum of the moments [rad/s^2] of the nozzle's acceleration [rad/s^2]; -0.0 where there is none."""
+    total = -0.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == NOZZLE_INERTIA:
+            total += nozzle_reaction(fx[e, P0], beta_ddot)
+    return total
+
+
+@inner
+def drift(fx):
+    """(z_alpha, z_beta) [1/s] beside the nominal's; (-0.0, -0.0) where there are none."""
+    z_alpha, z_beta = -0.0, -0.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == LATERAL_DRIFT:
+            z_alpha += fx[e, P0]
+            z_beta += fx[e, P1]
+    return z_alpha, z_beta
+
+
+@inner
 def misalignment(fx):
     """Sum of the thrust's angles [rad] off the nozzle's axis; -0.0 where there is none."""
     total = -0.0
@@ -204,6 +265,14 @@ def mode_acceleration(fx, e, theta_ddot, beta):
     if fx[e, CODE] == BENDING:
         return bending_mode(fx[e, P0], fx[e, P1], fx[e, P2], fx[e, MEMORY], fx[e, MEMORY_DOT], beta)
     return 0.0
+
+
+@inner
+def jolt_modes(fx, jump):
+    """The modes where theta_dot jumps by `jump` [rad/s]: psi'' = -theta_ddot - ..."""
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == SLOSH:
+            fx[e, MEMORY_DOT] -= jump
 
 
 @inner

@@ -20,6 +20,8 @@ PLACES = ("plant", "environment", "actuator", "sensor", "controller")
 (CODE, P0, P1, P2, TERM, _, _, _, _, _, MEMORY, MEMORY_DOT, START, START_DOT, TOTAL, TOTAL_DOT) = range(16)
 N_COLUMNS = 16
 
+CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -58,9 +60,9 @@ class Parameter:
         return f"a number{joined}" + (f" [{self.unit}]" if self.unit else "")
 
     def allows(self, value: float) -> bool:
-        """Finite (or the neutral value itself, as an infinite rate) and in range."""
+        """Finite (or the neutral value or default itself, as an infinite rate) and in range."""
         if not math.isfinite(value):
-            return value == self.neutral
+            return value in (self.neutral, self.default)
         return self.low <= value <= self.high and not (self.above and value == self.low)
 
 

@@ -8,7 +8,7 @@ import ast
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .inference import TESTS, Inference, indices, of_module, whole_number
+from .inference import SEALS, TESTS, Inference, indices, of_module, whole_number
 from .kinds import (
     ABSENT,
     DIMENSIONS,
@@ -233,6 +233,8 @@ class Expressions:
             if node.func.attr not in FUNCTIONS:
                 raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
             return f"{node.func.attr}({self.listed(node.args)})", ATOM
+        if name in SEALS:
+            return f"{name}({self.listed(node.args)})", ATOM
         if name in ("int", "float"):
             return self._cast(node, "int64_t" if name == "int" else "double")
         if name == "len":

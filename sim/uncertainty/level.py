@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..identify import number, onboard_model, run
 from ..log import Log
 from ..nominal import Nominal, Profile
+from ..shown import with_std
 
 PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
@@ -109,11 +110,13 @@ def table(estimates: list[Estimate]) -> str:
                 line += f"  {'-':>16} {'-':>9} {'-':>6}"
                 continue
             best = max(level.probability)
-            line += f"  {level.delta:>6.2f} +- {level.delta_std:<6.2g} {level.band:>9} {best:>6.3f}"
+            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>6.3f}"
         lines.append(line)
     for name, since, said, back in departures(estimates):
         lines.append(f"{name} out of its range since {since:.2f} s (known at {said:.2f} s): another factor at play "
                      "(fault, wind)" + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
-    if not departures(estimates):
+    if not any(e.uncertainty is not None and e.uncertainty.valid for e in estimates):
+        lines.append("no window of this log says where a6 and k1 are")
+    elif not departures(estimates):
         lines.append("a6 and k1 in their range throughout")
     return "\n".join(lines)

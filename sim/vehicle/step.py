@@ -125,22 +125,26 @@ def control(v, i, tick):
 
 
 @inner
-def acceleration(moments, winds, a6, k1, t, disturbance, alpha, theta, theta_dot, beta):
+def acceleration(moments, winds, a6, k1, t, disturbance, alpha, theta, theta_dot, beta, beta_ddot):
     """theta_ddot [rad/s^2] of a state at t [s]: rigid body, plant's effects (n, columns), environment's.
 
     alpha [rad]  angle of attack without the environment's effects, which add their own
     """
     return (angular_acceleration(a6, k1, alpha, beta, disturbance)
             + plant.acceleration(moments, a6, k1, alpha, theta, theta_dot, beta)
-            + environment.acceleration(winds, a6, t))
+            + environment.acceleration(winds, a6, t)
+            + plant.moment_over_time(moments, t) + plant.reaction(moments, beta_ddot))
 
 
 @inner
 def drifting(v, half, t, alpha, beta):
     """gamma_dot [rad/s] of a state at t [s], the half step `half`; alpha as in `acceleration`."""
-    if v.drift.shape[1] == 0:
+    z_alpha, z_beta = plant.drift(v.plant)
+    if v.drift.shape[1] > 0:
+        z_alpha, z_beta = z_alpha + v.drift[0, half], z_beta + v.drift[1, half]
+    elif z_alpha == 0.0 and z_beta == 0.0:
         return 0.0
-    return drift_rate(v.drift[0, half], v.drift[1, half], alpha + environment.wind(v.environment, t),
+    return drift_rate(z_alpha, z_beta, alpha + environment.wind(v.environment, t),
                       beta + plant.misalignment(v.plant))
 
 
@@ -152,22 +156,37 @@ def wind_at(v, i):
 
 @inner
 def servo_flow(c, w, rate, reach, command, beta, beta_dot):
-    """(beta', beta_dot') of the servo of natural frequency w [rad/s], or time constant 1/w."""
+    """(beta', beta_dot', the nozzle's own acceleration) of the servo of natural frequency w [rad/s], or time constant
+    1/w.  A nozzle at its rate limit does not accelerate; a command that jumps is `jolt`'s."""
     if c[FIRST_ORDER] != 0.0:
-        return lag_slopes(w, rate, command, beta)
-    return servo_slopes(w, c[DAMPING], rate, reach, command, beta, beta_dot)
+        moved, still = lag_slopes(w, rate, command, beta)
+        return moved, still, -w * moved if abs(moved) < rate else 0.0
+    moved, beta_ddot = servo_slopes(w, c[DAMPING], rate, reach, command, beta, beta_dot)
+    return moved, beta_ddot, beta_ddot if abs(beta_dot) <= rate else 0.0
 
 
 @inner
-def write_row(v, i, tick, row):
-    """Measured and true values at the start of step i."""
+def jolt(v, w, rate, u):
+    """A command u that jumps makes the rate of a first-order servo's nozzle jump, whose inertia then turns the vehicle
+    at once; of such a servo state[BETA_DOT] is the rate before."""
+    x = v.state
+    jump = plant.reaction(v.plant, lag_slopes(w, rate, u, x[BETA])[0] - x[BETA_DOT])
+    x[THETA_DOT] += jump
+    plant.jolt_modes(v.plant, jump)
+
+
+@inner
+def write_row(v, i, tick, u, row):
+    """Measured and true values at the start of step i, over which the servo's input is u [rad]."""
     c, x = v.constant, v.state
+    w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], c[DAMPING])
+    beta_ddot = servo_flow(c, w, rate, reach, u, x[BETA], x[BETA_DOT])[2]
     row[6] = sensor.nozzle(v.sensor, x[BETA])
     row[7] = attitude(v, i)
     row[8] = gyro(v, i)
     wind, t = wind_at(v, i), i * c[STEP]
     row[9] = acceleration(v.plant, v.environment, v.a6[2 * i], v.k1[2 * i], t, v.acceleration[tick],
-                          angle_of_attack(x[THETA], x[GAMMA], wind), x[THETA], x[THETA_DOT], x[BETA])
+                          angle_of_attack(x[THETA], x[GAMMA], wind), x[THETA], x[THETA_DOT], x[BETA], beta_ddot)
     row[10] = x[GAMMA]
     row[11] = wind + environment.wind(v.environment, t) + 0.0  # 0.0, not -0.0, if calm
     row[0] = t
@@ -184,11 +203,13 @@ def runge_kutta_4(v, i, u, disturbance):
 
     u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
     over the step.  In a stage: q = theta_dot, r = the servo's rate, s = beta' (r within its limit), al = the angle of
-    attack, g = gamma; q1, r1 and g1 their derivatives.
+    attack, g = gamma; q1, r1 and g1 their derivatives; n1 the nozzle's acceleration.
     """
     c, x, modes, winds = v.constant, v.state, v.plant, v.environment
     h, t = c[STEP], i * c[STEP]
     w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], c[DAMPING])
+    if c[FIRST_ORDER] != 0.0:
+        jolt(v, w, rate, u)
     th, q, b, r, g = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT], x[GAMMA]
     a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + 1], v.a6[2 * i + 2]
     k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + 1], v.k1[2 * i + 2]
@@ -197,27 +218,27 @@ def runge_kutta_4(v, i, u, disturbance):
     plant.begin_modes(modes)
 
     al = angle_of_attack(th, g, w_0)
-    q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, al, th, q, b)
+    s1, r1, n1 = servo_flow(c, w, rate, reach, u, b, r)
+    q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, al, th, q, b, n1)
     g1 = drifting(v, 2 * i, t, al, b)
-    s1, r1 = servo_flow(c, w, rate, reach, u, b, r)
     plant.advance_modes(modes, 1.0, 0.5 * h, q1, b)
     th2, qq2, b2, rr2 = th + 0.5 * h * q, q + 0.5 * h * q1, b + 0.5 * h * s1, r + 0.5 * h * r1
     al2 = angle_of_attack(th2, g + 0.5 * h * g1, w_1)
-    q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al2, th2, qq2, b2)
+    s2, r2, n2 = servo_flow(c, w, rate, reach, u, b2, rr2)
+    q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al2, th2, qq2, b2, n2)
     g2 = drifting(v, 2 * i + 1, t + 0.5 * h, al2, b2)
-    s2, r2 = servo_flow(c, w, rate, reach, u, b2, rr2)
     plant.advance_modes(modes, 2.0, 0.5 * h, q2, b2)
     th3, qq3, b3, rr3 = th + 0.5 * h * qq2, q + 0.5 * h * q2, b + 0.5 * h * s2, r + 0.5 * h * r2
     al3 = angle_of_attack(th3, g + 0.5 * h * g2, w_1)
-    q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al3, th3, qq3, b3)
+    s3, r3, n3 = servo_flow(c, w, rate, reach, u, b3, rr3)
+    q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al3, th3, qq3, b3, n3)
     g3 = drifting(v, 2 * i + 1, t + 0.5 * h, al3, b3)
-    s3, r3 = servo_flow(c, w, rate, reach, u, b3, rr3)
     plant.advance_modes(modes, 2.0, h, q3, b3)
     th4, qq4, b4, rr4 = th + h * qq3, q + h * q3, b + h * s3, r + h * r3
     al4 = angle_of_attack(th4, g + h * g3, w_2)
-    q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, al4, th4, qq4, b4)
+    s4, r4, n4 = servo_flow(c, w, rate, reach, u, b4, rr4)
+    q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, al4, th4, qq4, b4, n4)
     g4 = drifting(v, 2 * i + 2, t + h, al4, b4)
-    s4, r4 = servo_flow(c, w, rate, reach, u, b4, rr4)
     plant.advance_modes(modes, 1.0, h, q4, b4)
 
     plant.end_modes(modes, h)
@@ -226,6 +247,8 @@ def runge_kutta_4(v, i, u, disturbance):
     x[BETA] = b + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4)
     x[BETA_DOT] = actuator.limited_rate(reach, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4))
     x[GAMMA] = g + h / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
+    if c[FIRST_ORDER] != 0.0:
+        x[BETA_DOT] = lag_slopes(w, rate, u, x[BETA])[0]
 
 
 @kernel
@@ -251,10 +274,10 @@ def advance(v, steps, rows):
             remember(v, i)
         if phase == 0:
             control(v, i, tick)
-        if i % n[LOG_EVERY] == 0:
-            write_row(v, i, tick, rows[n[ROWS]])
-            n[ROWS] += 1
         u = delayed_command(v.commands, tick, phase * c[STEP], c[STEP], c[PERIOD], delay)
         u = actuator.command(servo_input, c[FREQUENCY], c[DAMPING], c[STEP], u)
+        if i % n[LOG_EVERY] == 0:
+            write_row(v, i, tick, u, rows[n[ROWS]])
+            n[ROWS] += 1
         runge_kutta_4(v, i, u, v.acceleration[tick])
         n[AT] = i + 1

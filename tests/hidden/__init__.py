@@ -7,7 +7,7 @@ the truth.
 
 from .catalogue import LISTED, UNLISTED, hide, size_at
 from .flight import draw_spec, fly, write_csv
-from .spec import OTHER, PLAIN, QUIET, Hidden, Label, Noise, Spec
+from .spec import OTHER, PLAIN, QUIET, Hidden, Label, Noise, Spec, Weather
 
-__all__ = ["LISTED", "OTHER", "PLAIN", "QUIET", "UNLISTED", "Hidden", "Label", "Noise", "Spec", "draw_spec", "fly",
-           "hide", "size_at", "write_csv"]
+__all__ = ["LISTED", "OTHER", "PLAIN", "QUIET", "UNLISTED", "Hidden", "Label", "Noise", "Spec", "Weather", "draw_spec",
+           "fly", "hide", "size_at", "write_csv"]

@@ -9,6 +9,7 @@ from .motion import Clock, Course, Knobs
 from .rough import rough_programme
 from .spec import Spec
 from .vehicles import vehicle
+from .weather import blown
 
 SUBSTEP = 2.5e-4  # s: half of the shortest delay that a log shows (0.5 ms); divides controller and log periods
 CREEP = 0.05      # an effect that creeps is this much smaller at the start of the flight and larger at its end
@@ -23,7 +24,8 @@ def random(seed: int, stream: str) -> np.random.Generator:
 class Build:
     """One flight in the making.  Effects change the arrays (in place) and call `set`; `parts` closes it.
 
-    Arrays on half sub-steps (t): a6, k1 [1/s^2], wind [rad], tilt [rad], torque [rad/s^2].
+    Arrays on half sub-steps (t): a6, k1 [1/s^2], wind [rad], tilt [rad], torque [rad/s^2], drift_alpha, drift_beta
+    [1/s].
     Arrays on controller ticks (t_tick): late [s], servo_gain, servo_null [rad].
     Arrays on sensing instants (t_sense): attitude_bias [rad], gyro_gain, gyro_bias [rad/s], pickup_bias [rad].
     """
@@ -43,7 +45,8 @@ class Build:
         self.t_sense = np.arange(-(-self.steps // self.sense_every)) * (self.sense_every * SUBSTEP)
         a6, k1 = craft.parameters(self.t)
         self.a6, self.k1 = (1.0 + spec.dispersion[0]) * a6, (1.0 + spec.dispersion[1]) * k1
-        self.wind, self.tilt, self.torque = (np.zeros(len(self.t)) for _ in range(3))
+        self.wind = blown(spec.wind, (self.random("weather turbulence"), self.random("weather walk")), self.t)
+        self.tilt, self.torque, self.drift_alpha, self.drift_beta = (np.zeros(len(self.t)) for _ in range(4))
         self.late, self.servo_null = np.zeros(len(self.t_tick)), np.zeros(len(self.t_tick))
         self.servo_gain = np.ones(len(self.t_tick))
         self.attitude_bias, self.gyro_bias, self.pickup_bias = (np.zeros(len(self.t_sense)) for _ in range(3))
@@ -87,10 +90,14 @@ class Build:
             "substep": SUBSTEP, "servo_frequency": craft.servo_frequency, "servo_damping": craft.servo_damping,
             "deflection_limit": craft.deflection_limit, "kp": craft.kp, "kd": craft.kd,
             "filter_time": craft.filter_time, "period": craft.period}
+        if self.spec.first_order:
+            own["servo_time"] = 2.0 * craft.servo_damping / craft.servo_frequency
         servo_late = np.round(self.late / SUBSTEP).astype(np.int64)
         sensor_late = (round(self.attitude_late / SUBSTEP), round(self.gyro_late / SUBSTEP))
         course = Course(
             a6=self.a6, k1=self.k1, push=self.a6 * self.wind + self.k1 * self.tilt + self.torque,
+            drift_alpha=self.drift_alpha, drift_beta=self.drift_beta,
+            sway=self.drift_alpha * self.wind + self.drift_beta * self.tilt,
             rattle=self.noise("push", factor.push * craft.push_noise, ticks), reference=self.programme(self.t_tick),
             command_noise=self.noise("command", factor.command * craft.command_noise, ticks),
             servo_late=servo_late, servo_gain=self.servo_gain, servo_null=self.servo_null,

@@ -88,6 +88,24 @@ def _valve(f: float, _: float, v: Vehicle) -> Parameters:
     return {"rate": VALVE_RATE[v.name] / f}
 
 
+def _engine(f: float, s: float, v: Vehicle) -> Parameters:
+    return {"acceleration": 2.5e-3 * f * s, "time": 0.5 * min(v.duration, 100.0)}
+
+
+def _trend(f: float, s: float, v: Vehicle) -> Parameters:
+    """k1 keeps a tenth at least, also in the other form, three times as steep at the flight's end."""
+    return {"slope": min(2.0e-3 * f, 1.2 / v.duration) * s}
+
+
+def _sideways(f: float, s: float, _: Vehicle) -> Parameters:
+    """A twentieth of a launcher's at 40 s (NASA CR-826: 0.046 and 0.028 1/s)."""
+    return {"z_alpha": 2.0e-3 * f * s, "z_beta": 1.2e-3 * f * s}
+
+
+def _bumpy(f: float, _: float, __: Vehicle) -> Parameters:
+    return {"level": 1.75e-3 * f, "time_constant": 1.0}
+
+
 def _autopilot(f: float, s: float, _: Vehicle) -> Parameters:
     return {"kp_scale": 1.0 + 0.05 * f * s, "kd_scale": 1.0, "delay": 0.0}
 
@@ -113,6 +131,10 @@ def _draw_flex(rng: np.random.Generator, _: Vehicle) -> Parameters:
 
 def _draw_hum(rng: np.random.Generator, _: Vehicle) -> Parameters:
     return {"frequency": float(rng.uniform(1.0, 12.0)), "phase": float(rng.uniform(-3.0, 3.0))}
+
+
+def _draw_bumpy(rng: np.random.Generator, _: Vehicle) -> Parameters:
+    return {"time_constant": float(rng.uniform(0.7, 1.5))}
 
 
 VALVE_RATE = {"constant": 0.13, "vega_like": 0.17, "greensite_cr826": 0.17}  # rad/s at factor 1, see `_valve`
@@ -155,12 +177,24 @@ _ALL = (
     Listed("other_autopilot", "controller", (Value("kp_scale", "kp_percent", 100.0, 1.0),
                                              Value("kd_scale", "kd_percent", 100.0, 1.0),
                                              Value("delay", "late_ticks", 100.0)), _autopilot),
+    Listed("engine_out", "plant", (Value("acceleration", "deg_per_s2", DEGREE), Value("time", "at_s", 1.0)), _engine,
+           _draw_loss),
+    Listed("heavy_nozzle", "plant", (Value("coefficient", "kick", 1.0),), _linear("coefficient", 1.0e-3)),
+    Listed("thrust_trend", "plant", (Value("slope", "percent_per_s", 100.0),), _trend),
+    Listed("sideways", "plant", (Value("z_alpha", "alpha_per_s", 1.0), Value("z_beta", "nozzle_per_s", 1.0)),
+           _sideways),
+    Listed("bumpy_air", "environment", (Value("level", "deg", DEGREE), Value("time_constant", "time_s", 1.0)), _bumpy,
+           _draw_bumpy, one_sided=True),
+    Listed("shifting_wind", "environment", (Value("level", "deg_per_root_s", DEGREE),), _linear("level", 1.0e-3),
+           one_sided=True),
 )
 _CAUSES = ("control_effectiveness", "control_loss", "aero_instability", "aero_damping", "aero_cubic", "friction",
            "thrust_misalignment", "slosh", "bending", "gust", "steady_wind", "periodic_disturbance", "actuator_delay",
            "actuator_bandwidth", "actuator_gain", "actuator_rate_limit", "actuator_backlash", "actuator_bias",
            "attitude_bias", "attitude_delay", "gyro_bias", "gyro_scale", "gyro_delay", "nozzle_sensor_bias",
-           "controller_mismatch")
+           "controller_mismatch", "moment_step", "nozzle_inertia", "control_slope", "lateral_drift", "turbulence",
+           "wind_walk")
+CHANCE = frozenset({"turbulence", "wind_walk"})  # levels of noise: no two draws are alike
 CAUSES: dict[str, Listed] = dict(zip(_CAUSES, _ALL, strict=True))
 _CAUSE_OF = {listed.name: cause for cause, listed in CAUSES.items()}
 

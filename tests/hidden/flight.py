@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .build import STAMP_DIGITS, Build, random
-from .catalogue import CAUSES, LISTED, UNLISTED, told
+from .catalogue import CAUSES, CHANCE, LISTED, UNLISTED, told
 from .listed import FITS
 from .motion import run
 from .spec import PLAIN, Hidden, Label, Noise, Spec
@@ -45,7 +45,7 @@ def _label(spec: Spec, lost: bool, t_end: float) -> Label:
     where = [places(hidden.name, spec.drop) if cause is None else frozenset({CAUSES[cause["cause"]].place})
              for hidden, cause in zip(spec.effects, causes, strict=True)]
     unlisted = tuple(hidden.name for hidden, cause in zip(spec.effects, causes, strict=True) if cause is None)
-    as_noise = len(spec.effects) > 0 and all(h.name in EFFECTS and EFFECTS[h.name].as_noise for h in spec.effects)
+    as_noise = len(causes) > 0 and all(cause is not None and cause["cause"] in CHANCE for cause in causes)
     return Label(tuple(cause for cause in causes if cause is not None), unlisted, tuple(where), as_noise, lost, t_end,
                  spec)
 
@@ -69,7 +69,7 @@ def draw_spec(seed: int, cause: str | tuple[str, ...] | None = None, nominal: st
     factor   size of each: 1 is clearly visible
     variant  `plain` or `other`, of listed causes
     sign     1.0 or -1.0, None: drawn
-    given    fields of Spec that are not to be drawn (rate, noise, dispersion, reference, drop, duration)
+    given    fields of Spec that are not to be drawn (rate, noise, dispersion, reference, drop, duration, wind)
 
     Drawn: the log's rate, noise factors, dispersion of a6 and k1, signs, times, frequencies.  The attitude
     programme is the nominal's and no column is dropped unless given.

@@ -11,6 +11,7 @@ import numpy as np
 
 from .build import SUBSTEP, Build
 from .spec import OTHER, Hidden
+from .weather import turbulence, wandering
 
 Fit = Callable[[Build, Hidden], None]
 
@@ -22,6 +23,9 @@ SECOND_MODE = (2.7, -0.2)  # frequency and gain of a second bending mode over th
 OVERTONE = 0.05       # of a disturbance that is no pure sine, at twice its frequency
 JITTER = 0.1          # of a delay, uniform, drawn every controller period
 SETTLING = 3.0        # s in which a servo amplifier's gain warms up
+TAIL_OFF = 0.4        # s in which the thrust of an engine that is out falls to 1/e
+MOUNT = 4.0e-3        # s by which the engine's mount yields
+THINNING = 0.3        # of the drift's rates, by which they are larger at the start of a flight and smaller at its end
 RUB_SHARE = 0.1       # of the play, as the command that the servo's own friction swallows
 
 
@@ -107,6 +111,41 @@ def hum(b: Build, x: Hidden) -> None:
     phase = 2.0 * math.pi * x["hz"] * b.t + math.radians(x["phase_deg"])
     shape = np.sin(phase) + (OVERTONE * np.sin(2.0 * phase) if is_other(x) else 0.0)
     b.torque += math.radians(x["deg_per_s2"]) * shape
+
+
+def engine_out(b: Build, x: Hidden) -> None:
+    """Other: as the thrust tails off, begun so much earlier that the momentum lost is the same."""
+    since = b.t - x["at_s"] + (TAIL_OFF if is_other(x) else 1e-9)
+    shape = 1.0 - np.exp(-np.maximum(since, 0.0) / TAIL_OFF) if is_other(x) else (since >= 0.0).astype(float)
+    b.torque += math.radians(x["deg_per_s2"]) * shape
+
+
+def heavy_nozzle(b: Build, x: Hidden) -> None:
+    """Other: through a mount that yields."""
+    b.set(kick=x["kick"], mount=MOUNT if is_other(x) else 0.0)
+
+
+def thrust_trend(b: Build, x: Hidden) -> None:
+    """Other: with the square of time, the same in the middle of the flight and as steep there."""
+    since = b.t - 0.5 * b.duration
+    b.k1 *= 1.0 + x["percent_per_s"] / 100.0 * (since + (since**2 / b.duration if is_other(x) else 0.0))
+
+
+def sideways(b: Build, x: Hidden) -> None:
+    """Other: profiles, for the vehicle gets faster."""
+    profile = 1.0 + (THINNING * (1.0 - 2.0 * b.t / b.duration) if is_other(x) else 0.0)
+    b.drift_alpha += x["alpha_per_s"] * profile
+    b.drift_beta += x["nozzle_per_s"] * profile
+
+
+def bumpy_air(b: Build, x: Hidden) -> None:
+    """Other: a Dryden spectrum of second order."""
+    b.wind += turbulence(b.random("bumpy_air"), math.radians(x["deg"]), x["time_s"], x.variant, b.t)
+
+
+def shifting_wind(b: Build, x: Hidden) -> None:
+    """Other: shear as a polygon."""
+    b.wind += wandering(b.random("shifting_wind"), math.radians(x["deg_per_root_s"]), x.variant, b.t)
 
 
 def late_servo(b: Build, x: Hidden) -> None:
@@ -200,4 +239,5 @@ def other_autopilot(b: Build, x: Hidden) -> None:
 FITS: dict[str, Fit] = {fit.__name__: fit for fit in (
     thrust_percent, thrust_drop, aero_percent, rate_drag, aero_curve, bearing_rub, thrust_tilt, tank, flex,
     gust_pulse, wind, hum, late_servo, lazy_servo, servo_gain, valve_limit, servo_play, servo_null,
-    tilted_platform, late_platform, gyro_offset, gyro_percent, late_gyro, pickup_offset, other_autopilot)}
+    tilted_platform, late_platform, gyro_offset, gyro_percent, late_gyro, pickup_offset, other_autopilot, engine_out,
+    heavy_nozzle, thrust_trend, sideways, bumpy_air, shifting_wind)}

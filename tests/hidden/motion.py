@@ -2,6 +2,9 @@
 
     theta_ddot = a6 (theta + ...) + k1 nozzle + push;   servo'' = w^2 (u - servo) - 2 z w servo'
 
+The inertia c of the nozzle, theta_ddot += c servo'', is carried by the momentum theta_dot - c servo', which no jump of
+the servo's rate makes jump; the flight path is carried as what it adds to the angle, minus gamma.
+
 Integrated by Kutta's third-order rule (Kutta 1901; nodes 0, 1/2, 1) in sub-steps of `Knobs.substep`.  Delays are
 ring buffers read a whole number of sub-steps back.  Dry friction holds its direction over a sub-step and sticks
 when the velocity passes through zero.  Everything that depends on time alone comes in as arrays (`Course`).
@@ -15,14 +18,12 @@ import numpy as np
 
 fast = numba.njit(cache=True, error_model="numpy", nogil=True)
 
-(TH, Q, B, R, PSI, PSI_DOT, ETA, ETA_DOT, ETA2, ETA2_DOT, SERVO_IN, ATTITUDE_SEEN, RATE_SEEN, WANDER) = range(14)
-N_STATE = 14
+(TH, Q, B, R, PSI, PSI_DOT, ETA, ETA_DOT, ETA2, ETA2_DOT, SERVO_IN, ATTITUDE_SEEN, RATE_SEEN, WANDER,
+ MOUNTED) = range(15)  # Q: momentum, theta_dot less the nozzle's; PSI_DOT: the swing's rate and the nozzle's momentum
+N_STATE = 15
 LOST = 0.5  # rad: beyond it small angles fail, and the log ends
 KNEE = 8.0     # exponent of the soft rate limit: at the limit itself 8 % are gone
 WIND_UP = 0.5  # of the rate limit, by which a soft valve's demand may run ahead of it
-
-# Lateral motion of the launcher of NASA CR-826 at 40 s, as angle zdot/V: a1, a1 + a4/V, -a3/V [1/s]
-WANDER_DECAY, WANDER_ATTITUDE, WANDER_NOZZLE = -0.01123, -0.0455, -0.0277
 
 
 class Knobs(NamedTuple):
@@ -54,7 +55,9 @@ class Knobs(NamedTuple):
     flex2_gain: float = 0.0
     flex2_frequency: float = 0.0
     flex2_damping: float = 0.0
-    wander: float = 0.0         # 1: lateral drift at the speed of CR-826
+    kick: float = 0.0           # of the nozzle's acceleration
+    mount: float = 0.0          # s, first-order, through which the nozzle's rate reaches the vehicle; 0: stiff
+    servo_time: float = 0.0     # s, of a first-order servo; 0: second order
     rate_limit: float = math.inf      # rad/s, of the nozzle
     soft: float = 0.0           # 1: the nozzle's rate bends into its limit instead of hitting it
     play: float = 0.0           # rad, half width
@@ -91,6 +94,9 @@ class Course(NamedTuple):
     a6: np.ndarray              # (2 steps + 1,) 1/s^2 at every half sub-step
     k1: np.ndarray              # (2 steps + 1,) 1/s^2
     push: np.ndarray            # (2 steps + 1,) rad/s^2
+    drift_alpha: np.ndarray     # (2 steps + 1,) 1/s
+    drift_beta: np.ndarray      # (2 steps + 1,) 1/s
+    sway: np.ndarray            # (2 steps + 1,) rad/s, of wind and tilt on the flight path
     rattle: np.ndarray          # (ticks,) rad/s^2, held
     reference: np.ndarray       # (ticks,) rad
     command_noise: np.ndarray   # (ticks,) rad
@@ -106,11 +112,12 @@ class Course(NamedTuple):
 @fast
 def aero_angle(k, y):
     """The angle [rad] that a6 multiplies."""
-    angle = y[TH] + y[WANDER] + k.aero_third * y[TH] ** 3
+    attack = y[TH] + y[WANDER]
+    angle = attack + k.aero_third * attack ** 3
     if k.aero_bend > 0.0:
-        angle += math.sinh(k.aero_bend * y[TH]) / k.aero_bend - y[TH]
+        angle += math.sinh(k.aero_bend * attack) / k.aero_bend - attack
     elif k.aero_bend < 0.0:
-        angle += math.sin(k.aero_bend * y[TH]) / k.aero_bend - y[TH]
+        angle += math.sin(k.aero_bend * attack) / k.aero_bend - attack
     return angle
 
 
@@ -123,28 +130,49 @@ def limited(k, rate):
 
 
 @fast
-def slopes(k, a6, k1, push, u, dry, y, dy):
+def nozzle_rate(k, u, y):
+    """The nozzle's own rate [rad/s] where the servo's input, or its lag's, is u [rad]."""
+    if k.servo_time > 0.0:
+        return limited(k, ((y[SERVO_IN] if k.servo_lag > 0.0 else u) - y[B]) / k.servo_time)
+    return limited(k, y[R])
+
+
+@fast
+def kicked(k, u, y):
+    """What the moving nozzle adds to the vehicle's rate [rad/s]."""
+    if k.kick == 0.0:
+        return 0.0
+    return k.kick * (y[MOUNTED] if k.mount > 0.0 else nozzle_rate(k, u, y))
+
+
+@fast
+def slopes(k, a6, k1, push, drift_alpha, drift_beta, sway, u, dry, y, dy):
     """dy (N_STATE,) out: time derivative of y (N_STATE,).
 
     dry (4,) in: dry friction on attitude and servo [rad/s^2], and whether attitude and servo stick (1.0)
     """
     nozzle = y[B] + k.linkage
+    kick = kicked(k, u, y)
+    rate, swing_rate = y[Q] + kick, y[PSI_DOT] - kick
     swing = y[PSI] if k.tank_ratio == 0.0 else math.sin(k.tank_ratio * y[PSI]) / k.tank_ratio
     w = k.tank_frequency
     turn = (a6 * aero_angle(k, y) + k1 * nozzle + push + dry[0] + k.tank_pull * w * w * swing
-            - k.drag * y[Q] - k.drag_square * y[Q] * abs(y[Q]))
+            - k.drag * rate - k.drag_square * rate * abs(rate))
     if k.rub_width > 0.0:
-        turn -= k.rub * math.tanh(y[Q] / k.rub_width)
+        turn -= k.rub * math.tanh(rate / k.rub_width)
     if dry[2] > 0.0:
         turn = 0.0
-    dy[TH], dy[Q] = y[Q], turn
-    dy[PSI], dy[PSI_DOT] = y[PSI_DOT], -turn - 2.0 * k.tank_damping * w * y[PSI_DOT] - w * w * swing
+    dy[TH], dy[Q] = rate, turn
+    dy[PSI], dy[PSI_DOT] = swing_rate, -turn - 2.0 * k.tank_damping * w * swing_rate - w * w * swing
 
     v = k.servo_frequency
     entry = y[SERVO_IN] if k.servo_lag > 0.0 else u
     dy[SERVO_IN] = (u - y[SERVO_IN]) / k.servo_lag if k.servo_lag > 0.0 else 0.0
-    dy[B] = limited(k, y[R])
-    dy[R] = 0.0 if dry[3] > 0.0 else v * v * (entry - y[B]) - 2.0 * k.servo_damping * v * y[R] + dry[1]
+    dy[B] = nozzle_rate(k, u, y)
+    dy[MOUNTED] = (dy[B] - y[MOUNTED]) / k.mount if k.mount > 0.0 else 0.0
+    dy[R] = v * v * (entry - y[B]) - 2.0 * k.servo_damping * v * y[R] + dry[1]
+    if dry[3] > 0.0 or k.servo_time > 0.0:
+        dy[R] = 0.0
 
     f = k.flex_frequency
     dy[ETA], dy[ETA_DOT] = y[ETA_DOT], f * f * (k.flex_gain * nozzle - y[ETA]) - 2.0 * k.flex_damping * f * y[ETA_DOT]
@@ -152,10 +180,10 @@ def slopes(k, a6, k1, push, u, dry, y, dy):
     dy[ETA2] = y[ETA2_DOT]
     dy[ETA2_DOT] = f * f * (k.flex2_gain * nozzle - y[ETA2]) - 2.0 * k.flex2_damping * f * y[ETA2_DOT]
 
-    seen, seen_rate = y[TH] + y[ETA] + y[ETA2], y[Q] + y[ETA_DOT] + y[ETA2_DOT]
+    seen, seen_rate = y[TH] + y[ETA] + y[ETA2], rate + y[ETA_DOT] + y[ETA2_DOT]
     dy[ATTITUDE_SEEN] = (seen - y[ATTITUDE_SEEN]) / k.attitude_lag if k.attitude_lag > 0.0 else 0.0
     dy[RATE_SEEN] = (seen_rate - y[RATE_SEEN]) / k.gyro_lag if k.gyro_lag > 0.0 else 0.0
-    dy[WANDER] = k.wander * (WANDER_DECAY * y[WANDER] + WANDER_ATTITUDE * y[TH] + WANDER_NOZZLE * nozzle)
+    dy[WANDER] = -(drift_alpha * (y[TH] + y[WANDER]) + drift_beta * nozzle + sway)
 
 
 @fast
@@ -173,20 +201,25 @@ def move(k, c, i, rattle, u, y, work):
     """One sub-step of Kutta's third-order rule.  y (N_STATE,) inout; work (5, N_STATE) scratch."""
     h = k.substep
     first, second, third, stage, dry = work[0], work[1], work[2], work[3], work[4]
+    n0, n1, n2 = 2 * i, 2 * i + 1, 2 * i + 2
     dry[:4] = 0.0
     rub = 0.0 if k.rub_width > 0.0 else k.rub
     if rub > 0.0 or k.servo_rub > 0.0:
-        slopes(k, c.a6[2 * i], c.k1[2 * i], c.push[2 * i] + rattle, u, dry, y, first)
+        slopes(k, c.a6[n0], c.k1[n0], c.push[n0] + rattle, c.drift_alpha[n0], c.drift_beta[n0], c.sway[n0], u, dry,
+               y, first)
         dry[0], dry[2] = rubbing(rub, y[Q], first[Q])
         dry[1], dry[3] = rubbing(k.servo_rub, y[R], first[R])
     q, r = y[Q], y[R]
-    slopes(k, c.a6[2 * i], c.k1[2 * i], c.push[2 * i] + rattle, u, dry, y, first)
+    slopes(k, c.a6[n0], c.k1[n0], c.push[n0] + rattle, c.drift_alpha[n0], c.drift_beta[n0], c.sway[n0], u, dry,
+           y, first)
     for n in range(N_STATE):
         stage[n] = y[n] + 0.5 * h * first[n]
-    slopes(k, c.a6[2 * i + 1], c.k1[2 * i + 1], c.push[2 * i + 1] + rattle, u, dry, stage, second)
+    slopes(k, c.a6[n1], c.k1[n1], c.push[n1] + rattle, c.drift_alpha[n1], c.drift_beta[n1], c.sway[n1], u, dry,
+           stage, second)
     for n in range(N_STATE):
         stage[n] = y[n] - h * first[n] + 2.0 * h * second[n]
-    slopes(k, c.a6[2 * i + 2], c.k1[2 * i + 2], c.push[2 * i + 2] + rattle, u, dry, stage, third)
+    slopes(k, c.a6[n2], c.k1[n2], c.push[n2] + rattle, c.drift_alpha[n2], c.drift_beta[n2], c.sway[n2], u, dry,
+           stage, third)
     for n in range(N_STATE):
         y[n] += h / 6.0 * (first[n] + 4.0 * second[n] + third[n])
     reach = k.rate_limit * (1.0 + k.soft * WIND_UP)
@@ -244,13 +277,13 @@ def run(k, clock, c, rows):
     ring = np.zeros((3, clock.memory))  # attitude, rate, command; all at rest before t = 0
     computed = np.zeros(clock.steps // clock.control_every + 2)
     pilot, held = np.zeros(4), np.zeros(1)
-    command, written = 0.0, 0
+    command, written, u = 0.0, 0, 0.0
     for i in range(clock.steps):
         if not abs(y[TH]) <= LOST:
             return written, True
         at, tick = i % clock.memory, i // clock.control_every
         ring[0, at] = y[ATTITUDE_SEEN] if k.attitude_lag > 0.0 else y[TH] + y[ETA] + y[ETA2]
-        ring[1, at] = y[RATE_SEEN] if k.gyro_lag > 0.0 else y[Q] + y[ETA_DOT] + y[ETA2_DOT]
+        ring[1, at] = y[RATE_SEEN] if k.gyro_lag > 0.0 else y[Q] + kicked(k, u, y) + y[ETA_DOT] + y[ETA2_DOT]
         if i % clock.sense_every == 0:
             s = i // clock.sense_every
             z = seen_attitude(k, ring[0, (i - clock.attitude_late) % clock.memory]) + c.attitude_add[s]

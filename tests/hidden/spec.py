@@ -34,6 +34,22 @@ class Hidden:
 
 
 @dataclass(frozen=True)
+class Weather:
+    """Wind that blows through a flight without being what is wrong with it; calm by default (see `weather`).
+
+    turbulence     [rad], with its time constant [s]
+    walk           [rad/sqrt(s)]; initial [rad]: one sigma of the wind at t = 0
+    variant        PLAIN, or OTHER: a Dryden spectrum, a polygon
+    """
+
+    turbulence: float = 0.0
+    walk: float = 0.0
+    time_constant: float = 1.0
+    initial: float = 0.0
+    variant: str = PLAIN
+
+
+@dataclass(frozen=True)
 class Spec:
     """One flight, repeatable.
 
@@ -45,6 +61,8 @@ class Spec:
     reference   `nominal`, the vehicle's own attitude programme, or `rough`, one drawn from the seed
     drop        columns left out
     duration    [s]; None: the vehicle's
+    wind        the weather it flies in
+    first_order the servo is one of first order, as late (2 zeta/w) as the vehicle's own: time constant of the nominal
     """
 
     nominal: str = "constant"
@@ -56,6 +74,8 @@ class Spec:
     reference: str = "nominal"
     drop: tuple[str, ...] = ()
     duration: float | None = None
+    wind: Weather = field(default_factory=Weather)
+    first_order: bool = False
 
 
 @dataclass(frozen=True)

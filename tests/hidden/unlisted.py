@@ -22,7 +22,6 @@ from .vehicles import Vehicle
 Draw = Callable[[float, float, np.random.Generator, Vehicle], dict[str, float]]  # (factor, sign, rng, vehicle)
 
 OUTSIDE = frozenset({"plant", "environment"})
-GUST_TIME = 1.5  # s, correlation of the turbulence: a scale of 1 km at some 650 m/s
 
 
 @dataclass(frozen=True)
@@ -30,14 +29,12 @@ class Unlisted:
     """An effect's physics, its sizes, and the places that are right for it.
 
     without  places when a column is dropped: (column, places)
-    as_noise calling it a noise level is right as well
     """
 
     fit: Fit
     draw: Draw
     places: frozenset[str]
     without: tuple[str, frozenset[str]] | None = None
-    as_noise: bool = False
 
 
 # ---- physics
@@ -97,24 +94,6 @@ def gyro_warming(b: Build, x: Hidden) -> None:
 def pickup_drift(b: Build, x: Hidden) -> None:
     """The nozzle sensor's null drifts, from none to `deg` over the flight."""
     b.pickup_bias += math.radians(x["deg"]) * b.t_sense / b.duration
-
-
-def side_wander(b: Build, x: Hidden) -> None:
-    """The vehicle drifts sideways: a6 acts on theta + zdot/V (rates of NASA CR-826, times the factor)."""
-    b.set(wander=x["times"])
-
-
-def turbulence(b: Build, x: Hidden) -> None:
-    """Coloured wind (Ornstein-Uhlenbeck), exact at the controller's ticks."""
-    step = b.vehicle.period
-    stay = math.exp(-step / GUST_TIME)
-    draws = math.sqrt(1.0 - stay * stay) * b.random("turbulence").standard_normal(len(b.t_tick))
-    angle = np.empty(len(draws))
-    last = 0.0
-    for n, draw in enumerate(draws.tolist()):
-        last = stay * last + draw
-        angle[n] = last
-    b.wind += math.radians(x["deg"]) * np.interp(b.t, b.t_tick, angle)
 
 
 def roll_beat(b: Build, x: Hidden) -> None:
@@ -215,8 +194,6 @@ EFFECTS: dict[str, Unlisted] = {
     "gyro_flip": Unlisted(gyro_flip, _flip, SENSOR | {"data"}),
     "gyro_warming": Unlisted(gyro_warming, _signed("percent", 8.0), SENSOR),
     "pickup_drift": Unlisted(pickup_drift, _signed("deg", 0.025), SENSOR | ACTUATOR),
-    "side_wander": Unlisted(side_wander, _positive("times", 0.03), OUTSIDE),
-    "turbulence": Unlisted(turbulence, _positive("deg", 0.1), OUTSIDE, as_noise=True),
     "roll_beat": Unlisted(roll_beat, _beat, OUTSIDE),
     "chirp": Unlisted(chirp, _chirp, OUTSIDE),
     "aero_flutter": Unlisted(aero_flutter, _flutter, OUTSIDE),

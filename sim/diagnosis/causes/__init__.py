@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from ..data.record import Record
 from . import actuator, environment, plant, sensor
 from .controller import MISMATCH
+from .environment import TURBULENCE, WIND_WALK
 from .hypothesis import Cause, Correction, Form, Free, Hypothesis, Start, Steps, Values, pinned
 from .plant import MISSING_TERM, missing_term
 
@@ -26,7 +27,7 @@ _PLACES = (*plant.CAUSES, *environment.CAUSES, *actuator.CAUSES, *sensor.CAUSES)
 LINES = tuple(each for each in _PLACES if each.is_line)
 HYPOTHESES = tuple(each for each in _PLACES if not each.is_line)
 SOUGHT = (*HYPOTHESES, *LINES)
-RECORDS = {each.cause: each for each in (*SOUGHT, MISSING_TERM, MISMATCH)}
+RECORDS = {each.cause: each for each in (*SOUGHT, MISSING_TERM, MISMATCH, TURBULENCE, WIND_WALK)}
 
 
 def what_decides(cause: str, rivals: Iterable[str]) -> list[str]:

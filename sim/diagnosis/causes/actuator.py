@@ -36,13 +36,13 @@ def _plays(record: Record) -> list[float]:
 
 
 def _resolved(record: Record) -> float:
-    return SERVO_RESOLVED / (record.step * record.actuator.natural_frequency)
+    return SERVO_RESOLVED / (record.step * record.actuator.frequency)
 
 
 def _as_lag(record: Record, values: Values) -> Values:
     """A lag as late as the delay [s]."""
     servo = record.actuator
-    return (1.0 / (1.0 + values[0] * servo.natural_frequency / (2.0 * servo.damping_ratio)),)
+    return (1.0 / (1.0 + values[0] / servo.lag),)
 
 
 def _as_slow(record: Record, values: Values) -> Values:

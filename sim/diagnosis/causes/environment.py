@@ -13,6 +13,12 @@ def _gust(record: Record) -> Values:
     return (middle - 0.5 * GUST_DURATION, GUST_DURATION)
 
 
+# Chance, not a function of time: found by what the innovations are like, not by a search along a deterministic model.
+TURBULENCE = Hypothesis("turbulence", (size("level", 1e-3, 0.0),
+                                       Free("time_constant", 0.1, 0.05, 20.0, logarithmic=True)), 0.0,  # s
+                        "the air is turbulent: {level} of wind angle that changes within {time_constant}")
+WIND_WALK = Hypothesis("wind_walk", (size("level", 1e-3, 0.0),), 0.0, "the wind wanders by {level}")
+
 CAUSES = (
     Hypothesis("gust", (size("angle", 1e-3), Free("time", 0.05),
                         Free("duration", 0.02, 0.2, 20.0, logarithmic=True)), 0.0,  # s: longer, the wind has changed

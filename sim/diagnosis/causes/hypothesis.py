@@ -33,12 +33,14 @@ class Free:
 
 class Start(Enum):
     """How the search finds where to begin: from the response to a small size or at the sizes of the record, along all
-    onsets of a loss of k1, along all pulses of the angle of attack, or in the spectrum."""
+    onsets of a loss of k1, along all onsets of a moment, along all pulses of the angle of attack, or in the
+    spectrum."""
 
     RESPONSE = 0
     ONSET = 1
     PULSE = 2
     LINE = 3
+    STEP = 4
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,18 @@ import numpy as np
 from ..data.record import Record
 from .hypothesis import Free, Hypothesis, Start, Steps, Values, size
 
-SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 14))      # rad/s: liquid propellant, 0.15 to 3 Hz
+SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 28))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
 BENDING_RESOLVED = 0.45     # rad a step, of the same
 LOWEST_BENDING = 6.0        # rad/s
 BENDING_PER_E = 6.0         # frequencies tried in a factor e
 START_DAMPING = 0.05        # broad enough for a coarse grid of frequencies
 DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
+FASTEST_DRIFT = 1.0         # 1/s: lift and thrust turn a launcher's path with some 0.05 1/s
+DRIFT_STEP = 1e-5           # 1/s: of a vehicle in trim the nozzle's part is like the angle's, and slopes so alike must
+                            # not differ by what is not proportional (gamma turns the angle: 1e-3 1/s times half a log)
+ANOTHER_PART = "a longer log"
+FLIGHT_PATH = "the flight-path angle of the navigation (column gamma)"
 ANOTHER_PROFILE = "a flight in which a6 and k1 change differently"
 
 
@@ -56,6 +61,19 @@ CAUSES = (
     Hypothesis("bending", (size("gain", 1e-4), Free("frequency", 2e-3, 0.2, 300.0, logarithmic=True), DAMPING), 0.0,
                "the structure bends at {frequency} (gain {gain}, damping ratio {damping_ratio})",
                _bending, limit_at=lambda record: (25.0, 0.03), is_mode=True, may_repeat=True),
+    Hypothesis("moment_step", (size("acceleration", 1e-4), Free("time", 0.05)), 0.0,
+               "a moment of {acceleration} sets in at {time} and stays", start=Start.STEP, limit_at=_middle,
+               may_repeat=True, tells_onset=True),
+    Hypothesis("nozzle_inertia", (size("coefficient", 1e-4),), 0.0,
+               "the moving nozzle kicks back: {coefficient} times its acceleration turns the vehicle",
+               visible=lambda record: record.command_is_known),  # of a measured input only noise has an acceleration
+    Hypothesis("control_slope", (size("slope", 1e-4, -0.2, 0.2),), 0.0,
+               "k1 runs away from the simulated one by {slope}, about the log's centre",
+               decides=(("control_effectiveness", ANOTHER_PART),)),
+    Hypothesis("lateral_drift", (size("z_alpha", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT),
+                                 size("z_beta", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT)), 0.0,
+               "the flight path drifts, by {z_alpha} of the angle of attack and {z_beta} of the nozzle's",
+               lambda record: [(0.0,)], limit_at=lambda record: (0.0,), decides=(("aero_instability", FLIGHT_PATH),)),
 )
 
 MISSING_TERM = Hypothesis("missing_term", (size("coefficient", 1e-3),), 0.0,

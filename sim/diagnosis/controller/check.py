@@ -33,7 +33,7 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     seen  of a log slower than the controller: what a model saw between its rows
     """
     if record.nominal.controller is None or record.input != "beta_cmd" or not np.isfinite(record.reference).any() \
-            or not np.isfinite(record.z[:, THETA]).any():
+            or not np.isfinite(record.z[:, THETA]).any() or record.fine > 1:
         return None
     if record.every != record.tick:
         return check_gaps(record, seen)
@@ -51,7 +51,7 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     if fair.sum() < FEWEST:
         return None
     before = _rms(logged - expected, fair)
-    if before < ROUNDING:
+    if before < max(ROUNDING, record.nominal.diagnosis.command):
         return ControllerCheck(NONE, before, before)
     parts = _parts(record)
     best = min((_gains_and_lag(record, parts, logged, fair, lag) for lag in _lags(parts, logged, fair)),

@@ -20,6 +20,8 @@ from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
 
+HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
+
 
 def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
@@ -28,6 +30,8 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     log, nominal  as read;  data  its check: rows and values that may be used
     """
     draft, command = on_grid(log, nominal, data)
+    if not np.isfinite(draft.z[:, :BETA]).any():
+        raise InputError(f"{log.path}: no theta and no theta_dot that can be used; expected one of them")
     return _with_commands(draft, command, log.path)
 
 
@@ -35,7 +39,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     """The command of every tick."""
     nominal = draft.nominal
     known = np.isfinite(command)
-    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+    recomputable = nominal.controller is not None and draft.fine == 1 and np.isfinite(draft.reference).any() \
         and np.isfinite(draft.z[:, THETA]).any()
     if draft.tick > draft.every:
         held = draft.tick // draft.every
@@ -58,12 +62,28 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     rows = np.arange(draft.rows)
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
+    if draft.fine > 1:
+        return replace(draft, commands=_placed(draft, command, known, source), input=source,
+                       logged=known if source == "beta_cmd" else None)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
         early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
         issued = issued + early * np.diff(issued, append=issued[-1])
     m = draft.every // draft.tick
     ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
     return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
+
+
+def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
+    """(ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over rows, from
+    the middle between the rows that it changed between; the measured nozzle linear between them."""
+    ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
+    at, values = draft.at[known].astype(np.float64), command[known]
+    changed = np.diff(values) != 0.0
+    if source != "beta" and len(changed) and np.mean(changed) < 1.0 - HELD:
+        at[1:] = np.where(changed, 0.5 * (at[1:] + at[:-1]), at[1:])
+    if source == "beta":
+        return np.interp(ticks + 2.0 * DIRECT_DAMPING / DIRECT, at, values)
+    return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])
 
 
 def _phase(command: np.ndarray, held: int) -> int:

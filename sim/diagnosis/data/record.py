@@ -1,14 +1,16 @@
 """A log on a uniform grid, beside the nominal's parameters on it: what every fit of the diagnosis reads.
 
-Rows are the log's, put at the nearest multiple of the period; missing rows are rows without measurement.  Time is
-cut three ways: integration steps, controller ticks (each holds one command) and rows.
+Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways:
+integration steps, controller ticks (each holds one command) and rows.  Where stamps jitter, a row is at the integration
+step next to its own stamp, and steps and ticks are short enough for that.
 
 Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
 """
 
 import functools
 import math
-from dataclasses import dataclass, replace
+import time
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,15 +22,21 @@ from ...nominal import Nominal
 from ...sections import Actuator
 from .channels import MEASURED as CHANNELS
 from .check import DataCheck
+from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
 SERVO_STEP = 0.2         # rad a step, of the servo
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
+CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
 DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
 DIRECT_DAMPING = 0.7
 DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
+JITTER = 0.01            # of a period, rms: less is a uniform log
+JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
+JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
+LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +53,10 @@ class Record:
     held        rows that share one command and its noise, 1 unless the log is faster than the controller;
                 held_phase: rows from the first to the first at which a command is issued
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
+    at          (n,) steps from the first row to each;  fine  ticks a row that stand for one command (jittered logs)
+    world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
+    wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
+    until       [s] of the monotonic clock, when the search of its causes has to end
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
     """
@@ -66,10 +78,26 @@ class Record:
     held_phase: int = 0
     fill_gain: float = 0.0
     logged: np.ndarray | None = None
+    at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
+    fine: int = 1
+    world: World = CALM
+    noise: str = "bounded"
+    wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    path_is_known: bool = False
+    until: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.at is None:
+            object.__setattr__(self, "at", self.every * np.arange(len(self.z), dtype=np.int64))
 
     @property
     def rows(self) -> int:
         return len(self.z)
+
+    @property
+    def is_late(self) -> bool:
+        """The time for its search is over (monotonic clock)."""
+        return time.monotonic() > self.until
 
     @property
     def period(self) -> float:
@@ -90,7 +118,12 @@ class Record:
     @property
     def t(self) -> np.ndarray:
         """(n,) [s] the grid's clock, which is what effects with a time read"""
-        return np.round((self.first_step + self.every * np.arange(self.rows)) * self.step, CLOCK_DIGITS)
+        return np.round((self.first_step + self.at) * self.step, CLOCK_DIGITS)
+
+    @property
+    def centre(self) -> float:
+        """[s] the grid's clock between first and last row, about which a slope turns"""
+        return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -125,19 +158,13 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
     t = log.t[usable]
     period = _period(t, nominal)
     shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
-    index = np.round((t - t[0]) / period).astype(np.int64)
+    index, off = _places(t, period)
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
     n = int(index[-1]) + 1
     if n > MOST_ROWS:
         raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
                          f"expected at most {MOST_ROWS}")
-    tick_period = nominal.controller.period if nominal.controller is not None else period
-    if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
-            abs(period / tick_period - round(period / tick_period)) > 1e-6:
-        tick_period = period
-    servo = nominal.actuator.natural_frequency if nominal.actuator is not None else SERVO_STEP * DIRECT_PARTS / period
-    step = integration_step(period, tick_period, servo)
-    every, tick = round(period / step), round(tick_period / step)
+    step, every, tick, fine = _steps(period, nominal, float(np.sqrt(np.mean(off**2))) > JITTER)
 
     def column(name: str) -> np.ndarray:
         values = np.where(data.masks[name], getattr(log, name), math.nan)[usable] if name in data.masks else \
@@ -148,29 +175,80 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
-    nominal = _shifted(nominal, shift)
+    nominal = _shifted(_answerable(nominal), shift)
     actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
     first_step = round((t[0] - shift) / step)
+    at = every * np.arange(n, dtype=np.int64)
+    if fine > 1:
+        at[index[first]] += np.round(off[first] * every).astype(np.int64)
     steps = first_step + n * every
     half = np.arange(2 * steps + 1) * (0.5 * step)
     a6, k1 = nominal.vehicle.at(half + shift)
+    path = log.flight_path[usable]
+    wind = _known_wind(nominal, half[::2] + shift, t, path)
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
-                   first_step, step, every, tick, shift)
+                   first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
+                   wind=wind, path_is_known=bool(np.isfinite(path).any()))
     return draft, command
+
+
+def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """(row of the grid (n,) int64, how far after it [periods]) of stamps t (n,)."""
+    place = (t - t[0]) / period
+    index = np.round(place).astype(np.int64)
+    return index, place - index
+
+
+def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:
+    """(integration step [s], steps a row, steps a tick, ticks that stand for one command) of a log's period [s]."""
+    tick_period = nominal.controller.period if nominal.controller is not None else period
+    if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
+            abs(period / tick_period - round(period / tick_period)) > 1e-6:
+        tick_period = period
+    servo = nominal.actuator.frequency if nominal.actuator is not None else SERVO_STEP * DIRECT_PARTS / period
+    if jittered:
+        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, servo)
+        step = min(step, period / JITTER_STEPS)
+        tick = round(period / JITTER_TICKS / step)
+        return step, JITTER_TICKS * tick, tick, JITTER_TICKS
+    step = integration_step(period, tick_period, servo)
+    return step, round(period / step), round(tick_period / step), 1
+
+
+def _known_wind(nominal: Nominal, t: np.ndarray, measured_at: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """(steps + 1,) [rad] at times t (steps + 1,) [s]: the forecast, less the flight path where it is measured, path
+    (n,) [rad] at measured_at (n,) [s]; (0,) where there is neither."""
+    forecast = nominal.wind.profile if nominal.wind is not None else None
+    known = np.isfinite(path)
+    if forecast is None and not known.any():
+        return np.zeros(0)
+    wind = np.zeros(len(t)) if forecast is None else forecast.at(t)
+    return wind - np.interp(t, measured_at[known], path[known]) if known.any() else wind
+
+
+def _answerable(nominal: Nominal) -> Nominal:
+    """Without a controller whose command is not recomputed here: of a rate, or with filters."""
+    own = nominal.controller
+    return nominal if own is None or not (own.is_rate_law or own.filters) else replace(nominal, controller=None)
 
 
 def _shifted(nominal: Nominal, shift: float) -> Nominal:
     """The nominal with the times of its effects on the grid's clock."""
     if shift == 0.0 or not nominal.effects:
         return nominal
-    moved = [effect(of.name, **{name: value - shift if name == "time" and not isinstance(value, str) else value
+    moved = [effect(of.name, **{name: value - shift if name in CLOCKED and not isinstance(value, str) else value
                                 for name, value in values(of).items()}) for of in nominal.effects]
     return replace(nominal, effects=tuple(moved))
 
 
 def _period(t: np.ndarray, nominal: Nominal) -> float:
-    """Median step [s], taken as a whole number (or part) of controller periods where it is within 1 % of one."""
-    period = float(np.median(np.diff(t)))
+    """Median step [s], of a jittered log the mean without gaps, taken as a whole number (or part) of controller periods
+    where it is within 1 % of one."""
+    steps = np.diff(t)
+    period = float(np.median(steps))
+    usual = steps[steps < LONG_STEP * period]
+    if np.any(np.abs(usual / period - 1.0) > JITTER):
+        period = float(np.mean(usual))
     if nominal.controller is None:
         return period
     tick = nominal.controller.period

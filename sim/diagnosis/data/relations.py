@@ -37,6 +37,7 @@ DELAYS = (0.0, 0.02, 0.04, 0.06, 0.1)  # s, of a controller that computes slowly
 AT_LIMIT = 0.999         # of the largest command: held by the deflection limit, if in more than
 AT_LIMIT_ROWS = 3        # rows
 CUT_OFF = 1e-4           # of an impulse response may be cut off
+FAST_PART = 10.0          # times as fast, of the servo of second order that stands for one of first
 ROW_PARTS = 8            # in which the servo's answer is summed: it is about as fast as the log
 NOZZLE_LAG = 0.12       # s: looked for between command and nozzle
 LAG_SMOOTH = 0.03        # s: about the servo's own time, over which changes are taken
@@ -206,9 +207,11 @@ def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
 def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
     """The nominal actuator's answer; the command itself if it has none."""
     actuator = nominal.actuator
-    if actuator is None or actuator.damping_ratio <= 0.0:
+    if actuator is None or not (actuator.is_first_order or actuator.damping_ratio > 0.0):
         return command
-    w, zeta = actuator.natural_frequency, actuator.damping_ratio
+    w, zeta = actuator.frequency, actuator.damping_ratio
+    if actuator.is_first_order:  # as an overdamped one, whose fast part is done within a tenth of it
+        w, zeta = w * math.sqrt(FAST_PART), 0.5 * (1.0 + FAST_PART) / math.sqrt(FAST_PART)
     slowest = w * (zeta - math.sqrt(zeta * zeta - 1.0) if zeta > 1.0 else zeta)
     count = min(len(command), math.ceil((-math.log(CUT_OFF) / slowest + actuator.delay) / period) + 1)
     t = (np.arange(count * ROW_PARTS) + 0.5) * period / ROW_PARTS - actuator.delay

@@ -13,6 +13,7 @@ from ..search.selection import THRESHOLD, Selection
 from .gain import Gain
 from .leftover import Leftover
 from .limits import Isolability, Limit
+from .measure import Remainder
 from .named import Named
 from .user_gain import UserGain
 
@@ -24,7 +25,9 @@ class Diagnosis:
     doubts     why the best causes are not believed (unexplained), one line each
     nearest    the best causes of an `unexplained` log: they are not its cause
     proposal   missing terms that would help an `unexplained` log
-    beneath    of `bad-data` whose faults can be masked: verdict and causes of what is left
+    remaining  why causes that are there beyond doubt do not explain everything, one line each
+    remainder  what they leave (dominant)
+    is_cut_short  the time limit ended the search: the best answer so far
     catalogue  whether all causes were allowed, missing terms too
     """
 
@@ -48,6 +51,8 @@ class Diagnosis:
     extension: Nominal | None = None
     user: UserGain | None = None
     proposal: Proposal | None = None
-    beneath: tuple[str, tuple[str, ...]] | None = None
+    remaining: tuple[str, ...] = ()
+    remainder: Remainder | None = None
+    is_cut_short: bool = False
     threshold: float = THRESHOLD
     catalogue: bool = True

@@ -3,19 +3,24 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from ...effects import Effect
+from ...effects import Effect, effect, values
+from ...effects.table import CENTRE
 from ...nominal import Nominal
 from ..causes import MISMATCH, Cause
 from ..controller.kind import ControllerCheck
+from .named import Named
 
 
 def extended(nominal: Nominal, causes: Iterable[Cause], shift: float = 0.0,
-             controller: ControllerCheck | None = None) -> Nominal:
+             controller: ControllerCheck | None = None, centre: float = CENTRE,
+             weather: Iterable[Named] = ()) -> Nominal:
     """The nominal with these causes.
 
-    shift  [s] log's clock less the grid's: times of effects are written in the log's clock
+    shift   [s] log's clock less the grid's: times of effects are written in the log's clock
+    centre  [s] of the log, grid's clock: written where an effect turns about it, for a flight's may be another
     """
-    effects = [_in_log_time(cause, shift) for cause in causes]
+    effects = [_in_log_time(cause, shift, centre) for cause in causes]
+    effects += [effect(each.cause, **each.values) for each in weather]
     return with_controller(replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects)),
                            controller)
 
@@ -32,7 +37,9 @@ def with_controller(nominal: Nominal, found: ControllerCheck | None) -> Nominal:
     return replace(nominal, controller=own, effects=(*nominal.effects, mismatch))
 
 
-def _in_log_time(cause: Cause, shift: float) -> Effect:
-    values = tuple(value + shift if free.name == "time" else value
-                   for free, value in zip(cause.hypothesis.free, cause.values, strict=True))
-    return cause.hypothesis.effect(values)
+def _in_log_time(cause: Cause, shift: float, centre: float) -> Effect:
+    given = tuple(value + shift if free.name == "time" else value
+                  for free, value in zip(cause.hypothesis.free, cause.values, strict=True))
+    made = cause.hypothesis.effect(given)
+    known = values(made)
+    return effect(made.name, **{**known, "middle": centre + shift}) if "middle" in known else made

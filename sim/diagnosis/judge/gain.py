@@ -6,14 +6,14 @@ noise levels) is fitted to the others and judged on them.  With a second log, ev
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..causes import Cause, pinned
 from ..controller.kind import ControllerCheck
 from ..data.record import CHANNELS, Record
-from ..model.noise import Filter, dynamics, first_filter, fit_levels, run_filter
+from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, fit_levels, run_filter
 from ..model.nuisance import WORST_WHITE, Problem
 from ..model.point import DEVIATIONS, Point, innovations, prediction_errors
 from ..search.fit import Fit, fit
@@ -27,6 +27,10 @@ SHORT = 0.1            # s
 FOLDS_SEED = 11
 REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 SPACING = 0.125        # s between predictions
+LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
+SETTLED = 2.0          # s: before, the state is hardly known, and the square of one error there outweighs all others
+CHANCE = 2.5           # standard deviations of a mean square, beyond which it is more than noise
+NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +39,41 @@ class Gain:
 
     log_likelihood  per row, (nominal, extended);  nats: their difference over the whole log
     nrmse           horizon -> channel -> (nominal, extended): RMS prediction error over the RMS change of the channel
-    closed_loop     (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
+    squared         channel -> mean square of the errors over the longest horizon of nominal and extended model, and
+                    what noise alone would give each [of the channel's unit]
+    closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
+    horizons        channel -> how many of the longest stand side by side in what `squared` was measured on
     """
 
     log_likelihood: tuple[float, float]
     nats: float
     nrmse: dict[float, dict[str, tuple[float, float]]]
+    squared: dict[str, tuple[float, float, float, float]]
     closed_loop: tuple[float, float] | None
     source: str
+    horizons: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def is_left(self) -> bool:
+        """The extended model's squared errors exceed what noise gives by more than chance: a mean of n independent
+        squares of normal variables is off by (2/n)^1/2 of itself, one sigma."""
+        return any(extended / noise - 1.0 > CHANCE * math.sqrt(2.0 / self.horizons.get(name, math.inf))
+                   for name, (_, extended, _, noise) in self.squared.items())
+
+    @property
+    def excess(self) -> tuple[float, float]:
+        """By how much the squared errors of nominal and extended model exceed what noise gives, over that, summed over
+        the channels."""
+        made = [(max(0.0, nominal / own - 1.0), max(0.0, extended / other - 1.0))
+                for nominal, extended, own, other in self.squared.values()]
+        return sum(before for before, _ in made), sum(after for _, after in made)
+
+    @property
+    def share(self) -> float | None:
+        """Of the nominal's excess that the extended model leaves, 0 to 1; None where there is none to speak of."""
+        before, after = self.excess
+        return min(1.0, after / before) if before > LEAST_EXCESS * len(self.squared) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,22 +143,55 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
     return fit(Problem(record, filt, mask), fitted.causes, fitted.delta, iterations=3), filt
 
 
-def held_out(record: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
-    """On blocked folds of the log itself; the controller found on board flies in the closed loop."""
-    totals, errors, changes = np.zeros(2), [], []
+def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
+    """On blocked folds of the log itself, each model in its own world; the controller found on board flies in the
+    closed loop."""
+    record, own = nominal.fit.record, model.fit.record
+    totals, errors, changes, noises = np.zeros(2), [], [], []
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
-                trained(record, model.causes, model.fit.filter, mask))
-        totals += [log_likelihood(record, each, ~mask) for each in pair]
+                trained(own, model.causes, model.fit.filter, mask))
+        totals += [log_likelihood(of, each, ~mask) for of, each in zip((record, own), pair, strict=True)]
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in long_folds(record):
-        pair = (refitted(record, (), nominal.fit.filter, mask), refitted(record, timed, model.fit.filter, mask))
-        made, change = _errors(record, pair, ~mask)
+        pair = (refitted(record, (), nominal.fit.filter, mask), refitted(own, timed, model.fit.filter, mask))
+        made, change = _errors((record, own), pair, ~mask)
         errors.append(made)
         changes.append(change)
-    errors_, changes_ = np.concatenate(errors, axis=1), np.concatenate(changes)
+        noises.append(np.stack([_noise(of, each) for of, each in zip((record, own), pair, strict=True)]))
+    joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
-    return _gain(record, totals, errors_, changes_, closed_loop, "blocked folds")
+    return _gain(record, totals, joined, closed_loop, "blocked folds")
+
+
+def removed(model: Model, gain: Gain) -> tuple[float, ...]:
+    """Of the nominal's squared error over the longest horizon beyond noise (`Gain.excess`), the share that comes back
+    on the held-out rows without each cause, the others fitted anew; 0 where the nominal has none to speak of."""
+    before, after = gain.excess
+    if gain.share is None or len(model.causes) < 2:
+        return (1.0,) * len(model.causes)
+    record, found = model.fit.record, []
+    timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
+    for k in range(len(timed)):
+        errors = []
+        for mask in long_folds(record):
+            one = refitted(record, timed[:k] + timed[k + 1:], model.fit.filter, mask)
+            errors.append(_errors((record,), (one,), ~mask)[0][0])
+        last = np.concatenate(errors)[:, -1]
+        excess = sum(max(0.0, float(np.nanmean(last[:, CHANNELS.index(name)]**2)) / noise - 1.0)
+                     for name, (_, _, _, noise) in gain.squared.items())
+        found.append((excess - after) / before)
+    return tuple(found)
+
+
+def _noise(record: Record, of: Trained) -> np.ndarray:
+    """(s, 3) mean squares over the longest horizon that noise alone gives this model's predictions, the nominal's noise
+    as far as the log does not show less."""
+    levels = of.filter.levels.copy()
+    levels[:5] = np.minimum(levels[:5], NOISIEST * declared(record)[:5])
+    ahead = max(1, round(HORIZONS[-1] / record.period))
+    refilter = Refilter(record, dynamics(record, of.point), record.z)
+    return refilter.horizon_variances(levels, max(1, round(SPACING / record.period)), ahead)
 
 
 def on_another(other: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
@@ -142,9 +205,10 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
         pair.append(Trained(point, run_filter(other, dynamics(other, point), start.levels, e, start)))
     pair[0] = within(other, pair[0], None)
     totals = np.array([log_likelihood(other, each, everything) for each in pair])
-    errors, change = _errors(other, (pair[0], pair[1]), everything)
+    errors, change = _errors((other, other), (pair[0], pair[1]), everything)
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
-    return _gain(other, totals, errors, change, closed_loop, "a second log")
+    noise = np.stack([_noise(other, each) for each in pair])
+    return _gain(other, totals, (errors, change, noise), closed_loop, "a second log")
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -157,26 +221,33 @@ def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
                  - 0.5 * math.log(2.0 * math.pi) * measured.sum())
 
 
-def _errors(record: Record, pair: tuple[Trained, Trained], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prediction errors (2, s, h, 3) whose whole horizon lies in rows left out, and the channels' changes (s, h, 3)."""
-    made = np.stack([prediction_errors(record, each.filter, each.point, HORIZONS, SPACING) for each in pair])
+def _errors(records: Sequence[Record], models: Sequence[Trained],
+            rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Prediction errors (models, s, h, 3) whose whole horizon lies in rows left out and which begin when the filter has
+    settled, and the channels' changes (s, h, 3)."""
+    made = np.stack([prediction_errors(of, each.filter, each.point, HORIZONS, SPACING)
+                     for of, each in zip(records, models, strict=True)])
+    record = records[0]
     spacing = max(1, round(SPACING / record.period))
     starts = spacing * np.arange(made.shape[1])
     change = np.full(made.shape[1:], math.nan)
+    settled = starts * record.period >= min(SETTLED, 0.25 * record.rows * record.period)
     for h, horizon in enumerate(HORIZONS):
         ahead = max(1, round(horizon / record.period))
         inside = starts + ahead < record.rows
         whole = np.zeros(len(starts), bool)
         total = np.concatenate([[0], np.cumsum(rows)])
         whole[inside] = total[starts[inside] + ahead + 1] - total[starts[inside]] == ahead + 1
-        made[:, ~whole, h] = math.nan
+        made[:, ~(whole & settled), h] = math.nan
         change[inside, h] = record.z[starts[inside] + ahead] - record.z[starts[inside]]
     change[~np.isfinite(made[0])] = math.nan
     return made, change
 
 
-def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.ndarray,
+def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, np.ndarray],
           closed_loop: tuple[float, float] | None, source: str) -> Gain:
+    """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3)"""
+    errors, changes, noise = of
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     for h, horizon in enumerate(HORIZONS):
         nrmse[horizon] = {}
@@ -184,5 +255,12 @@ def _gain(record: Record, totals: np.ndarray, errors: np.ndarray, changes: np.nd
             scale = rms(changes[:, h, c])
             if channel in record.channels and scale > 0.0:
                 nrmse[horizon][channel] = (rms(errors[0, :, h, c]) / scale, rms(errors[1, :, h, c]) / scale)
+    squared, horizons = {}, {}
+    for c, channel in enumerate(CHANNELS):
+        seen = np.isfinite(errors[:, :, -1, c]).all(axis=0)
+        if channel in record.channels and seen.any():
+            made = [float(np.mean(x)) for x in (*(errors[:, seen, -1, c]**2), *noise[:, seen, c])]
+            squared[channel] = (made[0], made[1], made[2], made[3])
+            horizons[channel] = max(1.0, float(seen.sum()) * SPACING / HORIZONS[-1])
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                closed_loop, source)
+                squared, closed_loop, source, horizons)

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from ..data.record import CHANNELS
+from ..data.world import WEATHER
 from ..model.noise import LEVEL_STEP, LEVELS, Refilter, declared
 from ..search.selection import Model
 from .named import SIGNIFICANT
@@ -15,7 +16,9 @@ def noise_of(model: Model) -> dict[str, dict[str, Any]]:
     base, refilter = declared(r), Refilter(r, model.dynamics, fitted.innovations, fitted.filter)
     found: dict[str, dict[str, Any]] = {}
     values = {}
-    for k, name in enumerate(LEVELS):
+    for k, name in enumerate((*LEVELS, *(each.name if each.span == WEATHER else "" for each in r.world.levels))):
+        if not name:
+            continue  # declared by nobody
         if (name in CHANNELS and name not in r.channels) or (name == "command" and not r.command_is_known):
             continue
         for sign in (-1.0, 0.0, 1.0):

@@ -8,14 +8,13 @@ import numpy as np
 
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
-from ..search.selection import TOLD_APART, Model, Ranked, Selection, penalty, profile
-from .constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy, constancy
-from .leftover import Leftover
+from ..data.world import TURBULENCE, WALK
+from ..search.selection import TOLD_APART, Model, Ranked, Selection, Weather, penalty, profile
+from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
-FORM = 0.01            # of the evidence of the causes of a place that may be left there: no form is known to a tenth
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +46,11 @@ class Named:
     @property
     def where(self) -> str:
         return self.record.where
+
+    @property
+    def is_weather(self) -> bool:
+        """A level of the wind, which is not in the model's effects."""
+        return self.cause in (TURBULENCE, WALK)
 
     @property
     def label(self) -> str:
@@ -132,6 +136,17 @@ def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(each for each in near if each != name))
 
 
+def named_weather(weather: Weather) -> Named:
+    """Wind that nobody declared."""
+    source = weather.source
+    values: dict[str, float | str] = {"level": weather.level}
+    std = {"level": weather.std}
+    if source.name == TURBULENCE:
+        values["time_constant"] = source.time_constant
+    units = {name: RECORDS[source.name].unit(name) for name in values}
+    return Named(source.name, values, std, units, weather.rivals, weather.gain, None)
+
+
 def mismatch(controller: ControllerCheck) -> Named:
     """The controller's cause."""
     values: dict[str, float | str] = {"kp_scale": controller.kp_scale, "kd_scale": controller.kd_scale,
@@ -145,25 +160,7 @@ def _chi_squared(named: Named) -> float:
     return 0.0 if named.constancy is None else named.constancy.chi_squared
 
 
-def doubts_about(named: tuple[Named, ...], left: tuple[Leftover, ...], began: float, ended: float) -> list[str]:
-    """Why these causes are not believed, a line each; began, ended [s]: the log's first and last row."""
-    doubts = []
-    for each in named:
-        if _chi_squared(each) > CONSTANCY_LIMIT:
-            doubts.append(f"{each.cause}: its size is not the same all along the log (chi-squared "
-                          f"{_chi_squared(each):.0f} over {SEGMENTS} segments, limit {CONSTANCY_LIMIT:.0f})")
-        doubts += _undetermined(each, began, ended)
-    for leftover in left:
-        own = sum(cause.evidence for cause in named if cause.where == leftover.where)
-        limit = max(leftover.limit, FORM * own)
-        if leftover.gain > limit:
-            doubts.append(f"a disturbance {leftover.words} at the {leftover.disturbance.place} explains "
-                          f"{leftover.gain:.0f} nats more (limit {limit:.0f})")
-            break
-    return doubts
-
-
-def _undetermined(each: Named, began: float, ended: float) -> list[str]:
+def undetermined(each: Named, began: float, ended: float) -> list[str]:
     """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
     frequency, time = each.values.get("frequency"), each.values.get("time")

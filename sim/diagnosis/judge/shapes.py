@@ -86,7 +86,7 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
 
 
 def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.ndarray) -> np.ndarray:
-    """Residual (3n + 4,) with a shape added."""
+    """Residual (3n + 5,) with a shape added."""
     ticks = record.every // record.tick
     extra, changed = None, record
     if place == "plant":

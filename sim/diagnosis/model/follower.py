@@ -21,11 +21,11 @@ class Vehicle:
     filter: Filter
 
     def residual(self, record: Record) -> np.ndarray:
-        """(3n + 4,) on this record's commands."""
+        """(3n + 5,) on this record's commands."""
         return Problem(record, self.filter).residual(Point())
 
     def slopes(self, record: Record) -> np.ndarray:
-        """(3n + 4, 4)"""
+        """(3n + 5, 5)"""
         return Problem(record, self.filter).deviation_slopes()
 
 
@@ -34,7 +34,9 @@ class NominalFollower:
 
     def seen(self, record: Record) -> Seen | None:
         """What it saw between the rows; None: it does not stay with the log."""
-        gains = first_filter(record, declared(record) * ALERT)
+        levels = declared(record)
+        levels[:len(ALERT)] *= ALERT
+        gains = first_filter(record, levels)
         seen = Seen(predicted_attitude(record, gains), innovations(record, gains, Point())[0])
         return seen if np.all(np.abs(seen.attitude) < ESCAPED) else None
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...effects import actuator, plant
-from ...effects.plant import AERO_DAMPING, BENDING, SLOSH
+from ...effects.plant import AERO_DAMPING, BENDING, NOZZLE_INERTIA, SLOSH
 from ...effects.table import CODE, MEMORY, MEMORY_DOT, N_COLUMNS, P1
 from ...vehicle import step as st
 from ...vehicle.actuator import nozzle_acceleration
@@ -62,17 +62,22 @@ def slots_of(v: st.Vehicle, known: Modes) -> np.ndarray:
 
 
 @kernel
-def slopes(fx, slots, a6, k1, w, zeta, x, dx):
-    """dx (m,) out = derivative of the state x (m,); fx (rows, columns) scratch: linear effects."""
+def slopes(fx, slots, a6, k1, w, zeta, lag, x, dx):
+    """dx (m,) out = derivative of the state x (m,); fx (rows, columns) scratch: linear effects; lag: a servo of first
+    order, its time constant 1/w."""
     for e in range(len(slots)):
         if slots[e] >= 0:
             fx[e, MEMORY], fx[e, MEMORY_DOT] = x[slots[e]], x[slots[e] + 1]
     dx[:] = 0.0
     dx[0] = x[1]
+    if lag:
+        dx[2] = w * (x[4] - x[2])
+        swing = -w * dx[2]
+    else:
+        dx[2] = x[3]
+        dx[3] = swing = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
     dx[1] = (angular_acceleration(a6, k1, x[0], x[2], x[5])
-             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]))
-    dx[2] = x[3]
-    dx[3] = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
+             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]) + plant.reaction(fx, swing))
     for e in range(len(slots)):
         if slots[e] >= 0:
             dx[slots[e]] = x[slots[e] + 1]
@@ -80,7 +85,7 @@ def slopes(fx, slots, a6, k1, w, zeta, x, dx):
 
 
 @kernel
-def state_matrix(moments, servo, slots, a6, k1, frequency, damping, a, c):
+def state_matrix(moments, servo, slots, a6, k1, frequency, damping, lag, a, c):
     """a (m, m) out: x' = a x of theta, theta_dot, beta, beta_dot, command, acceleration, modes; c (3, m) out: what the
     sensors see.
 
@@ -91,7 +96,7 @@ def state_matrix(moments, servo, slots, a6, k1, frequency, damping, a, c):
     count = 0
     for e in range(len(moments)):
         code = moments[e, CODE]
-        if code in (SLOSH, BENDING, AERO_DAMPING):
+        if code in (SLOSH, BENDING, AERO_DAMPING, NOZZLE_INERTIA):
             linear[count] = moments[e]
             where[count] = slots[e]
             count += 1
@@ -102,7 +107,7 @@ def state_matrix(moments, servo, slots, a6, k1, frequency, damping, a, c):
     for j in range(m):
         x[:] = 0.0
         x[j] = 1.0
-        slopes(fx, at, a6, k1, w, damping, x, dx)
+        slopes(fx, at, a6, k1, w, damping, lag, x, dx)
         a[:, j] = dx
         eta, eta_dot = plant.deflection(fx)
         c[0, j], c[1, j], c[2, j] = x[0] + eta, x[1] + eta_dot, x[2]

@@ -1,10 +1,13 @@
 """Noise levels of a log, and the Kalman gains they make.
 
-Five levels: attitude sensor, gyro, nozzle sensor, command, unmodelled acceleration; each the nominal's times a factor.
-The factors maximise the likelihood of the log (Ljung, System Identification, 2nd ed., ch. 7.4) with a log-normal prior
-around the declared ones, so that a level the log does not show stays as declared.
+Five levels: attitude sensor, gyro, nozzle sensor, command, unmodelled acceleration; and those of the world's states
+(`data.world`).  Each is the nominal's times a factor.  The factors maximise the likelihood of the log (Ljung, System
+Identification, 2nd ed., ch. 7.4) with a log-normal prior around the declared ones, so that a level the log does not
+show stays as declared, and within bounds: a sensor whose level collapses would make every other misfit infinitely
+unlikely.  Upwards the acceleration has no bound: what no model explains must be able to stand somewhere.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,17 +16,22 @@ import numpy as np
 from ...effects.plant import SLOSH
 from ...sections import Sensors
 from ...vehicle import step as st
-from ..data.record import CHANNELS, Record
+from ..data.record import BETA, CHANNELS, THETA, THETA_DOT, Record
+from ..data.world import ATTITUDE, GYRO, NOZZLE, NOZZLE_SENSOR, WIND
+from .ahead import horizon_variances
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
 from .point import Point, vehicle
 from .predictor import N_RIGID
 
 LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
+ACCELERATION = 4
 SMALLEST = 1.0e-3      # of a level over the declared: below it a log is as good as free of that noise
 LARGEST = 1.0e3
+BOUNDED = (0.3, 3.0)   # of a level over the declared, as the contract says
 WRONG_NOISE = 1.5      # factor by which levels may be declared wrong without a word
 PRIOR = 1.0            # one sigma of the log of a factor: nobody declares noise within better than e
+WIDE, WIDE_PRIOR = 1e4, 3.0  # span of a level that is sought, not declared, and its prior's sigma
 STILL = 0.25           # s: a6, k1 of a launcher move by less than 1 % meanwhile
 FLOOR = 1e-6           # rad, rad/s, rad, rad, rad/s^2: declared 0 becomes this
 START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
@@ -31,11 +39,12 @@ LEVEL_TOLERANCE = 0.02  # of a log factor: levels are found to 2 %
 LEVEL_ITERATIONS = 12
 LEVEL_GAIN = 0.03      # nats that an iteration must bring to go on
 LEVEL_STEP = 0.05      # of a log factor, for slopes and curvatures
+SENSOR_OF = {ATTITUDE: THETA, GYRO: THETA_DOT, NOZZLE_SENSOR: BETA}
 TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
 
 
 def declared(record: Record) -> np.ndarray:
-    """The nominal's levels (5,), quantisation as step/sqrt(12); never 0."""
+    """The nominal's levels (5 + the world's,), quantisation as step/sqrt(12); never 0."""
     sensors: Sensors = record.nominal.sensors
     simulation = record.nominal.simulation
     levels = [np.hypot(sensors.theta_std, sensors.theta_step / 12**0.5),
@@ -44,7 +53,19 @@ def declared(record: Record) -> np.ndarray:
               simulation.acceleration_noise_std if simulation is not None else 0.0]
     if not record.command_is_known:
         levels[3] = levels[2]  # the measured nozzle angle is the command
-    return np.maximum(levels, FLOOR)
+    return np.append(np.maximum(levels, FLOOR), [each.level for each in record.world.levels])
+
+
+def bounds(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest factor (levels,) of the declared levels."""
+    own = declared(record)[:5] > FLOOR
+    least, most = {"free": (SMALLEST, LARGEST), "declared": (1.0, 1.0), "bounded": BOUNDED}[record.noise]
+    low, high = np.where(own, least, SMALLEST), np.where(own, most, LARGEST)
+    if record.noise == "bounded":
+        high[ACCELERATION] = LARGEST
+    spans = [(least, most) if record.noise == "free" and each.span != (1.0, 1.0) else each.span
+             for each in record.world.levels]
+    return np.append(low, [span[0] for span in spans]), np.append(high, [span[1] for span in spans])
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +73,7 @@ class Dynamics:
     """Linear dynamics over a row, for covariances, and where noise enters.
 
     States: theta, theta_dot, beta, beta_dot; then, where noise is held over rows or there are modes, the held command
-    noise and acceleration; then value and rate of each mode.
+    noise and acceleration; then value and rate of each mode; then the world's.
     """
 
     modes: Modes
@@ -64,6 +85,9 @@ class Dynamics:
     acceleration_q: np.ndarray  # (b, m, m)
     fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
     entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
+    slots: np.ndarray           # (m,) where each state stands in gains (n, 6 + 2 modes + the world's, 3)
+    fresh: tuple[tuple[int, float], ...]   # (state, variance over a row for unit level) of the world's levels
+    first: tuple[tuple[int, float], ...]   # (state, variance before the first row; -1: that of the level itself)
 
 
 def dynamics(record: Record, point: Point) -> Dynamics:
@@ -76,11 +100,12 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     block = np.zeros(n, np.int64) if constant else np.arange(n) // size
     middle = np.minimum(np.unique(block) * size + size // 2, n - 1)
     half = np.minimum(2 * (record.first_step + record.every * middle), len(v.a6) - 1)
-    m, held, ticks = N_RIGID + 2 * len(modes), record.held > 1, record.every // record.tick
+    m, held, ticks = N_RIGID + 2 * len(modes), record.held > 1, record.every // record.tick // record.fine
     a, c = np.zeros((len(half), m, m)), np.zeros((3, m))
     frequency = v.constant[st.FREQUENCY]
     for b, at in enumerate(half):
-        state_matrix(v.plant, v.actuator, slots, v.a6[at], v.k1[at], frequency, v.constant[st.DAMPING], a[b], c)
+        state_matrix(v.plant, v.actuator, slots, v.a6[at], v.k1[at], frequency, v.constant[st.DAMPING],
+                     bool(v.constant[st.FIRST_ORDER]), a[b], c)
     f, part = exponential(a * period), exponential(a * (period / ticks))
     entry = f[:, :, 4:6].copy()
     entry[:, 4:6] = 0.0
@@ -92,7 +117,30 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
     command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
-    return Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry)
+    return _in_the_world(record, Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry,
+                                          np.arange(m)[kept], (), ()), v.a6[half], v.k1[half])
+
+
+def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray) -> Dynamics:
+    """With the world's states behind the vehicle's;  a6, k1 (b,) [1/s^2] of the blocks."""
+    sources, period = record.world.sources, record.period
+    (b, m, _), w = own.f.shape, len(sources)
+    f, entry, c = np.zeros((b, m + w, m + w)), np.zeros((b, m + w, 2)), np.zeros((3, m + w))
+    f[:, :m, :m], entry[:, :m], c[:, :m] = own.f, own.entry, own.c
+    fresh, first = [], []
+    for j, source in enumerate(sources, start=m):
+        f[:, j, j] = source.keep(period)
+        if source.entry in SENSOR_OF:
+            c[SENSOR_OF[source.entry], j] = 1.0
+        else:
+            gain = {WIND: a6, NOZZLE: k1}.get(source.entry, np.ones(b))
+            f[:, :m, j] = own.entry[:, :, 1] * gain[:, None]
+        if source.is_stochastic:
+            fresh.append((j, source.fresh(period)))
+        first.append((j, source.initial**2 if math.isinf(source.time_constant) else -1.0))
+    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q)]
+    slots = np.append(own.slots, N_RIGID + 2 * len(own.modes) + np.arange(w))
+    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], entry, slots, tuple(fresh), tuple(first))
 
 
 def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:
@@ -143,8 +191,8 @@ class Disturbance:
 class Filter:
     """Gains and whitening of one set of levels."""
 
-    levels: np.ndarray     # (5,)
-    gains: np.ndarray      # (n, 6 + 2 modes, 3)
+    levels: np.ndarray     # (5 + the world's,)
+    gains: np.ndarray      # (n, 6 + 2 modes + the world's, 3)
     low: np.ndarray        # (n, 3, 3)
     whitened: np.ndarray   # (n, 3) innovations of this filter, whitened
     modes: Modes           # whose gains stand behind the rigid body's
@@ -167,7 +215,9 @@ class Refilter:
     def __init__(self, record: Record, dyn: Dynamics, base: np.ndarray, of: "Filter | None" = None,
                  counts: np.ndarray | None = None) -> None:
         self.record, self.dyn, self.base = record, dyn, base
-        self.base_gains = np.zeros((record.rows, N_RIGID, 3)) if of is None else carried_over(of, dyn.modes)
+        self.base_gains = np.zeros((record.rows, len(dyn.slots), 3))
+        if of is not None:
+            self.base_gains = carried_over(of, dyn.modes, len(record.world.sources))[:, dyn.slots]
         self.counts = np.ones(record.rows, bool) if counts is None else counts
 
     def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
@@ -176,24 +226,41 @@ class Refilter:
 
     def filter(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> "Filter":
         """Its gains and whitening."""
-        n, m, modes = self.record.rows, self.dyn.f.shape[1], self.dyn.modes
+        n, m, modes, world = self.record.rows, self.dyn.f.shape[1], self.dyn.modes, self.record.world
         size = m if disturbance is None else m + 1
         gains, low, whitened = np.zeros((n, size, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
         total = self._run(levels, disturbance, gains, low, whitened)
-        full = np.zeros((n, N_RIGID + 2 * len(modes), 3))
-        full[:, :m] = gains[:, :m]
+        full = np.zeros((n, N_RIGID + 2 * len(modes) + len(world.sources), 3))
+        full[:, self.dyn.slots] = gains[:, :m]
         return Filter(levels, full, low, whitened, modes, total)
+
+    def horizon_variances(self, levels: np.ndarray, spacing: int, ahead: int) -> np.ndarray:
+        """(s, 3) of measured less predicted where nothing but noise of these levels is, `ahead` rows after every
+        `spacing`-th."""
+        dyn, measured = self.dyn, np.isfinite(self.record.z)
+        variances = np.zeros((-(-self.record.rows // spacing), 3))
+        f, q, c, p, held = self._matrices(levels, None)
+        horizon_variances(f, dyn.block, q, c, levels[:3]**2, p, dyn.resets, held, measured, spacing, ahead, variances)
+        return variances
 
     def _run(self, levels: np.ndarray, disturbance: Disturbance | None, gains: np.ndarray, low: np.ndarray,
              whitened: np.ndarray) -> float:
-        record, dyn = self.record, self.dyn
-        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
-        f, c, p = dyn.f, dyn.c, _start(record, levels, dyn.f.shape[1])
-        if disturbance is not None:
-            f, q, c, p = _with_disturbance(record, dyn, disturbance, f, q, c, p)
-        held = levels[3:5]**2 if record.held > 1 else np.zeros(0)
+        dyn = self.dyn
+        f, q, c, p, held = self._matrices(levels, disturbance)
         return float(likelihood(f, dyn.block, q, c, levels[:3]**2, p, dyn.resets, held, self.base, self.base_gains,
                                 self.counts, gains, low, whitened))
+
+    def _matrices(self, levels: np.ndarray, disturbance: Disturbance | None) -> tuple[np.ndarray, ...]:
+        """Transition and process noise (b, m, m), measurement (3, m), first covariance (m, m), variances of held
+        noises."""
+        record, dyn = self.record, self.dyn
+        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
+        for (state, variance), level in zip(dyn.fresh, levels[5:], strict=True):
+            q[:, state, state] = variance * level**2
+        f, c, p = dyn.f, dyn.c, _start(record, levels, dyn)
+        if disturbance is not None:
+            f, q, c, p = _with_disturbance(record, dyn, disturbance, f, q, c, p)
+        return f, q, c, p, levels[3:5]**2 if record.held > 1 else np.zeros(0)
 
 
 def run_filter(record: Record, dyn: Dynamics, levels: np.ndarray, base: np.ndarray, of: "Filter | None" = None) \
@@ -207,11 +274,12 @@ def first_filter(record: Record, levels: np.ndarray) -> Filter:
     return run_filter(record, dynamics(record, Point()), levels, record.z)
 
 
-def carried_over(of: Filter, modes: Modes) -> np.ndarray:
-    """Gains (n, 6 + 2 modes, 3) that a filter made for other modes amounts to: a slosh mode it does not know feels its
-    corrections of the rate, a bending mode nothing (as `predictor.shift_state`)."""
-    gains = np.zeros((len(of.gains), N_RIGID + 2 * len(modes), 3))
+def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:
+    """Gains (n, 6 + 2 modes + world, 3) that a filter made for other modes amounts to: a slosh mode it does not know
+    feels its corrections of the rate, a bending mode nothing (as `predictor.shift_state`)."""
+    gains = np.zeros((len(of.gains), N_RIGID + 2 * len(modes) + world, 3))
     gains[:, :N_RIGID] = of.gains[:, :N_RIGID]
+    gains[:, gains.shape[1] - world:] = of.gains[:, of.gains.shape[1] - world:]
     known = matched(of.modes, modes)
     for k, mode in enumerate(modes):
         slot = N_RIGID + 2 * k
@@ -222,10 +290,13 @@ def carried_over(of: Filter, modes: Modes) -> np.ndarray:
     return gains
 
 
-def _start(record: Record, levels: np.ndarray, m: int) -> np.ndarray:
+def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
     """Covariance (m, m) before the first row; the state begins at the first measured values."""
-    p = np.zeros((m, m))
-    w = record.actuator.natural_frequency
+    p = np.zeros((dyn.f.shape[1], dyn.f.shape[1]))
+    w = record.actuator.frequency
+    level_of = {state: level for (state, _), level in zip(dyn.fresh, levels[5:], strict=True)}
+    for state, variance in dyn.first:
+        p[state, state] = level_of[state]**2 if variance < 0.0 else variance
     p[0, 0] = (30.0 * levels[0])**2
     p[1, 1] = START_RATE**2
     p[2, 2] = (30.0 * levels[2])**2
@@ -255,27 +326,30 @@ def _with_disturbance(record: Record, dyn: Dynamics, of: Disturbance, f: np.ndar
 
 def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, start: np.ndarray,
                disturbance: Disturbance | None = None, counts: np.ndarray | None = None) -> Filter:
-    """The most likely levels, from a start (5,): Newton's method on the logarithms with a numerical curvature.
+    """The most likely levels, from a start (5 + the world's,): Newton's method on the logarithms with a numerical
+    curvature.
 
     base, of     innovations (n, 3), and the filter that made them
     disturbance  beside the model, if any;  counts (n,) bool, rows that count, None: all
     """
-    reference = declared(record)
-    free = [k for k in range(5) if k >= 3 or np.isfinite(base[:, k]).any()]
+    reference, (least, most) = declared(record), bounds(record)
+    low, high = np.log(least), np.log(most)
+    free = [k for k in range(len(reference)) if high[k] > low[k] and (k >= 3 or np.isfinite(base[:, k]).any())]
+    wide = np.where(most / least > WIDE, WIDE_PRIOR, PRIOR)
     refilter = Refilter(record, dyn, base, of, counts)
 
     def value(x: np.ndarray) -> float:
-        return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / PRIOR)**2))
+        return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / wide)**2))
 
-    x = np.log(np.clip(start / reference, SMALLEST, LARGEST))
-    best, curvature = value(x), np.zeros(5)
+    x = np.clip(np.log(start / reference), low, high)
+    best, curvature = value(x), np.zeros(len(x))
     for iteration in range(LEVEL_ITERATIONS):
         step, promised, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
         if promised < LEVEL_GAIN:
             break
         size = 1.0
         while size > 0.05:
-            trial = np.clip(x + size * step, np.log(SMALLEST), np.log(LARGEST))
+            trial = np.clip(x + size * step, low, high)
             new = value(trial)
             if new > best:
                 break
@@ -309,6 +383,7 @@ def _newton_step(value: Value, x: np.ndarray, best: float, free: list[int], curv
             low = value(moved)
             curvature[k] = (high - 2.0 * best + low) / LEVEL_STEP**2
         slopes[k] = (high - best) / LEVEL_STEP - 0.5 * LEVEL_STEP * curvature[k]
-        step[k] = slopes[k] / max(-curvature[k], 1.0 / PRIOR**2) if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
+        flattest = max(-curvature[k], 1.0 / WIDE_PRIOR**2)
+        step[k] = slopes[k] / flattest if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
     step = np.clip(step, -1.5, 1.5)
     return step, 0.5 * float(slopes @ step), curvature

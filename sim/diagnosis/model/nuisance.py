@@ -1,4 +1,5 @@
-"""What may be off without being wrong: a6 and k1 within their tolerance; and the residuals at any numbers.
+"""What may be off without being wrong: a6 and k1 within their tolerance, the servo's timing; and the residuals at any
+numbers.
 
     minimise  1/2 |L^-1 e(p)|^2 + 1/2 |deviations/prior|^2
 
@@ -15,8 +16,8 @@ from .noise import Filter
 from .point import DEVIATIONS, Point, innovations
 
 DRIFT = 0.25           # of the tolerance, one sigma: what a deviation of a6 or k1 may change from the middle to an end
-LARGEST_DEVIATION = 0.9  # of a6 and k1: the sign is the nominal's
-DEVIATION_STEP = 1e-3  # of a numerical slope
+LARGEST_DEVIATION = (0.9, 0.9, 0.9, 0.9, 0.02)  # of a6 and k1: the sign is the nominal's; s of the timing
+DEVIATION_STEPS = (1e-3, 1e-3, 1e-3, 1e-3, 2e-4)  # of numerical slopes
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
 
 Cut = Callable[[np.ndarray], tuple[np.ndarray, Point]]
@@ -30,7 +31,8 @@ class Problem:
 
     def __init__(self, record: Record, of: Filter, mask: np.ndarray | None = None) -> None:
         self.record, self.filter, self.mask = record, of, mask
-        self.prior = max(record.nominal.diagnosis.tolerance, 1e-6) * np.array([1.0, 1.0, DRIFT, DRIFT])
+        own = record.nominal.diagnosis
+        self.prior = np.append(max(own.tolerance, 1e-6) * np.array([1.0, 1.0, DRIFT, DRIFT]), max(own.timing, 1e-9))
 
     def white(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """(whitened (n, 3), innovations, states, stayed with the log)."""
@@ -48,22 +50,22 @@ class Problem:
         return white
 
     def residual(self, point: Point) -> np.ndarray:
-        """(3n + 4,)"""
+        """(3n + 5,)"""
         return np.concatenate([self.white(point)[0].ravel(), np.array(point.deviations) / self.prior])
 
     def deviation_slopes(self) -> np.ndarray:
-        """(3n + 4, 4) of the residual at the nominal."""
+        """(3n + 5, 5) of the residual at the nominal."""
         def cut(x: np.ndarray) -> tuple[np.ndarray, Point]:
             within = within_sign(x)
             return within, Point((), tuple(float(d) for d in within))
 
         r = self.residual(Point())
         jacobian = np.zeros((len(r), DEVIATIONS))
-        self.fill_slopes(np.zeros(DEVIATIONS), np.full(DEVIATIONS, DEVIATION_STEP), r, cut, jacobian)
+        self.fill_slopes(np.zeros(DEVIATIONS), np.array(DEVIATION_STEPS), r, cut, jacobian)
         return jacobian
 
     def fill_slopes(self, x: np.ndarray, steps: np.ndarray, r: np.ndarray, cut: Cut, jacobian: np.ndarray) -> None:
-        """The first len(steps) columns of jacobian (3n + 4, k) inout: forward differences of the residual, which is r
+        """The first len(steps) columns of jacobian (3n + 5, k) inout: forward differences of the residual, which is r
         at the numbers x (k,), turned where a range ends.
 
         cut  numbers -> what their ranges leave of them, and the point there
@@ -79,5 +81,5 @@ class Problem:
 
 
 def within_sign(deviations: np.ndarray) -> np.ndarray:
-    """Deviations (4,) that keep the signs of a6 and k1."""
-    return np.clip(deviations, -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    """Deviations (5,) that keep the signs of a6 and k1."""
+    return np.clip(deviations, np.negative(LARGEST_DEVIATION), LARGEST_DEVIATION)

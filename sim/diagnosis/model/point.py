@@ -14,14 +14,16 @@ from ..data.record import BETA, THETA, THETA_DOT, Record
 from .linear import Modes, slots_of
 from .predictor import follow, horizon_errors, tick_attitudes
 
-DEVIATIONS = 4
+DEVIATIONS = 5
+FASTEST = 0.65  # of the servo's lag: a timing that is off leaves so much of it
 
 
 @dataclass(frozen=True)
 class Point:
-    """What is believed beside the nominal: effects, and relative deviations of a6 and k1 within the tolerance.
+    """What is believed beside the nominal: effects, and deviations within the tolerance.
 
-    deviations  of a6, of k1 in the middle of the log, and how much more they are at its end than in the middle
+    deviations  relative, of a6 and of k1 in the middle of the log, how much more they are at its end than in the
+                middle; and [s] how much later the servo answers
     """
 
     effects: tuple[Effect, ...] = ()
@@ -33,8 +35,8 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
 
     extra  (ticks,) [rad/s^2] a further acceleration, None: none
     """
-    table = packed(record.nominal, point.effects)
-    a6_middle, k1_middle, a6_slope, k1_slope = point.deviations
+    table = packed(record.nominal, point.effects, record.centre)
+    a6_middle, k1_middle, a6_slope, k1_slope, later = point.deviations
     a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
     k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
     if len(table.plant) > 0 and plant.change_parameters(table.plant):
@@ -42,20 +44,25 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
         plant.parameters_over_time(table.plant, half, a6, k1)
     servo = record.actuator
     constant = np.zeros(st.N_CONSTANTS)
-    constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY]] = (
-        record.step, record.tick * record.step, servo.natural_frequency, servo.damping_ratio, servo.delay)
+    constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY, st.FIRST_ORDER]] = (
+        record.step, record.tick * record.step, servo.frequency / max(1.0 + later / servo.lag, FASTEST),
+        servo.damping_ratio, servo.delay, servo.is_first_order)
     constant[st.LIMIT] = constant[st.LOST_ANGLE] = math.inf
     counter = np.zeros(st.N_COUNTERS, np.int64)
     counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY]] = record.first_step, record.tick, record.every
     state = np.zeros(st.N_STATE)
     state[st.THETA], state[st.THETA_DOT] = _first(record.z[:, THETA]), _first(record.z[:, THETA_DOT])
     state[st.BETA] = _first(record.z[:, BETA]) if np.isfinite(record.z[:, BETA]).any() else record.commands[0]
-    late = any(len(values) for values in (table.sensor,))
+    late = len(table.sensor) > 0
+    drift = record.nominal.drift if not record.path_is_known else None
+    drifting = np.zeros((2, 0))
+    if drift is not None:
+        drifting = np.ascontiguousarray(drift.at(np.arange(len(a6)) * (0.5 * record.step) + record.shift))
     history = np.zeros((2, record.first_step + record.rows * record.every + 1 if late else 0))
     none = np.zeros(0)
     return st.Vehicle(constant, state, counter, a6, k1, none, none,
                       np.zeros(len(record.commands)) if extra is None else extra, none, none, none, record.commands,
-                      none, none, history, *table)
+                      none, none, history, *table, record.wind, drifting)
 
 
 def _first(values: np.ndarray) -> float:
@@ -79,7 +86,8 @@ def innovations(record: Record, of: Gains, point: Point, extra: np.ndarray | Non
     """(innovations (n, 3), corrected states (n, 4), whether the model stayed with the log)."""
     e, states = np.empty_like(record.z), np.empty((record.rows, 4))
     v = vehicle(record, point, extra)
-    stayed = follow(v, slots_of(v, of.modes), record.z, of.gains, record.held, record.held_phase, e, states)
+    stayed = follow(v, slots_of(v, of.modes), record.world.table(record.period), record.at, record.z, of.gains,
+                    record.held, record.held_phase, e, states)
     return e, states, bool(stayed)
 
 
@@ -87,7 +95,7 @@ def predicted_attitude(record: Record, of: Gains) -> np.ndarray:
     """(ticks,) [rad] what the attitude sensor would have read at every controller tick, under the nominal."""
     attitudes = np.zeros(len(record.commands))
     v = vehicle(record, Point())
-    tick_attitudes(v, slots_of(v, of.modes), record.z, of.gains, attitudes)
+    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period), record.z, of.gains, attitudes)
     return attitudes
 
 
@@ -98,5 +106,6 @@ def prediction_errors(record: Record, of: Gains, point: Point, horizons: Sequenc
     ahead = np.array([max(1, round(h / record.period)) for h in horizons], np.int64)
     errors = np.full((-(-record.rows // rows), len(ahead), 3), math.nan)
     v = vehicle(record, point)
-    horizon_errors(v, slots_of(v, of.modes), record.z, of.gains, record.held, record.held_phase, rows, ahead, errors)
+    horizon_errors(v, slots_of(v, of.modes), record.world.table(record.period), record.at, record.z, of.gains,
+                   record.held, record.held_phase, rows, ahead, errors)
     return errors

@@ -31,6 +31,7 @@ from ...vehicle.step import (
     remember,
     runge_kutta_4,
 )
+from ..data.world import ATTITUDE, GYRO, MOMENT, NOZZLE, NOZZLE_SENSOR, WIND
 from .likelihood import N_CHANNELS
 
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
@@ -38,17 +39,42 @@ ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed fu
 
 
 @inner
-def expected(v, i, row):
+def expected(v, i, world, air, row):
     """What the sensors should read at step i without noise: row (3,) out."""
     row[0] = attitude(v, i)
     row[1] = gyro(v, i)
     row[2] = sensor.nozzle(v.sensor, v.state[BETA])
+    for a in range(len(air)):
+        if world[a, 0] == ATTITUDE:
+            row[0] += air[a]
+        elif world[a, 0] == GYRO:
+            row[1] += air[a]
+        elif world[a, 0] == NOZZLE_SENSOR:
+            row[2] += air[a]
 
 
 @inner
-def shift_state(v, slots, held, k, gains, row):
-    """Add gains[k] (6 + 2 modes, 3) times row (3,) to the state; unmeasured channels are 0 in row."""
+def push(v, i, world, air):
+    """[rad/s^2] What the world's states (`data.world`) add at step i."""
+    total = 0.0
+    for a in range(len(air)):
+        if world[a, 0] == WIND:
+            total += v.a6[2 * i] * air[a]
+        elif world[a, 0] == NOZZLE:
+            total += v.k1[2 * i] * air[a]
+        elif world[a, 0] == MOMENT:
+            total += air[a]
+    return total
+
+
+@inner
+def shift_state(v, slots, held, air, k, gains, row):
+    """Add gains[k] (6 + 2 modes + air's, 3) times row (3,) to the state; unmeasured channels are 0 in row."""
     x = v.state
+    first = gains.shape[1] - len(air)
+    for a in range(len(air)):
+        for c in range(N_CHANNELS):
+            air[a] += gains[k, first + a, c] * row[c]
     rate = 0.0
     for c in range(N_CHANNELS):
         x[THETA] += gains[k, 0, c] * row[c]
@@ -68,22 +94,22 @@ def shift_state(v, slots, held, k, gains, row):
 
 
 @kernel
-def correct_row(v, slots, held, i, k, z, gains, row):
+def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     """Correct the state at row k, step i; row (3,) out: the innovations, 0 where not measured."""
     if v.history.shape[1] > 0:
         remember(v, i)
         if k == 0:  # before the log the vehicle stood as at its first row
             for j in range(i):
                 v.history[0, j], v.history[1, j] = v.history[0, i], v.history[1, i]
-    expected(v, i, row)
+    expected(v, i, world, air, row)
     for c in range(N_CHANNELS):
         row[c] = 0.0 if np.isnan(z[k, c]) else z[k, c] - row[c]
-    shift_state(v, slots, held, k, gains, row)
+    shift_state(v, slots, held, air, k, gains, row)
 
 
 @kernel
-def advance_row(v, held, first, last, begin):
-    """Integrate from step `first` to `last`; `begin` is the step of commands[0]."""
+def advance_row(v, held, pushed, first, last, begin):
+    """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0]."""
     c = v.constant
     tick_steps = v.counter[1]
     delay = c[DELAY] + actuator.latency(v.actuator)
@@ -95,28 +121,30 @@ def advance_row(v, held, first, last, begin):
         age = ((i - begin) - tick * tick_steps) * c[STEP]
         u = delayed_command(v.commands, tick, age, c[STEP], c[PERIOD], delay) + held[0]
         u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], c[STEP], u)
-        runge_kutta_4(v, i, u, v.acceleration[tick] + held[1])
+        runge_kutta_4(v, i, u, v.acceleration[tick] + held[1] + pushed)
 
 
 @kernel
-def follow(v, slots, z, gains, held_rows, held_phase, innovations, states):
+def follow(v, slots, world, at, z, gains, held_rows, held_phase, innovations, states):
     """Innovations of a log under a vehicle.  Returns False if the model ran away.
 
-    v                        inout  at the first row; counter[LOG_EVERY] steps a row, counter[CONTROL_EVERY] a command
+    v                        inout  at the first row; counter[CONTROL_EVERY] steps a command
     slots (plant's rows,)    in     where in the gains each mode's value stands, -1: it has none there
+    world (w, 2)             in     the world's states: where they enter, what is left of them after a row
+    at (n,)                  in     steps from the first row to each
     z (n, 3)                 in     measured; NaN: not
-    gains (n, 6 + 2 modes, 3)  in   Kalman gains of each row
+    gains (n, 6 + 2 modes + w, 3)  in   Kalman gains of each row
     held_rows, held_phase    in     the held noises are drawn anew each held_rows rows, from row held_phase on; 1: each
     innovations (n, 3)       out    measured less predicted, NaN where not measured
     states (n, 4)            out    theta, theta_dot, beta, beta_dot after the correction
     """
-    every, begin = v.counter[LOG_EVERY], v.counter[0]
-    held, row = np.zeros(2), np.zeros(N_CHANNELS)
+    begin = v.counter[0]
+    held, air, row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS)
     for k in range(len(z)):
-        i = begin + k * every
+        i = begin + at[k]
         if held_rows == 1 or (k - held_phase) % held_rows == 0:
             held[0], held[1] = 0.0, 0.0
-        correct_row(v, slots, held, i, k, z, gains, row)
+        correct_row(v, slots, held, world, air, i, k, z, gains, row)
         for c in range(N_CHANNELS):
             innovations[k, c] = math.nan if np.isnan(z[k, c]) else row[c]
         if not abs(v.state[THETA]) < ESCAPED:
@@ -126,57 +154,67 @@ def follow(v, slots, z, gains, held_rows, held_phase, innovations, states):
         for j in range(4):
             states[k, j] = v.state[j]
         if k + 1 < len(z):
-            advance_row(v, held, i, i + every, begin)
+            advance_row(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
+            air *= world[:, 1]
     return True
 
 
 @kernel
-def tick_attitudes(v, slots, z, gains, attitudes):
+def tick_attitudes(v, slots, world, z, gains, attitudes):
     """What the attitude sensor would have read at every tick of the commands: attitudes (ticks,) out [rad]."""
     every, begin, tick = v.counter[LOG_EVERY], v.counter[0], v.counter[1]
-    held, row, per_row = np.zeros(2), np.zeros(N_CHANNELS), every // tick
+    held, air, row, per_row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS), every // tick
     for k in range(len(z)):
-        correct_row(v, slots, held, begin + k * every, k, z, gains, row)
+        correct_row(v, slots, held, world, air, begin + k * every, k, z, gains, row)
+        pushed = push(v, begin + k * every, world, air)
         for j in range(per_row):
             i = begin + k * every + j * tick
             if v.history.shape[1] > 0:
                 remember(v, i)
             attitudes[k * per_row + j] = attitude(v, i)
             if k + 1 < len(z) or j + 1 < per_row:
-                advance_row(v, held, i, i + tick, begin)
+                advance_row(v, held, pushed, i, i + tick, begin)
+        air *= world[:, 1]
 
 
 @kernel
-def horizon_errors(v, slots, z, gains, held_rows, held_phase, spacing, ahead, errors):
+def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing, ahead, errors):
     """Errors of predictions without correction, begun from the corrected state every `spacing` rows.
 
-    v, slots, z, gains, held_rows, held_phase   as `follow`
+    v, slots, world, at, z, gains, held_rows, held_phase   as `follow`
     spacing          in    rows between starts; the first starts at row 0
     ahead (h,)       in    horizons in rows, increasing
     errors (s, h, 3) out   measured less predicted of start s, NaN where not measured or beyond the log
     """
-    every, begin, n = v.counter[LOG_EVERY], v.counter[0], len(z)
-    held, row, kept = np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
+    begin, n = v.counter[0], len(z)
+    held, ahead_held, row, kept = np.zeros(2), np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
+    air, ahead_air = np.zeros(len(world)), np.zeros(len(world))
     moments, servo = np.zeros_like(v.plant), np.zeros_like(v.actuator)
     for k in range(n):
-        i = begin + k * every
+        i = begin + at[k]
         if held_rows == 1 or (k - held_phase) % held_rows == 0:
             held[0], held[1] = 0.0, 0.0
-        correct_row(v, slots, held, i, k, z, gains, row)
+        correct_row(v, slots, held, world, air, i, k, z, gains, row)
         if k % spacing == 0 and k // spacing < len(errors):
             kept[:], moments[:, :], servo[:, :] = v.state, v.plant, v.actuator
-            at = k
+            reached, ahead_air[:], ahead_held[:] = k, air, held
             for b in range(len(ahead)):
                 if k + ahead[b] >= n:
                     errors[k // spacing, b] = math.nan
                     continue
-                advance_row(v, held, begin + at * every, begin + (k + ahead[b]) * every, begin)
-                at = k + ahead[b]
+                while reached < k + ahead[b]:
+                    if reached > k and (held_rows == 1 or (reached - held_phase) % held_rows == 0):
+                        ahead_held[:] = 0.0
+                    pushed = push(v, begin + at[reached], world, ahead_air)
+                    advance_row(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
+                    ahead_air *= world[:, 1]
+                    reached += 1
                 if v.history.shape[1] > 0:
-                    remember(v, begin + at * every)
-                expected(v, begin + at * every, row)
+                    remember(v, begin + at[reached])
+                expected(v, begin + at[reached], world, ahead_air, row)
                 for c in range(N_CHANNELS):
-                    errors[k // spacing, b, c] = z[at, c] - row[c]
+                    errors[k // spacing, b, c] = z[reached, c] - row[c]
             v.state[:], v.plant[:, :], v.actuator[:, :] = kept, moments, servo
         if k + 1 < n:
-            advance_row(v, held, i, i + every, begin)
+            advance_row(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
+            air *= world[:, 1]

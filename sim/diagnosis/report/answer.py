@@ -8,7 +8,9 @@ from ..controller.kind import ControllerCheck
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
 from ..judge.limits import Limit
+from ..judge.measure import unit_of
 from ..judge.named import Named
+from ..search.selection import Weather
 
 NEARLY_ALIKE = 0.9     # |cosine| of the responses of two causes from which the pair is listed
 
@@ -21,17 +23,21 @@ def report(made: Diagnosis) -> dict[str, Any]:
         "causes": [_cause_json(cause) for cause in made.causes],
         "noise": made.noise,
         "limits": {each.cause: _limit_json(each) for each in made.limits},
-        "gain": _gain_json(made.gain) if made.verdict in ("explained", "unexplained") else None,
+        "remainder": None if made.remainder is None else
+        {"share": number(made.remainder.share), "where": made.remainder.where, "words": made.remainder.words},
+        "remaining": list(made.remaining) if made.verdict == "dominant" else [],
+        "gain": _gain_json(made.gain) if made.verdict in ("explained", "dominant", "unexplained") else None,
+        "cut_short": made.is_cut_short,
         "estimator": None if made.user is None else {
             name: {"error": dict(zip(("before", "after"), map(number, made.user.error[name]), strict=True)),
                    "coverage": dict(zip(("before", "after"), map(number, made.user.coverage[name]), strict=True))}
             for name in ("a6", "k1")},
         "doubts": list(made.doubts),
-        "beneath": None if made.beneath is None else {"verdict": made.beneath[0], "causes": list(made.beneath[1])},
+        "weather": None if selection is None or selection.weather is None else _weather_json(selection.weather),
         "nearest": [_nearest_json(cause) for cause in made.nearest],
         "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
                  "faults": [fault.__dict__ for fault in made.data.faults]},
-        "proposal": None if made.proposal is None or made.verdict == "explained" else made.proposal.equation,
+        "proposal": made.proposal.equation if made.proposal is not None and made.verdict == "unexplained" else None,
         "controller": _controller_json(made.controller),
         "leftover": [{"place": each.disturbance.place, "shape": each.shape or None, "nats": number(each.gain)}
                      for each in made.left],
@@ -44,6 +50,11 @@ def report(made: Diagnosis) -> dict[str, Any]:
         "deviation": None if selection is None else {"a6": float(selection.model.fit.delta[0]),
                                                      "k1": float(selection.model.fit.delta[1])},
     }
+
+
+def _weather_json(weather: Weather) -> dict[str, Any]:
+    return {"source": weather.source.name, "level": number(weather.level), "std": number(weather.std),
+            "unit": unit_of(weather.source.name), "nats": number(weather.gain)}
 
 
 def number(x: float) -> float | None:

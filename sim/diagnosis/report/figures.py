@@ -19,13 +19,15 @@ from ...errors import InputError
 from ...flight import Flight, fly_whole
 from ...plots import save
 from ..data.record import BETA, CHANNELS, THETA, Record
+from ..data.world import CALM
 from ..judge.closed_loop import as_flown
 from ..judge.constancy import CONSTANCY_LIMIT
 from ..judge.diagnosis import Diagnosis
 from ..judge.user_gain import INTERVAL
 from ..model.nuisance import Problem
+from ..search.fit import Fit
 from ..search.proposal import acceleration
-from ..search.selection import needed
+from ..search.selection import as_simulated, needed
 from .answer import NEARLY_ALIKE
 from .whiteness import chance_level, correlations, spectrum, strongest
 
@@ -301,11 +303,16 @@ def isolability(made: Diagnosis) -> Figure | None:
 # ---- what is not explained, what is not usable
 
 
-def reconstructed(made: Diagnosis) -> np.ndarray:
-    """Disturbance (n,) [rad/s^2] that the nominal lacks: the filter's corrections of the rate per second, smoothed."""
-    assert made.selection is not None
-    added = acceleration(made.selection.nominal.fit)
-    rows = max(1, round(SMOOTHING / made.selection.nominal.fit.record.period))
+def bare(made: Diagnosis) -> Fit:
+    """The nominal alone, without states of the world, which would take in what it lacks."""
+    assert made.record is not None
+    return as_simulated(replace(made.record, world=CALM)).fit
+
+
+def reconstructed(of: Fit) -> np.ndarray:
+    """Disturbance (n,) [rad/s^2] that a model lacks: the filter's corrections of the rate per second, smoothed."""
+    added = acceleration(of)
+    rows = max(1, round(SMOOTHING / of.record.period))
     weight = np.convolve(np.ones(len(added)), np.ones(rows), "same")
     return np.asarray(np.convolve(added, np.ones(rows), "same") / weight)
 
@@ -314,7 +321,8 @@ def disturbance(made: Diagnosis) -> Figure | None:
     """The reconstructed disturbance over time and against the states; only for what no cause explains."""
     if made.verdict != "unexplained" or made.record is None or made.selection is None:
         return None
-    record, d = made.record, reconstructed(made)
+    nominal = bare(made)
+    record, d = made.record, reconstructed(nominal)
     figure = plt.figure(figsize=(9.4, 5.6), layout="constrained")
     grid = figure.add_gridspec(2, 3)
     axis = figure.add_subplot(grid[0, :])
@@ -322,7 +330,7 @@ def disturbance(made: Diagnosis) -> Figure | None:
     axis.set_xlabel("t [s]")
     axis.set_ylabel("d [rad/s$^2$]", fontsize=9)
     axes = [axis]
-    states = made.selection.nominal.fit.states
+    states = nominal.states
     for k, name in enumerate(CHANNELS):
         axis = figure.add_subplot(grid[1, k], sharey=axes[0])
         axis.plot(states[:, k], d, ".", color="0.65", markersize=1.5)

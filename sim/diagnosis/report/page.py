@@ -18,6 +18,7 @@ from ...errors import InputError
 from ...files import remove, write_text
 from ...nominal import write_nominal
 from ..data.record import CHANNELS
+from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
 from ..judge.constancy import CONSTANCY_LIMIT, SEGMENTS
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
@@ -30,9 +31,11 @@ from .words import ANGULAR, amount, headline, look_alikes, sentence, would_decid
 
 NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word
 THIN = 2.0             # times the evidence needed: less is worth a word
+WORLD_UNITS = {TURBULENCE: "rad", WALK: "rad/sqrt(s)", SLOW_MOMENT: "rad/s^2"}
 NOISE_UNITS = ("rad", "rad/s", "rad", "rad", "rad/s^2")
 CHANNEL_WORDS = {"theta": "attitude sensor", "theta_dot": "gyro", "beta": "nozzle sensor"}
-COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "unexplained": "#8a4b00", "bad-data": "#7f1d1d"}
+COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
+           "bad-data": "#7f1d1d"}
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 TEMPLATE = Path(__file__).with_name("template.html")
@@ -291,7 +294,9 @@ def _gain(gain: Gain | None) -> str:
 def _noise(made: Diagnosis) -> str:
     if not made.noise or made.record is None:
         return ""
-    levels = dict(zip(LEVELS, zip(declared(made.record), NOISE_UNITS, strict=True), strict=True))
+    names = (*LEVELS, *(each.name for each in made.record.world.levels))
+    units = (*NOISE_UNITS, *(WORLD_UNITS[each.name] for each in made.record.world.levels))
+    levels = dict(zip(names, zip(declared(made.record), units, strict=True), strict=True))
     rows = []
     for name, level in made.noise.items():
         spread = "" if level["std"] is None else f" +- {INTERVAL * level['std']:.2g}"

@@ -50,6 +50,10 @@ def headline(made: Diagnosis) -> str:
     if made.verdict == "unexplained":
         return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
     causes = " and ".join(" or ".join((cause.label, *cause.rivals)) for cause in made.causes)
+    if made.verdict == "dominant":
+        assert made.remainder is not None
+        return f"DOMINANT ({made.where}): {causes}; {100 * made.remainder.share:.0f} % of the error remain, at the " \
+               f"{made.remainder.where}: {made.remainder.words}."
     return f"EXPLAINED ({made.where}): {causes}."
 
 
@@ -57,9 +61,9 @@ def lines(made: Diagnosis) -> list[str]:
     """The whole verdict for a terminal."""
     said = [headline(made)]
     said += [f"  {fault.message}" for fault in made.data.faults]
-    if made.beneath is not None:
-        said.append(f"  with the faulty rows masked the rest would be {made.beneath[0]}"
-                    + (f" ({', '.join(made.beneath[1])})" if made.beneath[1] else ""))
+    if made.is_cut_short:
+        said.append(f"  the search was ended after its time ({made.nominal.diagnosis.time_limit:g} s, [diagnosis] "
+                    "time_limit): the best answer so far")
     for cause in made.causes:
         said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
         if cause.where == "controller" and made.controller is not None and made.controller.time_constant is not None:
@@ -69,6 +73,8 @@ def lines(made: Diagnosis) -> list[str]:
             said.append(f"    this log cannot tell it from {look_alikes(cause)}"
                         + (f"; what would: {' or '.join(decides)}" if decides else ""))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
+    if made.verdict == "dominant":
+        said += [f"  not all: {reason}" for reason in made.remaining]
     for cause in made.nearest:
         said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats")
     if made.proposal is not None:

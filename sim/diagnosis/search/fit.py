@@ -14,7 +14,7 @@ import numpy as np
 from ..causes import Cause, Hypothesis
 from ..data.record import Record
 from ..model.noise import Filter
-from ..model.nuisance import DEVIATION_STEP, Problem, within_sign
+from ..model.nuisance import DEVIATION_STEPS, Problem, within_sign
 from ..model.point import DEVIATIONS, Point
 
 ITERATIONS = 12
@@ -33,7 +33,7 @@ RENEWED = 4            # steps after which all slopes are made anew
 class Fit:
     """Causes fitted to a log under one filter.
 
-    delta        (4,) deviations of a6 and k1, as `Point`
+    delta        (5,) deviations, as `Point`
     cost         [nats] minimum, up to the filter's constant
     covariance   (k, k) of the free numbers of all causes in order (logarithms where searched so), then the
                  deviations; from the innovations' information
@@ -102,12 +102,12 @@ def _resolved(hypothesis: Hypothesis, name: str, record: Record) -> float:
 def steps_of(causes: Sequence[Cause]) -> np.ndarray:
     """Steps of the numerical slopes."""
     return np.array([*(free.step for cause in causes for free in cause.hypothesis.free),
-                     *(DEVIATION_STEP,) * DEVIATIONS])
+                     *DEVIATION_STEPS])
 
 
 def slopes_at(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, r: np.ndarray,
               known: np.ndarray | None = None) -> np.ndarray:
-    """(3n + 4, k) of the residual at a point where it is r.
+    """(3n + 5, k) of the residual at a point where it is r.
 
     known  slopes at a point nearby, whose deviations' columns are taken over; None: all are made
     """

@@ -1,4 +1,4 @@
-"""Causes that begin: every onset of a control loss and every gust at once, by superposition.
+"""Causes that begin: every onset of a control loss or of a moment and every gust at once, by superposition.
 
 To first order the response to an acceleration is the sum of the responses to its pieces.  A corrected model has
 a piece FORGOTTEN so soon that one run carries many, and a few runs give the responses to all pieces of CELL seconds.
@@ -24,13 +24,14 @@ MOST_CELLS = 200       # of a long log: cells grow with it
 FORGOTTEN = 8.0        # s
 LOSS_PIECE = 0.05      # fraction of k1 lost in a piece, to stay in the linear range
 GUST_PIECE = 0.01      # rad
+MOMENT_PIECE = 0.01    # rad/s^2
 DURATIONS = (1.0, 1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # s
 STARTS = 0.25          # of a duration, between gusts tried
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Responses of the residual (3n + 4,) to unit pieces, what is in the model projected out.
+    """Responses of the residual (3n + 5,) to unit pieces, what is in the model projected out.
 
     t         (j + 1,) [s] ends of the cells
     slope     (j,) response times residual;  energy (j, j) responses' products
@@ -45,7 +46,7 @@ def pieces(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray, sha
            amount: float) -> Pieces:
     """Pieces of an acceleration `shape` (rows,) [rad/s^2 per unit], tried at `amount`.
 
-    basis (3n + 4, k) orthonormal, rest (3n + 4,): what the model explains, and the residual without it
+    basis (3n + 5, k) orthonormal, rest (3n + 5,): what the model explains, and the residual without it
     """
     record = problem.record
     rows, ticks = record.rows, record.every // record.tick
@@ -73,8 +74,18 @@ def pieces(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray, sha
 def losses(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray) -> tuple[float, Values]:
     """(gain [nats], (fraction, time)) of the best onset of a control loss."""
     record = problem.record
-    found = pieces(problem, base, basis, rest, -_at_rows(record, vehicle(record, base.point).k1) * base.states[:, 2],
-                   LOSS_PIECE)
+    k1 = _at_rows(record, vehicle(record, base.point).k1)
+    return _best_onset(record, pieces(problem, base, basis, rest, -k1 * base.states[:, 2], LOSS_PIECE))
+
+
+def moments(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray) -> tuple[float, Values]:
+    """(gain [nats], (acceleration, time)) of the best onset of a moment that stays."""
+    record = problem.record
+    return _best_onset(record, pieces(problem, base, basis, rest, np.ones(record.rows), MOMENT_PIECE))
+
+
+def _best_onset(record: Record, found: Pieces) -> tuple[float, Values]:
+    """(gain [nats], (size, time)): the response to an onset is the sum of those of the pieces after it."""
     slope = np.cumsum(found.slope[::-1])[::-1]
     energy = np.diag(np.cumsum(np.cumsum(found.energy[::-1, ::-1], axis=0), axis=1))[::-1]
     onset = found.t[:-1]

@@ -16,7 +16,7 @@ from ..causes import Cause, Hypothesis, Start, Values
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import RESOLVED, Fit
-from .pulses import gusts, losses
+from .pulses import gusts, losses, moments
 
 IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
 OWN_SHARE = 1e-9        # of a response's energy that the model cannot make itself: with less it is the model's own
@@ -35,7 +35,7 @@ class Candidate:
     gain: float
 
 
-BEGINNING = {Start.ONSET: losses, Start.PULSE: gusts}
+BEGINNING = {Start.ONSET: losses, Start.STEP: moments, Start.PULSE: gusts}
 
 
 def _inside(hypothesis: Hypothesis, values: Values) -> Values:
@@ -56,7 +56,7 @@ class Projector:
         self.rest = self.out(self.residual)
 
     def out(self, vector: np.ndarray) -> np.ndarray:
-        """The part of a vector (3n + 4,) that the model's own numbers cannot make."""
+        """The part of a vector (3n + 5,) that the model's own numbers cannot make."""
         return vector - self.basis @ (self.basis.T @ vector)
 
 
@@ -95,7 +95,7 @@ def with_effect(base: Fit, cause: Cause) -> Point:
 
 
 def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis, shape: Values) -> np.ndarray:
-    """Change of the residual (3n + 4,) per unit of the size, at its neutral value."""
+    """Change of the residual (3n + 5,) per unit of the size, at its neutral value."""
     size = hypothesis.free[0]
     step = size.step if hypothesis.neutral + size.step <= size.high else -size.step
     cause = Cause(hypothesis, (hypothesis.neutral + step, *shape))

@@ -11,9 +11,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
-from ..model.noise import WRONG_NOISE, Dynamics, Filter, declared, dynamics, first_filter, fit_levels, run_filter
+from ..data.world import TURBULENCE, WALK, Source
+from ..model.noise import (
+    WRONG_NOISE,
+    Dynamics,
+    Filter,
+    Refilter,
+    bounds,
+    declared,
+    dynamics,
+    first_filter,
+    fit_levels,
+    run_filter,
+)
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import Fit, fit
@@ -24,7 +36,7 @@ FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
 THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
 FURTHER = 22.0        # nats for each further one
 MOST_CAUSES = 3
-TRIED = 6             # candidates of a scan that are fitted
+TRIED = 8             # candidates of a scan that are fitted
 PROFILED = 3          # of these, how many get their own noise levels; and all within NEAR of the best
 NEAR = 8.0            # nats
 HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
@@ -37,6 +49,10 @@ SWAPS = 4             # rounds of swapping a cause for a better one at most
 MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
 UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 SWAP_GAIN = 1.0       # nats that a swap must bring
+QUIETER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # factors of a weather's level
+QUIET_SEGMENTS = 8
+FARTHEST = 100.0      # times below the fitted levels, of another start: farther no filter stays with the log
+UNSTEADY = 0.3        # of its level: weather with which half of the log does not do is none
 
 Say = Callable[[str], None]
 
@@ -62,6 +78,27 @@ class Ranked:
     evidence: float
 
 
+@dataclass(frozen=True, eq=False)
+class Weather:
+    """A disturbance that nobody declared (`weather`).
+
+    source  the state that is free;  level, std  fitted, in the source's unit;  gain  [nats] that it brings beside the
+    causes, its penalty taken off;  rivals  the wind's other names that explain as much;  is_steady  all along the log
+    """
+
+    source: Source
+    level: float
+    std: float
+    gain: float
+    rivals: tuple[str, ...] = ()
+    is_steady: bool = True
+
+    @property
+    def is_wind(self) -> bool:
+        """It can be called so: it enters as wind does, all along the log."""
+        return self.source.name in (TURBULENCE, WALK) and self.is_steady
+
+
 @dataclass(eq=False)
 class Selection:
     """What was found.
@@ -71,6 +108,7 @@ class Selection:
     evidence   of each cause of `model`: what is lost without it, everything else refitted, less its penalty
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
+    weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
     """
 
     nominal: Model
@@ -78,6 +116,8 @@ class Selection:
     evidence: list[float] = field(default_factory=list)
     rivals: list[list[Ranked]] = field(default_factory=list)
     rankings: list[list[Ranked]] = field(default_factory=list)
+    weather: Weather | None = None
+    calm: "Model | None" = None
 
 
 def needed(threshold: float, causes: int) -> float:
@@ -98,7 +138,7 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
     """
     found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
     made = _model(record, found, mask)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if not record.is_late else 0):
         fitted = made.fit
         new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
         if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:
@@ -131,7 +171,8 @@ def _constant(filt: Filter, measured: np.ndarray) -> float:
 
 
 def as_simulated(record: Record) -> Model:
-    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like."""
+    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like, which
+    must do clearly better."""
     levels = declared(record)
     start = first_filter(record, levels)
     models = [profile(record, (), np.zeros(DEVIATIONS), start)]
@@ -141,21 +182,14 @@ def as_simulated(record: Record) -> Model:
         if np.isfinite(e[:, k]).any():
             ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
             seen[k] *= ratio
-    seen[3:] *= UNSEEN
+    seen[3:5] *= UNSEEN
+    low, high = bounds(record)
+    seen = levels * np.clip(seen / levels, low, high)
     models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
-    return max(models, key=lambda model: model.log_likelihood)
+    return models[1] if models[1].log_likelihood > models[0].log_likelihood + TOLD_APART else models[0]
 
 
-def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hypothesis] | None = None,
-           say: Say = lambda text: None) -> Selection:
-    """Find up to three causes."""
-    known = tuple(hypotheses) if hypotheses is not None else SOUGHT
-    say("noise levels")
-    nominal = as_simulated(record)
-    return select_from(nominal, known, threshold, MOST_CAUSES, say, _swinging(nominal) if hypotheses is None else ())
-
-
-def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
+def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
     """Of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at once."""
     r, theta = nominal.fit.record, nominal.fit.states[:, 0]
     a6 = float(r.a6[0])
@@ -166,14 +200,19 @@ def _swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
 
 
 def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
-                blocks: Sequence[tuple[Cause, ...]] = ()) -> Selection:
+                blocks: Sequence[tuple[Cause, ...]] = (), start: Model | None = None,
+                ranking: Sequence[Ranked] | None = None) -> Selection:
     """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
 
     blocks  causes that make sense together only, tried as the first
+    start   a model of the same record whose causes are kept as long as they are needed; None: the nominal
+    ranking of the first cause, where one that begins with causes has it; None: it is made
     """
     record, known = nominal.fit.record, tuple(known)
-    found = Selection(nominal, nominal)
-    while len(found.model.causes) < most:
+    found = Selection(nominal, nominal if start is None else start)
+    if start is not None and start.causes:  # what could stand in the place of the first is still told
+        found.rankings.append(list(ranking) if ranking is not None else ranking_of(record, nominal, known))
+    while len(found.model.causes) < most and not record.is_late:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = needed(threshold, len(found.model.causes))
         better = _next(record, found, known, limit, blocks if not found.model.causes else ())
@@ -186,8 +225,9 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
             found.model = better
             continue
         found.model = reformed
-        found.rankings.pop()
-    for swap in range(SWAPS, -1, -1):
+        if found.rankings:
+            found.rankings.pop()
+    for swap in range(SWAPS if not record.is_late else 0, -1, -1):
         found.model = _dropped(record, found.model, needed(threshold, 1))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
             break
@@ -230,41 +270,79 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
 
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     """
-    fits: list[tuple[Fit, float]] = []
+    best: dict[str, tuple[Model, float]] = {}
     for start in _starts(record, base) if known is None else [base]:
-        problem = Problem(record, start.fit.filter)
-        promising = [c for c in scan(problem, start.fit, allowed)
-                     if c.gain - penalty(record, c.hypothesis) > PROMISING]
-        promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
-        most = known or 0.0
-        for candidate in promising[:TRIED]:
-            if candidate.gain < HOPELESS * most:
+        for fitted in _worth_levels(record, _fits(record, start, allowed, known)):
+            model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
+            cause = model.causes[-1]
+            evidence = model.log_likelihood - base.log_likelihood - penalty(record, cause.hypothesis)
+            if not math.isfinite(evidence) or cause.is_at_an_end:
                 continue
-            fitted = _joined(problem, start.fit, candidate)
-            most = max(most, start.fit.cost - fitted.cost)
-            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, candidate.hypothesis)))
-        for fitted in _in_steps(problem, start.fit, allowed):
-            fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
-    fits.sort(key=lambda pair: -pair[1])
-    models: list[tuple[Model, float]] = []
-    seen: set[str] = set()
-    for fitted, gain in fits:
-        name = fitted.causes[-1].hypothesis.label
-        far = gain < fits[0][1] - NEAR and (len(models) >= PROFILED or gain < FAR_BEHIND * fits[0][1])
-        if name in seen or far:
+            if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
+                best[cause.hypothesis.label] = model, evidence
+    return sorted(best.values(), key=lambda pair: -pair[1])
+
+
+def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float | None) -> list[tuple[Fit, float]]:
+    """Fits with one more cause under the filter of a start, and what each gains there after its penalty [nats]; gains
+    under another filter are in another currency."""
+    fits: list[tuple[Fit, float]] = []
+    problem = Problem(record, start.fit.filter)
+    promising = [c for c in scan(problem, start.fit, allowed) if c.gain - penalty(record, c.hypothesis) > PROMISING]
+    promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
+    most = known or 0.0
+    for candidate in promising[:TRIED]:
+        if candidate.gain < HOPELESS * most or (record.is_late and fits):
             continue
-        seen.add(name)
-        model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
-        evidence = model.log_likelihood - base.log_likelihood - penalty(record, model.causes[-1].hypothesis)
-        if math.isfinite(evidence) and not model.causes[-1].is_at_an_end:
-            models.append((model, evidence))
-    return sorted(models, key=lambda pair: -pair[1])
+        fitted = _joined(problem, start.fit, candidate)
+        gained = start.fit.cost - fitted.cost
+        most = max(most, gained)
+        if gained > 0.0:  # else it did not stay with the log
+            fits.append((fitted, gained - penalty(record, candidate.hypothesis)))
+    for fitted in _in_steps(problem, start.fit, allowed):
+        fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
+    return fits
+
+
+def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit]:
+    """Those that get their own noise levels: the best of each cause, a few and all near the best."""
+    seen: set[str] = set()
+    for fitted, gain in sorted(fits, key=lambda pair: -pair[1]):
+        name, most = fitted.causes[-1].hypothesis.label, max(each for _, each in fits)
+        far = gain < most - NEAR and (len(seen) >= PROFILED or gain < FAR_BEHIND * most)
+        if name not in seen and not far and not (record.is_late and seen):
+            seen.add(name)
+            yield fitted
+
+
+def quiet(model: Model) -> float:
+    """Factor of the level of the weather that is sought, 1 or below, that half of the log's segments do with; 1 where
+    none is sought.  What sets in, or passes, makes the others' weather, and is no weather."""
+    record, levels = model.fit.record, model.fit.filter.levels
+    at = [5 + k for k, each in enumerate(record.world.levels) if each.is_sought]
+    if not at:
+        return 1.0
+    refilter = Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
+    likely = []
+    for factor in QUIETER:
+        calmer = levels.copy()
+        calmer[at] *= factor
+        filt = refilter.filter(calmer)
+        diagonal = np.einsum("kaa->ka", filt.low)
+        row = np.sum(np.where(diagonal > 0.0, -np.log(np.maximum(diagonal, 1e-300)) - 0.5 * filt.whitened**2, 0.0), 1)
+        likely.append([float(part.sum()) for part in np.array_split(row, QUIET_SEGMENTS)])
+    return float(np.median([QUIETER[k] for k in np.argmax(np.array(likely), axis=0)]))
 
 
 def _starts(record: Record, base: Model) -> list[Model]:
-    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise."""
-    levels = declared(record)
-    if np.all(base.fit.filter.levels < WRONG_NOISE * levels):
+    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise, or under
+    the weather of the log's quieter half, where it may have passed for weather."""
+    levels = np.maximum(declared(record), base.fit.filter.levels / FARTHEST)
+    calmer = quiet(base)
+    for k, each in enumerate(record.world.levels, start=5):
+        if each.is_sought:
+            levels[k] = base.fit.filter.levels[k] * calmer
+    if calmer > UNSTEADY and np.all(base.fit.filter.levels[:5] < WRONG_NOISE * levels[:5]):
         return [base]
     filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
     fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)
@@ -290,15 +368,42 @@ def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterato
         yield fit(problem, (*base.causes[:last], halves[0], *base.causes[last + 1:], halves[1]), base.delta)
 
 
+def in_a_block(causes: Sequence[Cause], k: int) -> bool:
+    """Cause k makes sense together with another one only (`swinging`), so nothing takes its place alone."""
+    terms = {dict(cause.hypothesis.fixed).get("term") for cause in causes}
+    return {SINE, "theta"} <= terms and dict(causes[k].hypothesis.fixed).get("term") in (SINE, "theta")
+
+
 def _dropped(record: Record, model: Model, limit: float) -> Model:
     """Without the causes that the others made needless; one alone stays."""
     for k in range(len(model.causes) if len(model.causes) > 1 else 0):
+        if in_a_block(model.causes, k):
+            continue
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(record, others, model.fit.delta, model.fit.filter)
         loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
         if loss < limit:
             return _dropped(record, without, limit)
     return model
+
+
+def strongest(of: Selection) -> int:
+    """Index of the cause with most evidence."""
+    return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
+
+
+def fewer(of: Selection, kept: Sequence[int]) -> Selection:
+    """The selection with some of its causes, all else fitted anew; what could stand in their places is kept."""
+    fitted = of.nominal.fit
+    model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
+    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
+    for k, cause in enumerate(model.causes):
+        others = model.causes[:k] + model.causes[k + 1:]
+        without = profile(fitted.record, others, fitted.delta, model.fit.filter) if others else of.nominal
+        evidence = model.log_likelihood - without.log_likelihood - penalty(fitted.record, cause.hypothesis)
+        made.evidence.append(evidence)
+        made.rivals.append([Ranked(cause, evidence), *of.rivals[kept[k]][1:]])
+    return made
 
 
 def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
@@ -332,10 +437,10 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
-            models = _ranking(record, without, _allowed(known, others), gain)
+            models = _ranking(record, without, _allowed(known, others) if not record.is_late else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
-        if others and models and models[0][1] > own + least:
+        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):
             found.model = models[0][0]
             return True
         other = _in_other_form(record, model, k, known)

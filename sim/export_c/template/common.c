@@ -32,6 +32,19 @@ static inline int64_t modulo(int64_t a, int64_t b)
     return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
 }
 
+/* Exclusive or of words: seals of what is to stay as it is. */
+static inline int64_t xor_integer(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a ^ (uint64_t)b);
+}
+
+static inline int64_t xor_double(int64_t seal, double x)
+{
+    int64_t word;
+    memcpy(&word, &x, sizeof word);
+    return xor_integer(seal, word);
+}
+
 /* a // b of Python: towards minus infinity. */
 static inline int64_t quotient(int64_t a, int64_t b)
 {

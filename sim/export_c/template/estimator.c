@@ -12,7 +12,16 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
         return LAUNCHID_BUSY;
     }
     state->busy = true;
-    const int64_t code = $update;
+    int64_t code = $update;
+    if (code == RING_RECOVERED) {
+        int64_t counted[RING_N_STATUS];
+        memcpy(counted, state->state.counts + RING_COUNT_FIRST, sizeof counted);
+        launchid_state_reset(state);
+        code = $update;
+        memcpy(state->state.counts + RING_COUNT_FIRST, counted, sizeof counted);
+        code = RING_RECOVERED;
+        state->state.counts[RING_COUNT_FIRST + code - RING_BUSY]++;
+    }
     state->busy = false;
     return (launchid_status)code;
 }

@@ -1,0 +1,116 @@
+"""launchid from Python: what the command does, from paths, data frames or arrays, with results to look at.
+
+    import launchid
+    flight = launchid.simulate("vega_like", seed=3, effects=["control_loss:fraction=0.3,time=60"])
+    found = launchid.identify(flight, "vega_like", window=5, tracked=True)
+    print(found.summary()); found.plot("v.png"); found.to_frame()
+
+A log is a path, `-`, a data frame (pandas, polars) or a mapping of arrays with the columns t, theta, beta and what else
+was measured, in SI units; a result of `simulate`; or what `read_log` returns.  A nominal is a path, a built-in name,
+or what `load_nominal` returns.  What cannot be used raises `InputError`, wrong parameters `UsageError`; what the data
+check finds is a `DataWarning`, with strict=True an `InputError`.
+
+This package is thin: it holds no logic.  The functions and results are those of the commands (`sim.answers`); the
+estimator that flies is `launchid_core`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from launchid_core import __version__
+from sim.errors import InputError, UsageError
+from sim.log import Log
+from sim.sections import Nominal
+
+from .sources import DataWarning, LogSource, NominalSource, load_nominal, read_log, warned
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from sim.answers.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
+    from sim.answers.of_nominals import Exported, Flown, Planned
+    from sim.effects import Effect
+
+__all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
+           "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "plan", "read_log", "simulate", "uncertainty"]
+
+
+def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = 1.0,
+             tracked: bool = False, library: str = "rigid-body", formulation: str | None = None, solver: str = "stls",
+             threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
+             strict: bool = False) -> Identification:
+    """a6, k1 and the active terms of a log, window by window.
+
+    nominal      what the simulation believes; None: nothing is believed
+    window       [s], or "all": the whole log is one
+    tracked      also the estimate tracked from window to window, and sudden changes (needs a nominal)
+    library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
+    formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
+    solver       stls | sr3 | ssr | lasso
+    threshold    a term whose coefficient is smaller, in its own unit, is left out; None: the library's
+    compression  keep one of N rows at random, by `seed`
+    noise        filtered: the nominal's levels are a prior ("estimated") or exact ("declared")
+    """
+    from sim.answers import of_logs
+    return warned(of_logs.identify(
+        read_log(log), None if nominal is None else load_nominal(nominal), window=window, tracked=tracked,
+        library=library, formulation=formulation, solver=solver, threshold=threshold, compression=compression,
+        seed=seed, noise=noise, strict=strict))
+
+
+def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
+                strict: bool = False) -> UncertaintyLevel:
+    """Where in its range each parameter is, window by window of `window` [s], and whether it left it."""
+    from sim.answers import of_logs
+    return warned(of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict))
+
+
+def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
+             noise: str = "bounded", strict: bool = False) -> Diagnosed:
+    """What the simulation gets wrong on a log, why, and what fixing it gains.
+
+    holdout    a second log, to judge the extended model on; None: parts of the first
+    bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one
+    noise      how far levels may be from the declared: "bounded", "declared" or "free"
+    """
+    from sim.answers import of_logs
+    second = None if holdout is None else read_log(holdout, ("t",))
+    return warned(of_logs.diagnose(read_log(log, ("t",)), load_nominal(nominal), holdout=second,
+                                   bootstrap=bootstrap, strict=strict, noise=noise))
+
+
+def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float = 0.95, confidence: float = 0.95,
+            profile: bool = False, strict: bool = False) -> FittedRange:
+    """The range sigma of a6 and k1 that holds a `share` of vehicles with `confidence`, from one log a flight.
+
+    profile  sigma over flight time, where the flights tell it
+    """
+    from sim.answers import of_logs
+    return warned(of_logs.fit_lft([read_log(log) for log in logs], load_nominal(nominal), share=share,
+                                  confidence=confidence, profile=profile, strict=strict))
+
+
+def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
+             effects: Iterable[str | Effect] = ()) -> Flown:
+    """Fly a nominal.
+
+    seed     of all noise, from 0 on
+    suite    "flight": the nominal's sensors; "ideal": the truth
+    period   between rows [s]; None: the suite's own
+    effects  causes of the catalogue, each "NAME:PARAMETER=VALUE,..."
+    """
+    from sim.answers import of_nominals
+    return warned(of_nominals.simulate(load_nominal(nominal), seed=seed, suite=suite, period=period, effects=effects))
+
+
+def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
+    """The smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
+    from sim.answers import of_nominals
+    return warned(of_nominals.plan(load_nominal(nominal), accuracy=accuracy, window=window))
+
+
+def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, **choices: Any) -> Exported:
+    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
+    from sim.answers import of_nominals
+    return warned(of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices))

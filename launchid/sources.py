@@ -1,0 +1,77 @@
+"""What may stand for a log and for a nominal, and how a warning reaches who asked."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, runtime_checkable
+
+import numpy.typing as npt
+
+from sim import nominal as nominals
+from sim.log import REQUIRED, Log, log_of
+from sim.log import read_log as read_file
+from sim.sections import Nominal
+
+if TYPE_CHECKING:
+    from sim.answers.answer import Answer
+
+
+class DataWarning(UserWarning):
+    """What a command would say on stderr: of the log's units, signs and stamps, or of a nominal that ends early."""
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A data frame of any library."""
+
+    @property
+    def columns(self) -> Any: ...
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+@runtime_checkable
+class WithLog(Protocol):
+    """A result that holds a log, as a flight does."""
+
+    @property
+    def log(self) -> Log: ...
+
+
+LogSource = Union[str, "os.PathLike[str]", Mapping[str, npt.ArrayLike], Frame, Log, WithLog]
+NominalSource = Union[str, "os.PathLike[str]", Nominal]
+Made = TypeVar("Made", bound="Answer")
+
+
+def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
+             map: str | os.PathLike[str] | None = None) -> Log:
+    """A log of whatever may stand for one.
+
+    required  columns without which it cannot be used
+    map       MAP.toml, of a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
+    """
+    if map is not None:
+        from sim.answers import of_files
+        from sim.convert.mapping import load_map
+        return warned(of_files.convert(os.fspath(source), load_map(map), required)).log  # type: ignore[arg-type]
+    if isinstance(source, Log):
+        return log_of(source.measured(), source.path, required)
+    if isinstance(source, (str, os.PathLike)):
+        return read_file(os.fspath(source), required)
+    if isinstance(source, WithLog):
+        return source.log
+    return log_of(source, required=required)
+
+
+def load_nominal(source: NominalSource) -> Nominal:
+    """A nominal by its path, by the name of a built-in one, or as it is."""
+    return source if isinstance(source, Nominal) else nominals.load_nominal(os.fspath(source))
+
+
+def warned(made: Made) -> Made:
+    """The same, its warnings given to the caller of the package's function."""
+    for line in made.warnings:
+        warnings.warn(line, DataWarning, stacklevel=3)
+    return made

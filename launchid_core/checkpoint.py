@@ -1,0 +1,96 @@
+"""An estimator's state as bytes, to go on from after a restart: versioned, checked, of one configuration; no pickle.
+
+    header   MAGIC, FORMAT, number of choices, version of the package, layout of the state, number of words
+    choices  a digest of each field of the configuration, so that one that differs is named
+    words    the state's arrays, one after the other: float64 or int64, little endian
+    end      CRC-32 of everything before, which sees every flipped bit and every burst of up to 32
+
+What is refused says why in a ValueError, and nothing has been restored then.
+"""
+
+import dataclasses
+import hashlib
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .assembly import Parts, state_arrays
+from .config import Config
+from .version import VERSION
+
+MAGIC = b"launchid"
+FORMAT = 1
+HEADER = struct.Struct("<8sHH16s16sQ")
+END = struct.Struct("<I")
+DIGEST = 8      # bytes of a choice's digest: two that differ are taken for equal once in 2^64
+WORD = 8        # bytes
+
+
+def _choices(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Every field of a configuration and of its model, by its dotted name, in words that keep every bit."""
+    for field in dataclasses.fields(value):
+        chosen = getattr(value, field.name)
+        if dataclasses.is_dataclass(chosen):
+            yield from _choices(chosen, f"{prefix}{field.name}.")
+        else:  # a library may be given by its name or term by term
+            yield prefix + field.name, repr(value.terms if field.name == "library" else chosen)
+
+
+def _digests(config: Config) -> dict[str, bytes]:
+    return {name: hashlib.blake2b(f"{name}={words}".encode(), digest_size=DIGEST).digest()
+            for name, words in _choices(config)}
+
+
+def _layout(arrays: list[np.ndarray]) -> bytes:
+    """What the words mean to this version of the package."""
+    words = repr([(array.dtype.str, array.shape) for array in arrays])
+    return hashlib.blake2b(words.encode(), digest_size=16).digest()
+
+
+def save(config: Config, parts: Parts) -> bytes:
+    """The state of an estimator with this configuration."""
+    arrays = list(state_arrays(parts))
+    digests = b"".join(_digests(config).values())
+    size = sum(array.size for array in arrays)
+    head = HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size)
+    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays)
+    whole = head + digests + words
+    return whole + END.pack(zlib.crc32(whole))
+
+
+def restore(config: Config, parts: Parts, saved: bytes) -> None:
+    """Overwrite the state with what `save` gave for the same configuration; ValueError says what is wrong with it."""
+    saved, arrays = bytes(saved), list(state_arrays(parts))
+    at = _check(config, arrays, saved)
+    for array in arrays:
+        kind = array.dtype.newbyteorder("<")
+        array[...] = np.frombuffer(saved, kind, array.size, at).reshape(array.shape)
+        at += WORD * array.size
+
+
+def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:
+    """Where the words begin; ValueError for anything that `save` did not give for this configuration."""
+    if len(saved) < HEADER.size or not saved.startswith(MAGIC):
+        raise ValueError(f"saved state: {len(saved)} bytes that do not begin as a saved estimator does")
+    _, number, fields, version, layout, size = HEADER.unpack_from(saved)
+    if number != FORMAT:
+        raise ValueError(f"saved state: format {number}, expected {FORMAT}")
+    words: int = HEADER.size + fields * DIGEST
+    expected = words + size * WORD + END.size
+    if len(saved) != expected:
+        raise ValueError(f"saved state: {len(saved)} bytes, expected {expected}: it is not whole")
+    if zlib.crc32(saved[:-END.size]) != END.unpack_from(saved, expected - END.size)[0]:
+        raise ValueError("saved state: its checksum does not fit: it was damaged")
+    written = version.rstrip(b"\0").decode("ascii", "replace")
+    if written != VERSION:
+        raise ValueError(f"saved state: of launchid {written}, expected {VERSION}")
+    for k, (name, digest) in enumerate(_digests(config).items()):
+        at = HEADER.size + k * DIGEST
+        if k >= fields or saved[at:at + DIGEST] != digest:
+            raise ValueError(f"saved state: of a configuration with another {name}")
+    if layout != _layout(arrays):
+        raise ValueError("saved state: its layout is another build's")
+    return words

@@ -1,0 +1,235 @@
+"""The answers, drawn: axes with units, what is determined decides the scale, readable in grey."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from launchid_core import EDGES, Estimate, Level
+
+from ..errors import UsageError
+from ..flight import Flight
+from ..log import Log
+from ..nominal import Nominal
+from ..plan import Plan
+from ..plots import UNIT, panels
+
+INTERVAL = 1.96     # standard deviations: 95 %
+DETERMINED = 3.0    # times the median interval: a wider one does not set the scale
+PERIODS = 2         # of a test input's slowest sine that are drawn
+MOST_DELTA = 2.5    # of the range that the uncertainty level's axis shows: beyond it out is out
+
+
+def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> None:
+    """delta of one parameter with its 95 % interval between the edges of the bands."""
+    delta, half = np.array([x.delta for x in levels]), INTERVAL * np.array([x.delta_std for x in levels])
+    out = np.array([not x.in_range for x in levels], bool)
+    axis.fill_between(t, delta - half, delta + half, color="0.8", label="95 % interval")
+    for edge, line in zip(EDGES, (":", "--", "-"), strict=True):
+        axis.axhline(edge, color="0.4", linestyle=line, linewidth=0.9, label=f"{100 * edge:g} % of sigma")
+        axis.axhline(-edge, color="0.4", linestyle=line, linewidth=0.9)
+    axis.plot(t, delta, color="0.0", linewidth=1.3, label="delta")
+    axis.plot(t[out], delta[out], "x", color="0.0", markersize=4, label="out: another factor at play")
+    limit = min(max(1.3, 1.15 * float(np.max(np.abs(delta), initial=0.0))), MOST_DELTA)
+    axis.set_ylim(-limit, limit)
+    _mark_edges(axis, t, delta, np.zeros(len(t)), -limit, limit)
+    axis.set_ylabel(f"delta of {name} [-]")
+
+
+def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) -> Figure:
+    """delta with its bands and 95 % interval, and the tracked a6 and k1 over the nominal with its range."""
+    figure, axes = panels(4, f"{Path(log.path).name}: uncertainty level", 1.8)
+    known = [(e.t_end, e.uncertainty, e.tracked) for e in estimates
+             if e.uncertainty is not None and e.uncertainty.valid and e.tracked is not None]
+    t = np.array([row[0] for row in known])
+    fine = np.linspace(estimates[0].t_start, estimates[-1].t_end, 400) if estimates else np.zeros(1)
+    assert nominal.uncertainty is not None
+    for k, name in enumerate(("a6", "k1")):
+        _delta_panel(axes[k], t, [getattr(u, name) for _, u, _ in known], name)
+        value = nominal.vehicle.at(fine)[k]
+        spread = np.abs(value) * nominal.uncertainty.at(fine)[k]
+        tracked = np.array([getattr(x, name) for *_, x in known])
+        half = INTERVAL * np.array([getattr(x, f"{name}_std") for *_, x in known])
+        axis = axes[2 + k]
+        axis.fill_between(fine, value - spread, value + spread, color="0.88", label="range of the nominal")
+        axis.plot(fine, value, "--", color="0.5", label="nominal")
+        axis.plot(t, tracked, color="0.0", linewidth=1.3, label="tracked")
+        axis.plot(t, tracked - half, ":", color="0.2", linewidth=0.9, label="95 % interval")
+        axis.plot(t, tracked + half, ":", color="0.2", linewidth=0.9)
+        shown = np.concatenate([value - 1.3 * spread, value + 1.3 * spread, tracked])
+        margin = 0.08 * float(np.ptp(shown))
+        axis.set_ylim(float(np.min(shown)) - margin, float(np.max(shown)) + margin)
+        axis.set_ylabel(f"{name} [{UNIT}]")
+    for axis, columns in ((axes[0], 6), (axes[2], 4)):
+        axis.legend(fontsize=7, ncol=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+    axes[3].set_xlabel("t [s]")
+    return figure
+
+
+# ---- identify
+
+
+def _numbers(windows: list[dict[str, Any]], name: str) -> np.ndarray:
+    return np.array([math.nan if w[name] is None else w[name] for w in windows], dtype=float)
+
+
+def _scale(value: np.ndarray, half: np.ndarray, beside: list[np.ndarray]) -> tuple[float, float]:
+    """The ordinate's range: what is determined, with its intervals, and what is drawn beside it."""
+    known = np.isfinite(value) & np.isfinite(half)
+    if known.any():
+        known &= half <= DETERMINED * np.nanmedian(half[known])
+    drawn = np.concatenate([value[known] - half[known], value[known] + half[known], *beside])
+    drawn = drawn[np.isfinite(drawn)]
+    if len(drawn) == 0:
+        return -1.0, 1.0
+    low, high = float(np.min(drawn)), float(np.max(drawn))
+    margin = 0.08 * (high - low) + 0.02 * max(abs(low), abs(high)) + 1e-6
+    return low - margin, high + margin
+
+
+def _mark_edges(axis: Any, t: np.ndarray, value: np.ndarray, half: np.ndarray, low: float, high: float) -> None:
+    """Triangles at the edge: filled where a value is beyond it, open where its interval is."""
+    for edge, marker, beyond, reaches in ((high, "^", value > high, value + half > high),
+                                          (low, "v", value < low, value - half < low)):
+        for chosen, face, words in ((beyond, "0.1", "value beyond the edge"),
+                                    (reaches & ~beyond & (value > low) & (value < high), "white",
+                                     "interval beyond the edge")):
+            if chosen.any():
+                axis.plot(t[chosen], np.full(chosen.sum(), edge), marker, color="0.1", markerfacecolor=face,
+                          markersize=4, clip_on=False, zorder=5, label=words)
+
+
+def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str) -> list[np.ndarray]:
+    """The tracked estimate with its 95 % band, where there is one; what was drawn."""
+    rows = [(w["t_end"], w["tracked"][name], INTERVAL * w["tracked"][f"{name}_std"])
+            for w in windows if w.get("tracked") and w["tracked"]["valid"]]
+    if not rows:
+        return []
+    t, value, half = np.array(rows, dtype=float).T
+    axis.fill_between(t, value - half, value + half, color="0.78", label="tracked, 95 % interval")
+    axis.plot(t, value, color="0.35", linewidth=1.0)
+    return [value]
+
+
+def _draw_changes(axis: Any, changes: list[dict[str, Any]], name: str) -> None:
+    """Sudden changes as lines, with the interval of their time."""
+    for change in changes:
+        if change["parameter"] == name:
+            half = INTERVAL * change["t_std"]
+            axis.axvspan(change["t"] - half, change["t"] + half, color="0.6", linewidth=0)
+            axis.axvline(change["t"], color="0.0", linestyle="-.", linewidth=1.0, label="sudden change")
+
+
+def _legend(axis: Any, columns: int = 4) -> None:
+    """Above the axes, each label once."""
+    entries = dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    axis.legend(entries.values(), entries.keys(), fontsize=7, ncol=columns, loc="lower left",
+                bbox_to_anchor=(0.0, 1.0), frameon=False)
+
+
+def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None) -> Figure:
+    """Estimates of a log with their 95 % intervals, the nominal beside them, and the signals below.
+
+    report  the identify JSON: what it refuses is not drawn
+    """
+    windows = report["windows"]
+    figure, axes = panels(4, f"{Path(log.path).name}: identified parameters", 1.7)
+    t = np.array([0.5 * (w["t_start"] + w["t_end"]) for w in windows])
+    width = np.array([0.5 * (w["t_end"] - w["t_start"]) for w in windows])
+    at_bound = " (from the Cramer-Rao bound)" if any(w["a6_bound"] is not None for w in windows) else ""
+    fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
+    for axis, name in ((axes[0], "a6"), (axes[1], "k1")):
+        value, half = _numbers(windows, name), INTERVAL * _numbers(windows, f"{name}_std")
+        beside = _draw_tracked(axis, windows, name)
+        if nominal is not None:
+            beside.append(nominal.vehicle.at(fine)[name == "k1"])
+            axis.plot(fine, beside[-1], "--", color="0.5", label="nominal")
+        axis.errorbar(t, value, xerr=width, yerr=np.nan_to_num(half), fmt="o", color="0.1", markersize=3,
+                      linewidth=0.8, label=f"window, 95 % interval{at_bound}")
+        _draw_changes(axis, report.get("changes", []), name)
+        low, high = _scale(value, half, beside)
+        axis.set_ylim(low, high)
+        _mark_edges(axis, t, value, half, low, high)
+        axis.set_ylabel(f"{name} [{UNIT}]")
+        _legend(axis)
+    for axis, name in ((axes[2], "theta"), (axes[3], "beta")):
+        axis.plot(log.t, getattr(log, name), color="0.1", linewidth=0.8)
+        axis.set_ylabel(f"{name} [rad]")
+    axes[3].set_xlabel("t [s]")
+    return figure
+
+
+# ---- flights, inputs, ranges
+
+
+def log_figure(log: Log) -> Figure:
+    """What a log holds."""
+    units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
+    names = [name for name in log.columns if name != "t"]
+    figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)
+    for axis, name in zip(axes, names, strict=True):
+        axis.plot(log.t, getattr(log, name), ".", color="0.1", markersize=1.5)
+        axis.set_ylabel(f"{name} [{units.get(name, 'rad')}]")
+    axes[-1].set_xlabel("t [s]")
+    return figure
+
+
+def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
+    """The signals of a flight, and its true parameters over the nominal's."""
+    figure, axes = panels(5, f"{nominal.name}: a flight" + (", LOST at its end" if flight.lost else ""), 1.4)
+    axes[2].plot(flight.t, flight.beta_cmd, color="0.7", linewidth=0.6, label="beta_cmd")
+    for axis, name, unit in zip(axes, ("theta", "theta_dot", "beta"), ("rad", "rad/s", "rad"), strict=False):
+        axis.plot(flight.t, getattr(flight, name), color="0.1", linewidth=0.8, label="measured")
+        axis.set_ylabel(f"{name} [{unit}]")
+    axes[0].plot(flight.t, flight.theta_ref, "--", color="0.5", linewidth=1.0, label="theta_ref")
+    for axis, name in zip(axes[3:], ("a6", "k1"), strict=True):
+        axis.plot(flight.t, getattr(flight, name), color="0.1", label="truth")
+        axis.plot(flight.t, nominal.vehicle.at(flight.t)[name == "k1"], "--", color="0.5", label="nominal")
+        axis.set_ylabel(f"{name} [{UNIT}]")
+    for axis in (axes[0], axes[2], axes[3]):
+        _legend(axis)
+    axes[-1].set_xlabel("t [s]")
+    return figure
+
+
+def plan_figure(plan: Plan) -> Figure:
+    """A test input over time, and its sines."""
+    multisine = plan.nominal.test_input
+    if multisine is None:
+        raise UsageError("plan: no test input is needed, there is nothing to draw")
+    figure = Figure(figsize=(9, 4.6))
+    figure.suptitle(f"{plan.nominal.name}: test input, {plan.root_mean_square:.2e} rad rms", fontsize=11, y=0.96)
+    above, below = figure.subplots(2, 1)
+    longest = min(multisine.duration, PERIODS * 2.0 * math.pi / min(multisine.frequency))
+    t = multisine.start + np.linspace(0.0, longest, 2000, endpoint=False)
+    above.plot(t, multisine.at(t), color="0.1", linewidth=0.9)
+    above.set_xlabel("t [s]")
+    above.set_ylabel("angle [rad]")
+    below.vlines(multisine.frequency, 0.0, multisine.amplitude, color="0.1")
+    below.plot(multisine.frequency, multisine.amplitude, "o", color="0.1", markersize=4)
+    below.set_xlabel("frequency [rad/s]")
+    below.set_ylabel("amplitude [rad]")
+    below.set_ylim(bottom=0.0)
+    for axis in (above, below):
+        axis.grid(True, color="0.85", linewidth=0.6)
+    figure.subplots_adjust(hspace=0.45)
+    return figure
+
+
+def range_figure(nominal: Nominal) -> Figure:
+    """The nominal's parameters with their range."""
+    sigma, simulation = nominal.uncertainty, nominal.simulation
+    assert sigma is not None
+    ends = [float(nominal.vehicle.t[-1]), float(sigma.t[-1]), simulation.duration if simulation is not None else 1.0]
+    t = np.linspace(0.0, max(ends), 400)
+    figure, axes = panels(2, f"{nominal.name}: parameters and their range")
+    for k, name in enumerate(("a6", "k1")):
+        value, spread = nominal.vehicle.at(t)[k], sigma.at(t)[k]
+        axes[k].fill_between(t, value * (1.0 - spread), value * (1.0 + spread), color="0.82", label="range")
+        axes[k].plot(t, value, "--", color="0.3", label="nominal")
+        axes[k].set_ylabel(f"{name} [{UNIT}]")
+    _legend(axes[0])
+    axes[1].set_xlabel("t [s]")
+    return figure

@@ -1,0 +1,221 @@
+"""Answers from logs: identify, uncertainty, diagnose, fit-lft."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from launchid_core import Config, Estimate
+
+from ..checked import data_warnings, profile_note
+from ..diagnosis.judge.diagnosis import Diagnosis
+from ..diagnosis.report.answer import report as diagnosis_report
+from ..diagnosis.report.words import lines as diagnosis_lines
+from ..diagnosis.verdict import diagnose as examine
+from ..errors import UsageError
+from ..identify import log_config, report, run, table
+from ..log import Log
+from ..nominal import Nominal, write_nominal
+from ..uncertainty import greybox, level
+from .answer import Answer, Columns, flat
+
+if TYPE_CHECKING:
+    from .answer import Figure
+
+
+# ---- identify
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(Answer):
+    """a6, k1 and the active terms of a log, window by window."""
+
+    log: Log
+    nominal: Nominal | None
+    config: Config
+    estimates: list[Estimate]
+    report: dict[str, Any]
+    library: str
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        c = self.config
+        head = (f"{self.log.path}: formulation {c.formulation}, library {self.library}, solver {c.solver}, "
+                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows")
+        return "\n".join([head, table(self.report) if self.estimates else _too_short(self.log, c.window)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> "Figure":
+        from .figures import identify_figure
+        return identify_figure(self.log, self.report, self.nominal)
+
+
+def _too_short(log: Log, window: float) -> str:
+    t = log.t[np.isfinite(log.t)]
+    return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
+            "expected a longer log, or a smaller window")
+
+
+def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 1.0, formulation: str | None = None,
+             tracked: bool = False, strict: bool = False, library: str = "rigid-body",
+             **choices: Any) -> Identification:
+    """Identify a log.
+
+    window   [s], or `all`;  strict: what the data check finds is an InputError
+    choices  further fields of `launchid_core.Config`
+    """
+    said = data_warnings(log, nominal, strict)
+    config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
+    if config.missing_commands > 0.0:
+        said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
+                 "standard deviations are wider for it",)
+    if config.formulation == "filtered":
+        said += profile_note(nominal, level.log_span(log)[1], log.path)
+    estimates, estimator = run(config, log.samples())
+    return Identification(log, nominal, config, estimates, report(estimates, estimator, tracked, log), library, said)
+
+
+# ---- uncertainty
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyLevel(Answer):
+    """Where in its range each parameter is, window by window."""
+
+    log: Log
+    nominal: Nominal
+    window: float
+    estimates: list[Estimate]
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        head = (f"{self.log.path}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, "
+                f"window {self.window:g} s, period {self.log.period:g} s, range of {self.nominal.name}")
+        return "\n".join([head, level.table(self.estimates) if self.estimates else _too_short(self.log, self.window)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> "Figure":
+        from .figures import uncertainty_figure
+        return uncertainty_figure(self.log, self.estimates, self.nominal)
+
+
+def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool = False) -> UncertaintyLevel:
+    """Follow the uncertainty level of a log; `window` in s."""
+    said = data_warnings(log, nominal, strict)
+    try:
+        estimates = level.follow(log, nominal, window)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    return UncertaintyLevel(log, nominal, window, estimates, level.report(estimates), said)
+
+
+# ---- diagnose
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed(Answer):
+    """What the simulation gets wrong on a log, and why."""
+
+    made: Diagnosis
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        return str(self.report["verdict"])
+
+    @property
+    def extension(self) -> Nominal | None:
+        """The nominal with the named causes, if any."""
+        return self.made.extension
+
+    def summary(self) -> str:
+        return "\n".join(diagnosis_lines(self.made))
+
+    def columns(self) -> Columns:
+        rows = [{"cause": cause["cause"], "where": cause["where"], "parameter": name, **value}
+                for cause in self.report["causes"] for name, value in cause["parameters"].items()]
+        return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
+
+    def _figure(self) -> "Figure":
+        from ..diagnosis.report.figures import DRAWN
+        for name in ("faults.png", "closed_loop.png", "innovations.png"):
+            if (name == "faults.png") == (self.made.verdict == "bad-data") and (figure := DRAWN[name](self.made)):
+                return figure
+        return super()._figure()
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, verdict.json, extension.toml and the figures."""
+        from ..diagnosis.report.page import write_report
+        write_report(self.made, self.report, str(folder))
+
+
+def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstrap: int = 0, strict: bool = False,
+             say: Callable[[str], None] = lambda text: None, noise: str = "bounded") -> Diagnosed:
+    """Diagnose a log.
+
+    holdout    a second log, to judge the extended model on
+    bootstrap  clean flights to measure the threshold on, 0: the built-in one
+    say        told what is being done
+    noise      how far levels may be from the declared: "bounded", "declared" or "free"
+    """
+    if strict:
+        data_warnings(log, nominal, strict)
+    made = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)
+    return Diagnosed(made, diagnosis_report(made))
+
+
+# ---- fit-lft
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRange(Answer):
+    """The range sigma of a6 and k1, from flights."""
+
+    fit: greybox.Fit
+    nominal: Nominal        # with its [uncertainty]
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "fitted range") -> str:
+        return greybox.table(self.fit, of)
+
+    def columns(self) -> Columns:
+        return flat([{"parameter": name, **values} for name, values in self.report["ranges"].items()])
+
+    def _figure(self) -> "Figure":
+        from .figures import range_figure
+        return range_figure(self.nominal)
+
+    def write(self, path: str | Path) -> None:
+        """The nominal, as TOML."""
+        write_nominal(self.nominal, path)
+
+
+def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confidence: float = 0.95,
+            profile: bool = False, strict: bool = False) -> FittedRange:
+    """Fit the range that holds a `share` of vehicles with `confidence`; `profile`: over flight time.
+
+    InputError for a log whose columns are in another unit, of another sign or exchanged: a range holds what it is fed.
+    """
+    if not logs:
+        raise UsageError("fit-lft: expected at least one log")
+    for name, value in (("--share", share), ("--confidence", confidence)):
+        if not 0.0 < value < 1.0:
+            raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
+    said: tuple[str, ...] = ()
+    flights = []
+    for log in logs:
+        said += data_warnings(log, nominal, strict, refuse_columns=True)
+        flights.append(greybox.deviations(log, nominal))
+    fit = greybox.fit(flights, share, confidence, profile)
+    ranges = {name: {key: getattr(each, key) for key in ("sigma", "method", "spread", "within", "noise", "held")}
+              for name, each in zip(level.PARAMETERS, fit.ranges, strict=True)}
+    return FittedRange(fit, greybox.with_range(nominal, fit), {"flights": fit.flights, "ranges": ranges}, said)

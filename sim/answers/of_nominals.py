@@ -1,0 +1,170 @@
+"""Answers from a nominal alone: simulate, plan, export-c."""
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from launchid_core import Config
+
+from ..believed import onboard_model
+from ..checked import profile_note
+from ..effects import Effect, from_text
+from ..errors import UsageError
+from ..export_c.program import c_files
+from ..files import make_folder, write_text
+from ..flight import Flight, fly_whole
+from ..log import Log, flown_log, write_flight
+from ..nominal import Nominal, write_nominal
+from ..plan import Plan
+from ..plan import plan as planned
+from ..uncertainty import level
+from .answer import Answer, Columns
+
+if TYPE_CHECKING:
+    from .answer import Figure
+
+
+# ---- simulate
+
+
+@dataclass(frozen=True, eq=False)
+class Flown(Answer):
+    """A flight, with its truth."""
+
+    flight: Flight
+    nominal: Nominal
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "flight") -> str:
+        r = self.report
+        return (f"{of}: {r['rows']} rows, {r['period']:g} s apart, seed {r['seed']}"
+                + ("; the vehicle was LOST and the log ends there" if r["lost"] else ""))
+
+    @functools.cached_property
+    def log(self) -> Log:
+        """As `read_log` reads what `write` writes."""
+        return flown_log(self.flight)
+
+    def columns(self) -> Columns:
+        truth = {f"true_{name}": getattr(self.flight, name) for name in ("a6", "k1", "wind")}
+        return {name: x.tolist() for name, x in (self.log.measured() | truth).items()}
+
+    def _figure(self) -> "Figure":
+        from .figures import flight_figure
+        return flight_figure(self.flight, self.nominal)
+
+    def write(self, path: str | Path) -> None:
+        """The log, as CSV."""
+        write_flight(path, self.flight)
+
+
+def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: float | None = None,
+             effects: Iterable[str | Effect] = ()) -> Flown:
+    """Fly a nominal.
+
+    seed     of all noise;  suite `flight` or `ideal`;  period [s] of the log, None: the suite's
+    effects  as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
+    """
+    if seed < 0:
+        raise UsageError(f"--seed {seed}: expected an integer of at least 0")
+    chosen = [from_text(each) if isinstance(each, str) else each for each in effects]
+    flight = fly_whole(nominal, seed, suite, period, effects=chosen)
+    said: tuple[str, ...] = ()
+    if nominal.simulation is not None:
+        said = profile_note(nominal, nominal.simulation.duration, "the flight")
+    return Flown(flight, nominal, {"rows": len(flight.t), "period": flight.period, "seed": seed, "lost": flight.lost},
+                 said)
+
+
+# ---- plan
+
+
+@dataclass(frozen=True, eq=False)
+class Planned(Answer):
+    """A test input, and what it buys."""
+
+    made: Plan
+    window: float
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def nominal(self) -> Nominal:
+        """With its [test_input]."""
+        return self.made.nominal
+
+    def summary(self, of: str = "test input") -> str:
+        made, multisine = self.made, self.made.nominal.test_input
+        head = (f"bound of the worse parameter, median over {self.window:g} s windows: {100 * made.before:.3g} % "
+                f"without input, {100 * made.after:.3g} % with it")
+        if multisine is None:
+            return f"{head}\n{of}: no test input needed"
+        sines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
+                          for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
+        return f"{head}\n{of}: {sines}; {made.root_mean_square:.2e} rad rms, peak {made.peak:.2e} rad"
+
+    def columns(self) -> Columns:
+        names, multisine = ("frequency", "amplitude", "phase"), self.made.nominal.test_input
+        return {name: [] if multisine is None else list(getattr(multisine, name)) for name in names}
+
+    def _figure(self) -> "Figure":
+        from .figures import plan_figure
+        return plan_figure(self.made)
+
+    def write(self, path: str | Path) -> None:
+        """The nominal, as TOML."""
+        write_nominal(self.nominal, path)
+
+
+def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:
+    """Design the smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
+    made = planned(nominal, accuracy, window)
+    multisine = made.nominal.test_input
+    names = ("start", "duration", "frequency", "amplitude", "phase")
+    return Planned(made, window, {
+        "before": made.before, "after": made.after, "rms": made.root_mean_square, "peak": made.peak,
+        "test_input": None if multisine is None else {name: getattr(multisine, name) for name in names}})
+
+
+# ---- export-c
+
+
+@dataclass(frozen=True, eq=False)
+class Exported(Answer):
+    """The estimator in C."""
+
+    files: dict[str, str]
+    config: Config
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "C files") -> str:
+        return (f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay")
+
+    def columns(self) -> Columns:
+        return {"file": list(self.files), "lines": [text.count("\n") for text in self.files.values()]}
+
+    def write(self, folder: str | Path) -> None:
+        """The files, into a folder that is made if need be."""
+        place = make_folder(folder)
+        for name, text in self.files.items():
+            write_text(place / name, [text])
+
+
+def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = None, formulation: str | None = None,
+             **choices: Any) -> Exported:
+    """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s."""
+    formulation = formulation or "filtered"
+    model = None
+    if formulation == "filtered":
+        model = level.ranged_model(nominal) if nominal.uncertainty is not None else onboard_model(nominal)
+    try:
+        config = Config(window=window, sample_period=nominal.sensors.period if period is None else period,
+                        formulation=formulation, model=model, **choices)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    files = c_files(config)
+    return Exported(files, config, {"files": list(files)})

@@ -1,0 +1,176 @@
+"""MAP.toml: which channel of a flight's file is which column of the log, in which unit, at which time."""
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..files import reads
+from ..log import OPTIONAL, REQUIRED
+
+TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
+ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+PER_SECOND = {"theta_dot": "/s", "rate_ref": "/s", "theta_ddot": "/s^2"}  # others are angles
+HELD = ("beta_cmd", "theta_ref", "rate_ref")   # what a computer says holds until it says something else
+TAKES = ("nearest", "held", "linear")
+AXES = ("x", "y", "z")
+ORDERS = ("wxyz", "xyzw")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where one column of the log comes from.
+
+    channels   of the sum, each with its weight; of a quaternion its four, w first
+    axis       of a quaternion: 0, 1, 2; None: a sum.  reference: w, x, y, z that is attitude 0; None: the first row
+    scale, offset  (scale*raw + offset) is the value in `factor` of the column's SI unit
+    take       the nearest row, the last one (held), or linear between two
+    time       the channel of its stamps; None: the map's, in its own group
+    within     [s] farthest row that counts; None: see `columns`
+    """
+
+    column: str
+    channels: tuple[str, ...]
+    weights: tuple[float, ...]
+    axis: int | None = None
+    reference: tuple[float, ...] | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    factor: float = 1.0
+    take: str = "nearest"
+    time: str | None = None
+    within: float | None = None
+
+
+@dataclass(frozen=True)
+class Map:
+    """One map: sources in the order of the log's columns; stamps, of which there are `units` in a second; the column
+    whose rows are the log's."""
+
+    path: str
+    sources: tuple[Source, ...]
+    time: str
+    units: int
+    from_first: bool
+    clock: str | None
+    options: dict[str, str]
+
+
+def load_map(path: str | Path) -> Map:
+    """Read and check a map; InputError in one line if it cannot be used."""
+    path = str(path)
+    try:
+        reads(path)
+        table = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a map, see docs/convert.md") from None
+    except (UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: {str(error).splitlines()[0]}") from None
+    return _Reader(path, table).map()
+
+
+class _Reader:
+    """One file, with its places for messages."""
+
+    def __init__(self, path: str, table: dict[str, Any]) -> None:
+        self.path, self.table = path, table
+
+    def fail(self, place: str, value: object, expected: str) -> InputError:
+        return InputError(f"{self.path}: {place} = {value!r}: expected {expected}")
+
+    def section(self, place: str, value: Any, known: tuple[str, ...]) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.fail(place, value, "a section")
+        for key in value:
+            if key not in known:
+                raise InputError(f"{self.path}: unknown key '{place}.{key}'; expected one of {', '.join(known)}")
+        return value
+
+    def word(self, place: str, table: dict[str, Any], key: str, words: tuple[str, ...] | None, default: Any) -> Any:
+        value = table.get(key, default)
+        if value is default:
+            return value
+        if not isinstance(value, str) or (words is not None and value not in words):
+            raise self.fail(f"{place}.{key}", value, "a text" if words is None else f"one of {', '.join(words)}")
+        return value
+
+    def number(self, place: str, value: Any, low: float = -math.inf) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or value < low:
+            raise self.fail(place, value, "a number" + (f" of at least {low:g}" if low > -math.inf else ""))
+        return float(value)
+
+    def map(self) -> Map:
+        self.section("map", self.table, ("time", "columns", "file"))
+        columns = self.section("columns", self.table.get("columns", {}), REQUIRED[1:] + OPTIONAL)
+        time = self.section("time", self.table.get("time", {}), ("name", "unit", "origin", "clock"))
+        options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal"))
+        if not columns:
+            raise InputError(f"{self.path}: [columns] is empty; expected [columns.theta] and others")
+        if not isinstance(time.get("name"), str):
+            raise self.fail("time.name", time.get("name"), "the name of the stamps' channel")
+        for key, value in options.items():
+            if not isinstance(value, str) or len(value) != 1:
+                raise self.fail(f"file.{key}", value, "one character")
+        names = [name for name in REQUIRED[1:] + OPTIONAL if name in columns]
+        return Map(
+            path=self.path, sources=tuple(self.source(name, columns[name]) for name in names), time=time["name"],
+            units=TIME_UNITS[self.word("time", time, "unit", tuple(TIME_UNITS), "s")],
+            from_first=self.word("time", time, "origin", ("first", "file"), "first") == "first",
+            clock=self.word("time", time, "clock", tuple(names), None), options=options)
+
+    def source(self, name: str, value: Any) -> Source:
+        place = f"columns.{name}"
+        table = self.section(place, value, ("from", "sum", "weights", "quaternion", "order", "axis", "reference",
+                                            "unit", "scale", "offset", "take", "time", "within"))
+        given = [key for key in ("from", "sum", "quaternion") if key in table]
+        if len(given) != 1:
+            raise InputError(f"{self.path}: [{place}] has {' and '.join(given) or 'no source'}; "
+                             "expected one of from, sum, quaternion")
+        channels, weights, axis, reference = getattr(self, f"of_{given[0]}")(place, table)
+        suffix = PER_SECOND.get(name, "")
+        unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLES), f"rad{suffix}")
+        within = None if "within" not in table else self.number(f"{place}.within", table["within"], 0.0)
+        return Source(
+            name, channels, weights, axis, reference, self.number(f"{place}.scale", table.get("scale", 1.0)),
+            self.number(f"{place}.offset", table.get("offset", 0.0)), ANGLES[unit.removesuffix(suffix)],
+            self.word(place, table, "take", TAKES, "held" if name in HELD else "nearest"),
+            self.word(place, table, "time", None, None), within)
+
+    def names(self, place: str, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):
+            raise self.fail(place, value, "a list of channels")
+        return tuple(value)
+
+    def of_from(self, place: str, table: dict[str, Any]) -> tuple[tuple[str, ...], tuple[float, ...], None, None]:
+        if not isinstance(table["from"], str):
+            raise self.fail(f"{place}.from", table["from"], "the name of a channel")
+        return (table["from"],), (1.0,), None, None
+
+    def of_sum(self, place: str, table: dict[str, Any]) -> tuple[tuple[str, ...], tuple[float, ...], None, None]:
+        channels = self.names(f"{place}.sum", table["sum"])
+        weights = table.get("weights", [1.0] * len(channels))
+        if not isinstance(weights, list) or len(weights) != len(channels):
+            raise self.fail(f"{place}.weights", weights, f"a list of {len(channels)} numbers")
+        return channels, tuple(self.number(f"{place}.weights", each) for each in weights), None, None
+
+    def of_quaternion(self, place: str, table: dict[str, Any]) -> tuple[tuple[str, ...], tuple[float, ...], int,
+                                                                        tuple[float, ...] | None]:
+        value = table["quaternion"]
+        channels = tuple(f"{value}[{k}]" for k in range(4)) if isinstance(value, str) else \
+            self.names(f"{place}.quaternion", value)
+        if len(channels) != 4:
+            raise self.fail(f"{place}.quaternion", value, "four channels, or the name of an array of four")
+        if self.word(place, table, "order", ORDERS, ORDERS[0]) == "xyzw":
+            channels = (channels[3], *channels[:3])
+        axis = AXES.index(self.word(place, table, "axis", AXES, "y"))
+        reference = table.get("reference", "first")
+        if reference == "first":
+            return channels, (1.0,) * 4, axis, None
+        if not isinstance(reference, list) or len(reference) != 4:
+            raise self.fail(f"{place}.reference", reference, '"first", or a quaternion [w, x, y, z]')
+        numbers = tuple(self.number(f"{place}.reference", each) for each in reference)
+        if not any(numbers):
+            raise self.fail(f"{place}.reference", reference, "a quaternion that is not 0")
+        return channels, (1.0,) * 4, axis, numbers

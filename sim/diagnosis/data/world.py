@@ -1,0 +1,120 @@
+"""What the world may do along a log without the model being wrong: states that every model carries, null and causes
+alike.
+
+    x' = -x/T + white noise of a level         wind: a6 x; offsets: k1 x, x, or on a sensor; x rad or as it enters
+    x' = white noise of a level                a walk, T = inf
+    x' = 0                                     a constant that nobody knows, one sigma `initial`
+
+Beside what the nominal declares ([wind], [offsets]) there is always a slow moment: no thrust is aligned better than an
+arc minute, and no flight path is so straight that the air does not press on the vehicle by as little.  It lies below
+what a diagnosis may call a cause, so a log's slow moments up to it are nobody's fault.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...nominal import Nominal
+
+WIND, NOZZLE, MOMENT, ATTITUDE, GYRO, NOZZLE_SENSOR = range(6)  # where a state enters: a6 x, k1 x, x; the sensors
+ARC_MINUTE = 2.9e-4     # rad of nozzle: the undeclared slow moment's one sigma is k1 times it
+SLOW = 20.0             # s, its time constant: slow beside the vehicle, several times in a flight
+WEATHER = (0.5, 2.0)    # factors within which a declared level of the wind may be fitted
+ANY = (1e-3, 1e3)       # of a moment that is sought
+WINDY = (1e-3, 40.0)    # of a wind that is: more than 0.2 rad is no weather to fly in
+SOUGHT = 0.005          # rad, rad/sqrt(s): where the search of weather begins
+SOUGHT_MOMENT = 10.0    # times the undeclared slow moment, the same
+ENTRY_OF = {"thrust_misalignment": NOZZLE, "attitude_bias": ATTITUDE, "gyro_bias": GYRO,
+            "nozzle_sensor_bias": NOZZLE_SENSOR, "moment": MOMENT}
+TURBULENCE, WALK, SLOW_MOMENT = "turbulence", "wind_walk", "moment"
+
+
+class Source(NamedTuple):
+    """One state.
+
+    level    one sigma of it where T [s] `time_constant` is finite, else per sqrt(s); 0: a constant
+    initial  one sigma at the first row;  span  factors of the level within which it may be fitted
+    """
+
+    name: str
+    entry: int
+    level: float
+    initial: float
+    time_constant: float = math.inf
+    span: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def is_stochastic(self) -> bool:
+        return self.level > 0.0
+
+    @property
+    def is_sought(self) -> bool:
+        """Nobody declared it."""
+        return self.span in (ANY, WINDY)
+
+    def keep(self, period: float) -> float:
+        """What is left of it after a period [s]."""
+        return math.exp(-period / self.time_constant)
+
+    def fresh(self, period: float) -> float:
+        """Variance that a period [s] adds, of a unit level."""
+        return period if math.isinf(self.time_constant) else 1.0 - self.keep(period)**2
+
+    def first(self, level: float) -> float:
+        """One sigma at the first row, of a fitted level."""
+        return self.initial if math.isinf(self.time_constant) else level
+
+
+@dataclass(frozen=True)
+class World:
+    """The states, in the order in which the filter carries them."""
+
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def levels(self) -> tuple[Source, ...]:
+        """Those with a level, in the order of the levels behind the vehicle's own five."""
+        return tuple(each for each in self.sources if each.is_stochastic)
+
+    def table(self, period: float) -> np.ndarray:
+        """(states, 2) entry, and what is left after a row of this period [s]."""
+        return np.array([[each.entry, each.keep(period)] for each in self.sources]).reshape(-1, 2)
+
+    def with_weather(self, source: Source) -> "World":
+        """With one source of any level in the place of the one of its name."""
+        return replace(self, sources=(*(each for each in self.sources if each.name != source.name), source))
+
+
+CALM = World()
+
+
+def world_of(nominal: Nominal, k1: np.ndarray) -> World:
+    """What this nominal's world may do;  k1 (any,) [1/s^2] along the log."""
+    floor = ARC_MINUTE * max(float(np.sqrt(np.mean(k1**2))), 1e-3)
+    sources = [Source(SLOW_MOMENT, MOMENT, floor, floor, SLOW)]
+    wind, offsets = nominal.wind, nominal.offsets
+    if wind is not None and (wind.walk > 0.0 or wind.initial > 0.0):
+        sources.append(Source(WALK, WIND, wind.walk, wind.initial, span=WEATHER))
+    if wind is not None and wind.turbulence > 0.0:
+        sources.append(Source(TURBULENCE, WIND, wind.turbulence, wind.turbulence, wind.turbulence_time, WEATHER))
+    for name, entry in ENTRY_OF.items() if offsets is not None else ():
+        sigma = getattr(offsets, name)
+        if sigma > 0.0:
+            sources.append(Source(f"{name} offset", entry, 0.0, sigma))
+    return World(tuple(sources))
+
+
+def sought(name: str, nominal: Nominal, floor: float, time_constant: float = 1.0) -> Source:
+    """Weather of any level, to be fitted.
+
+    name  TURBULENCE, WALK or SLOW_MOMENT;  floor  [rad/s^2] of the undeclared slow moment
+    """
+    wind = nominal.wind
+    if name == WALK:
+        initial = max(SOUGHT, wind.initial if wind is not None else 0.0)
+        return Source(WALK, WIND, SOUGHT, initial, span=WINDY)
+    if name == TURBULENCE:
+        return Source(TURBULENCE, WIND, SOUGHT, SOUGHT, time_constant, WINDY)
+    return Source(SLOW_MOMENT, MOMENT, SOUGHT_MOMENT * floor, SOUGHT_MOMENT * floor, time_constant, ANY)

@@ -1,0 +1,159 @@
+"""One measure of what causes are worth, in three ratios instead of absolute gates: no model is exact, so an absolute
+limit in nats fails every log that is long enough.
+
+    variation  of a cause's size over the log, beyond what chance gives, over the size itself: a cause is the same all
+               along, what stands in for another is not
+    left       evidence of what a disturbance still finds, over that of the causes: what mimics an effect leaves the
+               part of it that is not alike, 1 - cos^2
+    share      of the held-out squared errors over 1 s, beyond what noise gives, that remains (`gain.Gain.share`)
+
+A ratio counts from where it is beyond chance: the constancy's chi-squared, the leftover's own limit, the spread of a
+mean square of so many horizons (`Gain.is_left`).  Each threshold:
+
+    name                meaning                                                        set on
+    EXPLAINED.variation a size that creeps by a seventh is still that cause's          the project's hidden flights
+    EXPLAINED.left      no form of a cause is known to a tenth, whose square this is   the same
+    EXPLAINED.share     nine tenths of the error beyond noise are gone                 meaning only
+    DOMINANT.variation  more than half as different along the log is not one cause     meaning only
+    DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
+    DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
+    DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
+    PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
+    LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
+    NOISE               times the declared, from which noise hides what is not modelled   the contract
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..causes import RECORDS
+from ..search.selection import Selection, Weather
+from .constancy import CONSTANCY_LIMIT, Constancy
+from .gain import Gain
+from .leftover import Leftover
+from .named import Named, undetermined
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Largest ratios of a verdict."""
+
+    variation: float
+    left: float
+    shape: float
+    share: float
+
+
+EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
+DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
+PER_ROW = 1.5e-3
+NOISE = 3.0
+LEAST_REMOVED = 0.05
+SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not worth a word in the verdict
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What `dominant` causes leave: share of the held-out error, where it is, what it looks like."""
+
+    share: float
+    where: str
+    words: str
+
+
+def variation(of: Constancy | None, neutral: float) -> float:
+    """RMS change of a size along the log beyond chance, over its distance from `neutral`; 0 where chance makes it."""
+    if of is None or of.chi_squared <= CONSTANCY_LIMIT:
+        return 0.0
+    size, weight = np.array(of.size), 1.0 / np.maximum(np.array(of.std), 1e-300)**2
+    mean = float(weight @ size / weight.sum())
+    spread = float(weight @ (size - mean)**2 - (len(size) - 1)) / float(weight.sum())
+    away = abs(mean - (0.0 if math.isinf(neutral) else neutral))
+    return math.sqrt(max(spread, 0.0)) / away if away > 0.0 else math.inf
+
+
+def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], rows: int, bounds: Bounds,
+                same_place: bool) -> Leftover | None:
+    """The disturbance that explains more beside the causes than the bounds allow; None: there is none.
+
+    same_place  judged against the causes of its own place only
+    """
+    for each in left:
+        own = sum(cause.evidence for cause in named if not same_place or cause.where == each.where)
+        share = bounds.shape if each.shape else bounds.left
+        if each.gain > max(each.limit, share * own, PER_ROW * rows):
+            return each
+    return None
+
+
+def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span: tuple[float, float], bounds: Bounds,
+           same_place: bool) -> list[str]:
+    """Why these causes do not keep the bounds, a line each;  span [s]: the log's first and last row."""
+    found = []
+    for each in named:
+        varies = variation(each.constancy, each.record.neutral)
+        if varies > bounds.variation:
+            found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} % "
+                         f"of itself, at most {100 * bounds.variation:.0f} %)")
+        found += undetermined(each, *span)
+    more = left_beyond(left, named, rows, bounds, same_place)
+    if more is not None:
+        found.append(f"a disturbance {more.words} at the {more.disturbance.place} explains {more.gain:.0f} nats more")
+    return found
+
+
+def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
+    """Why the held-out gain does not keep the bounds."""
+    if not gain.nats > 0.0:
+        return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
+    if gain.share is not None and gain.share > bounds.share and gain.is_left:
+        return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over 1 s remain (at most "
+                f"{100 * bounds.share:.0f} %)"]
+    return []
+
+
+def too_noisy(noise: dict[str, dict[str, Any]]) -> str | None:
+    """The level that is beyond NOISE times the declared, in words."""
+    for name, level in noise.items():
+        if level["factor"] > NOISE and level["significant"]:
+            return f"noise of {name} at {level['factor']:.3g} times the declared stands for what is not modelled"
+    return None
+
+
+def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selection, where: str | None,
+              noisy: str | None) -> Remainder:
+    """What is left beside the causes."""
+    share = gain.share if gain is not None and gain.share is not None else 0.0
+    best = max((each for each in left if each.gain > each.limit), key=lambda each: each.gain, default=None)
+    weather = selection.weather
+    if where is not None:
+        return Remainder(share, where, "the command is not the nominal controller's")
+    if weather is not None and (best is None or weather.gain > best.gain):
+        return Remainder(share, "environment" if weather.is_wind else "plant", weather_words(selection))
+    if best is not None:
+        return Remainder(share, best.where, f"a disturbance {best.words} at the {best.disturbance.place} "
+                                            f"({best.gain:.0f} nats)")
+    return Remainder(share, "plant", noisy or "what is left is no more than noise")
+
+
+def small(weather: Weather, named: tuple[Named, ...]) -> bool:
+    """It is not worth a word beside these causes."""
+    return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
+
+
+def weather_words(selection: Selection) -> str:
+    """The undeclared disturbance of a selection."""
+    weather = selection.weather
+    assert weather is not None
+    name = weather.source.name.replace("_", " ") if weather.is_wind else "a moment"
+    time = "" if math.isinf(weather.source.time_constant) else \
+        f" that changes within {weather.source.time_constant:g} s"
+    return f"{name} of {weather.level:.2g} {unit_of(weather.source.name)}{time} ({weather.gain:.0f} nats)"
+
+
+def unit_of(source: str) -> str:
+    """Of the level of a source of the world."""
+    return RECORDS[source].unit("level") if source in RECORDS else "rad/s^2"

@@ -1,0 +1,184 @@
+"""The search with the weather in it: a disturbance that nobody declared, and the causes sought beside it.
+
+Turbulence, a walk of the wind, or a slow moment that is no wind at all, whichever the log likes best.  It can absorb
+what a cause does (a gain that is wrong looks like weather that goes with the manoeuvres), so it is asked only for what
+the best causes leave, or where it explains more than any single one; and it is charged for its level and its time.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..causes import SOUGHT, Cause, Hypothesis
+from ..data.record import Record
+from ..data.world import SLOW_MOMENT, TURBULENCE, WALK, Source, sought
+from ..model.noise import LEVEL_STEP, Disturbance, Filter, Refilter, declared, dynamics, first_filter, fit_levels
+from ..model.point import innovations
+from .selection import (
+    FURTHER,
+    MOST_CAUSES,
+    THRESHOLD,
+    TOLD_APART,
+    UNSTEADY,
+    Model,
+    Say,
+    Selection,
+    Weather,
+    as_simulated,
+    needed,
+    profile,
+    quiet,
+    select_from,
+    swinging,
+)
+
+TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3 apart a time is told from the next
+SIZES = np.geomspace(3e-4, 0.3, 7)  # rad/s^2 of a first look
+WORTH = 4.0                     # nats of the first look, from which weather is fitted
+HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
+DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
+NUMBERS = 2                     # free numbers that it is charged for: level and time
+WIND = (TURBULENCE, WALK)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Causes in a weather, everything refitted, and what that brings over the same causes without it [nats]."""
+
+    source: Source
+    model: Model
+    gain: float
+    rivals: tuple[str, ...]
+
+
+def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hypothesis] | None = None,
+           say: Say = lambda text: None) -> Selection:
+    """Find up to three causes, and the weather that they are in."""
+    known = tuple(hypotheses) if hypotheses is not None else SOUGHT
+    say("noise levels")
+    nominal = as_simulated(record)
+    blocks = swinging(nominal) if hypotheses is None else ()
+    one = select_from(nominal, known, threshold, 1, say, blocks)
+    if sensors_disagree(one.model):
+        return one  # no cause of the vehicle is told from what the sensors make of it
+    say("weather")
+    settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
+    first = None if settled else _weathered(nominal)
+    single = one.model.log_likelihood - nominal.log_likelihood
+    if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
+        return _in_weather(nominal, first, known, threshold, say)
+    found = one
+    if one.model.causes:
+        found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model, one.rankings[0])
+    beside = _weathered(found.model) if found.model.causes else first
+    if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
+        return found
+    return _in_weather(nominal, beside, known, threshold, say)
+
+
+def sensors_disagree(model: Model) -> bool:
+    """Attitude and rate are measured, and this model does not make them one motion: a disturbance of one of them, as
+    large as its innovations, is worth DISAGREE nats a row."""
+    record, fitted = model.fit.record, model.fit
+    if not {"theta", "theta_dot"} <= set(record.channels):
+        return False
+    refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
+    own = refilter.log_likelihood(fitted.filter.levels)
+    sizes = np.sqrt(np.nanmean(fitted.innovations[:, :2]**2, axis=0)).tolist()
+    gains = [refilter.log_likelihood(fitted.filter.levels, Disturbance(name, size, TIMES[0])) - own
+             for name, size in zip(("theta", "theta_dot"), sizes, strict=True)]
+    return max(gains) > DISAGREE * record.rows
+
+
+def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], threshold: float, say: Say) -> Selection:
+    """The search from these causes on, all in the weather; and without it again where its causes make it needless."""
+    record, causes = of.model.fit.record, of.model.causes
+    nominal = _refitted(record, (), of.model) if causes else of.model
+    blocks = () if causes else swinging(nominal)
+    found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None)
+    same = _refitted(calm.fit.record, found.model.causes, calm)
+    gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
+    if gain < (FURTHER if found.model.causes else threshold):
+        return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
+    found.calm = calm
+    found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
+                            quiet(found.model) > UNSTEADY)
+    return found
+
+
+def _refitted(record: Record, causes: tuple[Cause, ...], near: Model) -> Model:
+    """Causes in the world of a record, from a model of another."""
+    levels = declared(record)
+    levels[:5] = near.fit.filter.levels[:5]
+    return profile(record, causes, near.fit.delta, first_filter(record, levels))
+
+
+def _charge(record: Record) -> float:
+    """Schwarz's penalty of a weather [nats]."""
+    return 0.5 * NUMBERS * math.log(record.rows)
+
+
+def _weathered(model: Model) -> _Fitted | None:
+    """These causes in the weather that the log likes best; None: a first look finds none."""
+    record = model.fit.record
+    time = _first_look(model)
+    if time is None:
+        return None
+    tried = sorted((_levelled(model, source) for source in _candidates(record, time)), key=lambda each: -each[1])
+    best = tried[0][1]
+    alike = [each for each in tried if each[1] > best - TOLD_APART and each[0].name in WIND]
+    source, _, filt, free = (alike or tried)[0]  # what may be wind is called so
+    made = profile(free, model.causes, model.fit.delta, filt)
+    names = {each[0].name for each in alike} - {source.name}
+    return _Fitted(source, made, made.log_likelihood - model.log_likelihood - _charge(record), tuple(sorted(names)))
+
+
+def _first_look(model: Model) -> float | None:
+    """The time constant [s] of the disturbance of the plant that gains most at the model's own levels; None: none."""
+    refilter = Refilter(model.fit.record, model.dynamics, model.fit.innovations, model.fit.filter)
+    levels = model.fit.filter.levels
+    own = refilter.log_likelihood(levels)
+    gain, time = max((refilter.log_likelihood(levels, Disturbance("plant", float(size), time)) - own, time)
+                     for time in TIMES for size in SIZES)
+    return time if gain > WORTH else None
+
+
+def _candidates(record: Record, time: float) -> list[Source]:
+    """Sources to fit: the wind's where the air turns the vehicle, and a moment."""
+    floor = next(each.level for each in record.world.sources if each.name == SLOW_MOMENT)
+    near = [each for each in TIMES if 1.0 / 4.0 < each / time < 4.0]
+    found = [sought(SLOW_MOMENT, record.nominal, floor, each) for each in near]
+    if np.any(record.a6):
+        found += [sought(TURBULENCE, record.nominal, floor, each) for each in near]
+        found.append(sought(WALK, record.nominal, floor))
+    return found
+
+
+def _levelled(model: Model, source: Source) -> tuple[Source, float, Filter, Record]:
+    """(the source, log-likelihood at the model's causes with levels fitted, that filter, the record with the source)"""
+    record = model.fit.record
+    free = replace(record, world=record.world.with_weather(source))
+    levels = declared(free)
+    levels[:5] = np.minimum(model.fit.filter.levels[:5], levels[:5])
+    start = first_filter(free, levels)
+    e, _, _ = innovations(free, start, model.fit.point)
+    fitted = fit_levels(free, dynamics(free, model.fit.point), e, start, levels)
+    return source, fitted.log_likelihood, fitted, free
+
+
+def _level(model: Model, source: Source) -> tuple[float, float]:
+    """(level, its standard deviation from the likelihood's curvature) of a source, in its unit."""
+    fitted = model.fit
+    names = [each.name for each in fitted.record.world.levels]
+    at = 5 + names.index(source.name)
+    refilter = Refilter(fitted.record, model.dynamics, fitted.innovations, fitted.filter)
+    values = []
+    for sign in (-1.0, 0.0, 1.0):
+        levels = fitted.filter.levels.copy()
+        levels[at] *= math.exp(sign * LEVEL_STEP)
+        values.append(refilter.log_likelihood(levels))
+    curvature = (2.0 * values[1] - values[0] - values[2]) / LEVEL_STEP**2
+    level = float(fitted.filter.levels[at])
+    return level, level / math.sqrt(curvature) if curvature > 0.0 else math.inf

@@ -1,0 +1,166 @@
+"""Maximum likelihood by Fisher scoring, and covariances that hold when the innovations are not white.
+
+    d ln L/d p = - sum ( e de/S + (1 - e^2/S) dS/(2 S) ),      information = sum ( de de'/S + dS dS'/(2 S^2) )
+
+The filter carries the derivatives of the coefficients; those of the noise levels, the delay and the servo are
+differences of two passes.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .channels import Channels
+from .model import Model, Pass, run
+
+DIFFERENCE = 0.02      # of a logarithm
+DELAY_SHARE = 0.05     # of a sample period: the same for the delay
+LONGEST_STEP = 1.0     # of a logarithm
+DELAY_MOST = 2.0       # sample periods that the delay moves in one step
+DONE = 0.02            # nats that the next step would gain
+TRIALS = 5             # of a step, shorter and shorter
+STEPS = 25
+BLOCK = 0.5            # s: of the scores that are summed before their correlation is asked for
+LEAST, MOST = 1e-30, 1e30  # of a number that is sought
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A model at its maximum; covariance (p, p) of (linear, free), of logarithms but for the delay."""
+
+    model: Model
+    made: Pass
+    covariance: np.ndarray
+    information: np.ndarray
+    sought: int   # numbers of the covariance beside the coefficients
+
+    @property
+    def ln_l(self) -> float:
+        return self.made.ln_l
+
+    @property
+    def bic(self) -> float:
+        """`penalised`."""
+        return penalised(self.ln_l, self.model, self.made)
+
+    def std(self, name: str) -> float:
+        """Of a free number: of its logarithm, of the delay in s."""
+        k = len(self.model.linear) + self.model.free.index(name)
+        return math.sqrt(max(self.covariance[k, k], 0.0))
+
+
+def penalised(ln_l: float, model: Model, made: Pass) -> float:
+    """ln L less Schwarz' half ln n for each number."""
+    n = int(np.count_nonzero(made.counted))
+    return ln_l - 0.5 * math.log(max(n, 2)) * (len(model.linear) + len(model.free))
+
+
+def moved(model: Model, step: np.ndarray) -> Model:
+    """The model with its numbers changed: coefficients and delay by sums, the others by logarithms."""
+    q = len(model.linear)
+    numbers = dict(model.numbers)
+    for name, change in zip(model.free, step[q:].tolist(), strict=True):
+        if name == "delay":
+            numbers[name] += change
+        else:
+            low, high = model.bounds.get(name, (LEAST, MOST))
+            numbers[name] = min(max(numbers[name] * math.exp(change), low), high)
+    return replace(model, linear=model.linear + step[:q], numbers=numbers)
+
+
+def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarray]:
+    """(c, p) score of each innovation, (p, p) information."""
+    q, free = len(model.linear), model.free
+    used = base.counted
+    e, s = base.e[used], base.variance[used]
+    de, ds = np.zeros((len(e), q + len(free))), np.zeros((len(e), q + len(free)))
+    de[:, :q] = -base.h[used]
+    told = de.copy(), ds.copy()   # of the information
+    for k, name in enumerate(free, start=q):
+        step = np.zeros(q + len(free))
+        step[k] = DELAY_SHARE * c.period if name == "delay" else DIFFERENCE
+        e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
+        if np.mean(same) < 0.5:   # a step back passes no other event
+            step[k] = -step[k]
+            e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
+        de[:, k], ds[:, k] = (e1[used] - e) / step[k], (s1[used] - s) / step[k]
+        kept = same[used] / math.sqrt(max(float(np.mean(same[used])), 0.1))
+        told[0][:, k], told[1][:, k] = de[:, k] * kept, ds[:, k] * kept
+    told[0][:, :q] = de[:, :q]
+    score = -(e / s)[:, None] * de - (0.5 * (1.0 - e * e / s) / s)[:, None] * ds
+    a, b = told[0] / np.sqrt(s)[:, None], told[1] / (math.sqrt(2.0) * s[:, None])
+    return score, a.T @ a + b.T @ b
+
+
+def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """e and variance of another pass in the order of this one, and which of them came in the same order: where two
+    events have changed places only the sum of their scores is a derivative."""
+    if np.array_equal(other.row, base.row) and np.array_equal(other.channel, base.channel):
+        return other.e, other.variance, np.ones(len(base.e), bool)
+    place = np.empty(len(base.e), np.int64)
+    place[np.lexsort((base.channel, base.row))] = np.lexsort((other.channel, other.row))
+    return other.e[place], other.variance[place], place == np.arange(len(place))
+
+
+def solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+    """The scoring step; directions that the log does not tell stay where they are."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    m = information / np.outer(scale, scale) + damping * np.eye(len(scale))
+    return np.linalg.lstsq(m, gradient / scale, rcond=1e-12)[0] / scale
+
+
+def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | None = None) -> Fitted:
+    """The model's maximum of the likelihood from where it is.
+
+    free   the numbers that are sought beside the coefficients; None: the model's.  All of them are the model's again.
+    """
+    own, q = model.free, len(model.linear)
+    if free is not None:
+        model = replace(model, free=free)
+    held = slice(len(model.node_a), len(model.node_a) + len(model.node_k)) if model.no_input else slice(0, 0)
+    limit = np.array([DELAY_MOST * c.period if name == "delay" else LONGEST_STEP for name in model.free])
+    base, damping = run(model, c), 1e-8
+    score, information = scores(model, c, base)
+    for _ in range(steps):
+        gradient = score.sum(axis=0)
+        gradient[held] = 0.0
+        step = solved(information, gradient, damping)
+        if 0.5 * float(gradient @ step) < DONE:
+            break
+        for _ in range(TRIALS):
+            step[held] = 0.0
+            step[q:] = np.clip(step[q:], -limit, limit)
+            trial = moved(model, step)
+            made = run(trial, c)
+            if made.ln_l > base.ln_l:
+                break
+            damping = max(10.0 * damping, 1e-4)
+            step = solved(information, gradient, damping)
+        else:
+            break
+        model, base = trial, made
+        damping = max(0.1 * damping, 1e-8)
+        score, information = scores(model, c, base)
+    covariance = sandwich(score, information, base, c)
+    return Fitted(replace(model, free=own), base, covariance, information, len(model.free))
+
+
+def sandwich(score: np.ndarray, information: np.ndarray, made: Pass, c: Channels) -> np.ndarray:
+    """Covariance of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987), in no direction
+    below I^-1."""
+    diagonal = np.diag(information)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
+    inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
+    block = (c.t[made.row[made.counted]] / BLOCK).astype(int)
+    count = int(block.max()) + 1 if len(block) else 1
+    sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])])
+    sums -= sums.mean(axis=1, keepdims=True)
+    lags = max(1, round(count ** (1.0 / 3.0)))
+    j = sums @ sums.T
+    for lag in range(1, min(lags, count - 1) + 1):
+        cross = sums[:, lag:] @ sums[:, :-lag].T
+        j += (1.0 - lag / (lags + 1)) * (cross + cross.T)
+    robust = inverse @ j @ inverse
+    ratio = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    return inverse * np.outer(ratio, ratio) / np.outer(scale, scale)

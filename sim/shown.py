@@ -1,0 +1,47 @@
+"""Numbers as a reader is shown them: a value to where its standard deviation makes it known."""
+
+import math
+from html import escape
+from typing import Any
+
+DIGITS = 2          # of a standard deviation: more are not known
+MOST_DECIMALS = 9   # a number closer to the noise of arithmetic is written with an exponent
+NO_STD_DIGITS = 5   # of a value without one
+SLOW = 0.5          # s: no launcher is logged as slowly, and milliseconds are above it
+MOST_ROWS = 40      # of a table in a notebook
+
+
+def with_std(value: float | None, std: float | None) -> str:
+    """`4.5 +- 1.6`: two digits of the standard deviation, the value to the last of them; `-`: not known."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if std is None or not math.isfinite(std) or std <= 0.0:
+        return f"{value:.{NO_STD_DIGITS}g}"
+    rounded = float(f"{std:.{DIGITS - 1}e}")  # 0.0996 is 0.10
+    decimals = DIGITS - 1 - math.floor(math.log10(rounded) + 1e-12)
+    if not -MOST_DECIMALS <= decimals <= MOST_DECIMALS:
+        return f"{value:.{NO_STD_DIGITS}g} +- {rounded:.{DIGITS - 1}e}"
+    return f"{round(value, decimals):.{max(decimals, 0)}f} +- {rounded:.{max(decimals, 0)}f}"
+
+
+def slow_hint(period: float) -> str:
+    """What a log's period [s] says of the unit of its stamps; '' if nothing."""
+    if not period > SLOW:
+        return ""
+    unit, factor = ("milliseconds", 1e3) if period < SLOW * 1e3 else ("microseconds", 1e6)
+    return f"; the log's step of {period:.4g} looks like {unit}: divide t by {factor:g}"
+
+
+def html_table(columns: dict[str, list[Any]]) -> str:
+    """Columns of equal length as HTML; what is beyond MOST_ROWS is counted."""
+    rows = list(zip(*columns.values(), strict=True))
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in rows[:MOST_ROWS])
+    more = f"<p>... and {len(rows) - MOST_ROWS} more rows</p>" if len(rows) > MOST_ROWS else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def _cell(x: Any) -> str:
+    if x is None or (isinstance(x, float) and math.isnan(x)):
+        return "-"
+    return f"{x:.{NO_STD_DIGITS}g}" if isinstance(x, float) else escape(str(x))

@@ -1,0 +1,74 @@
+"""What the command says: talk and progress on stderr, data on stdout.  The only place that prints."""
+
+import errno
+import io
+import os
+import sys
+
+from .errors import InputError
+
+
+def say(text: str) -> None:
+    """Talk, on stderr: one line, whatever a path or a key holds."""
+    print("".join(c if c.isprintable() else ascii(c)[1:-1] for c in text), file=sys.stderr)
+
+
+def answer(text: str = "", end: str = "\n") -> None:
+    """Data, on stdout, all of it: InputError if it has no room for it."""
+    try:
+        print(text, end=end, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        leave_stdout()
+        raise InputError(f"standard output: cannot be written ({error.strerror})") from None
+
+
+class Progress:
+    """A bar of the steps done and what is being done, on a terminal only: one line that is written over."""
+
+    STEPS = 8  # of a diagnosis with one cause
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def __call__(self, text: str) -> None:
+        """An empty text clears the line."""
+        if sys.stderr.isatty():
+            full = min(self.done, self.STEPS)
+            sys.stderr.write("\r\x1b[K" + (f"[{'#' * full}{'.' * (self.STEPS - full)}] {text}" if text else ""))
+            sys.stderr.flush()
+        self.done += 1
+
+
+class Closed(io.TextIOBase):
+    """A stdout that is not there: only who writes to it fails."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.EBADF, "it is closed")
+
+
+class Unheard(io.TextIOBase):
+    """A stderr that is not there: talk is lost."""
+
+    def write(self, text: str) -> int:
+        return len(text)
+
+
+def open_streams() -> None:
+    """A closed stdout or stderr is none: no file that is opened takes its number, and talk does not go to stdout."""
+    if sys.stdout is not None and sys.stderr is not None:
+        return
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this
+    sys.stdout = sys.stdout or Closed()
+    sys.stderr = sys.stderr or Unheard()
+
+
+def leave_stdout() -> None:
+    """Nothing more is written to it, at the interpreter's end either."""
+    if not isinstance(sys.stdout, Closed):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

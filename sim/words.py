@@ -1,0 +1,74 @@
+"""Words that several commands share: their help, their options."""
+
+import argparse
+from typing import Any, NoReturn
+
+from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
+
+from .errors import UsageError
+
+NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
+LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or "
+            "the name of a measured log of the package such as dfki_pendulum_dircol")
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one line per error."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+
+def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
+    """A command with its words of help and one example."""
+    sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
+                                      epilog=f"example: {example}")
+    return sub
+
+
+def add_map(sub: argparse.ArgumentParser) -> None:
+    """What makes other people's files logs."""
+    sub.add_argument("--map", metavar="MAP.toml",
+                     help="what the log's columns are called, and their units, where it is a ULog, MCAP, MAT, HDF5, "
+                          "Parquet or other CSV file; see convert (default: none)")
+
+
+def add_strict(sub: argparse.ArgumentParser) -> None:
+    """Whether the data check's warning is a refusal."""
+    sub.add_argument("--strict", action="store_true",
+                     help="what the data check finds (units, signs, stamps) is exit status 3, not a warning")
+
+
+def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
+    """Where the answer goes beside the terminal."""
+    sub.add_argument("--json", metavar="PATH|-", help="write the answer as JSON too; -: JSON alone, on stdout "
+                                                      "(default: none)")
+    if plot:
+        sub.add_argument("--plot", metavar="PATH", help="draw it into a .png, .svg or .pdf; needs launchid[plots] "
+                                                        "(default: none)")
+
+
+def add_choices(sub: argparse.ArgumentParser) -> None:
+    """The words of an estimator's choices that a log or a nominal does not make."""
+    sub.add_argument("--compression", type=int, default=1, metavar="N",
+                     help="keep one of N rows of a window, at random (default %(default)s: all)")
+    sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
+                     help="candidate terms: rigid-body | linear | quadratic | quadratic+sin | lpv, or a comma list "
+                          "such as 'theta,beta,sin(theta)' (default %(default)s)")
+    sub.add_argument("--formulation", choices=FORMULATIONS,
+                     help="where theta_ddot comes from (default: filtered with a nominal, else measured if the log "
+                          "has it, else integral)")
+    sub.add_argument("--solver", default="stls", choices=SOLVERS,
+                     help="of the sparse regression (default %(default)s)")
+    sub.add_argument("--threshold", type=float, metavar="X",
+                     help="a term whose coefficient is smaller, in its own unit, is left out (default: the library's)")
+    sub.add_argument("--seed", type=int, default=0, metavar="N",
+                     help="of the rows that compression keeps, from 0 on (default %(default)s)")
+    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared) "
+                          "(default %(default)s)")
+
+
+def choices(args: argparse.Namespace) -> dict[str, Any]:
+    """Config fields of these words."""
+    return {name: getattr(args, name) for name in ("compression", "seed", "library", "solver", "threshold", "noise")}

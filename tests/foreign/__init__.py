@@ -1,0 +1,1 @@
+"""Simulators that nobody of this project wrote, as judges."""

@@ -1,0 +1,393 @@
+"""The verdict on constructed findings: explained, dominant with what remains, unexplained, consistent, bad data."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis_gates import INSIDE, OUTSIDE, cause, gained, left, varying, weather
+
+from sim.diagnosis import verdict
+from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
+from sim.diagnosis.data.fault import Fault
+from sim.diagnosis.data.world import SLOW_MOMENT
+from sim.diagnosis.judge import measure
+from sim.diagnosis.judge.diagnosis import Diagnosis
+from sim.diagnosis.judge.leftover import Leftover
+from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED
+from sim.diagnosis.judge.named import Named
+from sim.diagnosis.model.noise import Disturbance
+from sim.errors import InputError
+
+BEGAN, ENDED = 0.0, 45.0   # s
+ROWS = 4500
+
+
+class Found:
+    """A selection whose parts are given: the causes it names, what is left beside them, what they gain.
+
+    shares  of the error that each cause takes away;  fewer  what is found of fewer causes
+    """
+
+    def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
+                 shares=(), fewer=None):
+        self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
+        self.weather, self.calm, self.fewer = weather, None, fewer
+        self.shares = shares or (1.0,) * len(named)
+        self.evidence = [each.evidence for each in named]
+        beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
+        fitted = SimpleNamespace(record=None)
+        self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
+                                       left=(left_at("plant", 5.0),) if named else beside)
+        self.model = SimpleNamespace(causes=named, log_likelihood=log_likelihood, of=self, fit=fitted, left=beside) \
+            if named else self.nominal
+
+
+def left_at(place, gain):
+    return Leftover(Disturbance(place, 1.0, 1.0), gain)
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """The verdict on a `Found`, and of how many selections the gain was measured."""
+    monkeypatch.setattr(verdict, "named_causes", lambda found: found.named)
+    monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
+    monkeypatch.setattr(verdict, "noise_of", lambda model: model.of.noise)
+    monkeypatch.setattr(verdict, "removed", lambda model, gain: model.of.shares)
+    monkeypatch.setattr(verdict, "fewer", lambda found, kept: found.fewer or Found(*(found.named[k] for k in kept)))
+    monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
+    monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
+
+    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False):
+        asked, measured = [], []
+        monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
+        made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found)
+        made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
+                                      rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
+                                      nominal=SimpleNamespace(controller=True))
+
+        def measure(of):
+            measured.append(of)
+            return gained(of.nats, of.share)
+
+        verdict._judge(made, measure, lambda text: None)
+        return SimpleNamespace(made=made, asked=len(asked), measured=measured)
+
+    return judge
+
+
+def test_an_onset_is_judged_from_the_log_s_own_beginning(judged):
+    each = Named("control_loss", {"time": 20000.5}, {"time": 0.2}, {}, (), 100.0, None)
+    assert judged(Found(each), shift=20000.0).made.doubts and not judged(Found(each), shift=19999.0).made.doubts
+
+
+def test_nothing_found_and_nothing_left_is_consistent(judged):
+    each = judged(Found())
+    assert (each.made.verdict, each.made.where, each.made.causes, each.made.gain) == ("consistent", None, (), None)
+    assert each.measured == [] and each.made.extension is None
+
+
+def test_causes_that_pass_every_test_explain_the_strongest_first(judged):
+    weak, strong = cause("gyro_bias", 30.0), cause("slosh", 90.0)
+    each = judged(Found(weak, strong))
+    assert (each.made.verdict, each.made.where, each.made.causes) == ("explained", "plant", (strong, weak))
+    assert each.made.nearest == () and each.made.extension == "extended" and len(each.measured) == 1
+    assert each.made.remaining == () and each.made.remainder is None
+
+
+@pytest.mark.parametrize("found", [
+    Found(cause("gyro_bias", varies=OUTSIDE * EXPLAINED.variation)),
+    Found(cause("gyro_bias"), left=[left(11.0, "theta")]),
+    Found(cause("gyro_bias"), share=OUTSIDE * EXPLAINED.share),
+    Found(cause("gyro_bias"), noise={"theta": {"factor": 3.1, "significant": True}}),
+    Found(cause("gyro_bias"), weather=weather()),
+    Found(cause("gyro_bias"), weather=weather(name=SLOW_MOMENT))])
+def test_what_forbids_explained_alone_is_dominant_and_says_what_remains(judged, found):
+    """And gain, extension and size are there as for explained."""
+    made = judged(found).made
+    named = [each.cause for each in made.causes if not each.is_weather]
+    if found.weather is not None and found.weather.is_wind:   # wind that passes is itself a cause
+        assert (made.verdict, {each.cause for each in made.causes}) == ("explained", {"gyro_bias", "turbulence"})
+        return
+    assert (made.verdict, made.where, named) == ("dominant", "sensor", ["gyro_bias"])
+    assert len(made.remaining) == 1 and made.remainder.share == pytest.approx(found.share)
+    assert made.extension == "extended" and made.gain is not None and made.doubts == () and made.nearest == ()
+
+
+@pytest.mark.parametrize("nats", [0.0, -3.0, math.nan, -math.inf])
+def test_causes_that_gain_nothing_on_data_left_out_are_not_believed(judged, nats):
+    each = judged(Found(cause("gyro_bias"), nats=nats))
+    assert (each.made.verdict, each.made.causes) == ("unexplained", ()) and each.made.extension is None
+    assert len(each.made.doubts) == 1 and "data left out" in each.made.doubts[0]
+    assert [near.cause for near in each.made.nearest] == ["gyro_bias"] and len(each.measured) == 1
+    assert judged(Found(cause("gyro_bias"), nats=0.1)).made.verdict == "explained"
+
+
+@pytest.mark.parametrize("found", [
+    Found(cause("gyro_bias", varies=OUTSIDE * DOMINANT.variation)),
+    Found(cause("gyro_bias"), left=[left(51.0)]),
+    Found(cause("gyro_bias"), left=[left(51.0, "theta")]),
+    Found(cause("gyro_bias"), left=[left(16.0, shape="theta^2")]),
+    Found(cause("gyro_bias"), share=OUTSIDE * DOMINANT.share),
+    Found(cause("gyro_bias", is_at_an_end=True)),
+    Found(left=[left(11.0, "theta")]),
+    Found(noise={"theta": {"factor": 3.1, "significant": True}}),
+    Found(weather=weather(name=SLOW_MOMENT))])
+def test_any_doubt_makes_it_unexplained_and_keeps_what_comes_nearest(judged, found):
+    each = judged(found)
+    assert each.made.verdict == "unexplained" and len(each.made.doubts) == 1 and each.made.causes == ()
+    assert each.made.nearest == found.named and each.made.remainder is None
+    assert len(each.measured) == len(found.named)   # the nearest's gain is shown all the same
+
+
+def test_a_doubt_is_not_said_again_by_the_gain(judged):
+    assert len(judged(Found(cause("gyro_bias", varies=0.9), nats=-1.0)).made.doubts) == 1
+
+
+@pytest.mark.parametrize(("left_over", "verdict"), [(INSIDE, "dominant"), (OUTSIDE, "unexplained")])
+def test_what_is_left_may_be_half_of_what_is_explained(judged, left_over, verdict):
+    for place in ("plant", "theta"):   # wherever it is
+        found = Found(cause("gyro_bias", 100.0), left=[left_at(place, left_over * DOMINANT.left * 100.0)])
+        assert judged(found).made.verdict == verdict
+
+
+# ---- weather
+
+
+def test_wind_that_nobody_declared_is_a_cause_of_its_own(judged):
+    made = judged(Found(weather=weather(rivals=("wind_walk",)))).made
+    only, = made.causes
+    assert (made.verdict, made.where, only.cause, only.rivals) == ("explained", "environment", "turbulence",
+                                                                   ("wind_walk",))
+    assert (only.values, only.std["level"]) == ({"level": 0.005, "time_constant": 1.0}, 0.001)
+    assert only.is_weather and not cause().is_weather and only.evidence == 50.0
+
+
+def test_weather_beside_which_something_is_left_does_not_name_itself(judged):
+    made = judged(Found(weather=weather(), left=[left(11.0, "beta")])).made
+    assert (made.verdict, made.causes) == ("unexplained", ()) and any("turbulence" in said for said in made.doubts)
+
+
+def test_small_weather_beside_causes_is_not_worth_a_word(judged):
+    named = cause(evidence=5000.0)
+    assert judged(Found(named, weather=weather(60.0, SLOW_MOMENT))).made.verdict == "explained"
+    assert judged(Found(named, weather=weather(140.0, SLOW_MOMENT))).made.verdict == "dominant"
+
+
+# ---- fewer causes
+
+
+def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
+    strong, idle = cause("slosh", 90.0), cause("gyro_bias", 30.0)
+    found = Found(strong, idle, share=0.3, shares=(0.6, OUTSIDE * measure.LEAST_REMOVED))
+    assert judged(found).made.causes == (strong, idle)
+    found.shares = (0.6, INSIDE * measure.LEAST_REMOVED)
+    assert judged(found).made.causes == (strong,)
+    found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay
+    assert judged(found).made.causes == (strong, idle)
+    found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
+    assert judged(found).made.causes == (strong, idle)
+    assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
+    assert judged(Found(strong, idle, share=0.3, shares=(0.6, 0.0)), late=True).made.causes == (strong, idle)
+
+
+def test_the_strongest_alone_stands_where_several_together_are_in_doubt(judged):
+    strong, weak = cause("gyro_bias", 90.0), cause("gyro_scale", 30.0, varies=0.9)
+    made = judged(Found(weak, strong)).made
+    assert (made.verdict, made.causes) == ("explained", (strong,)) and made.doubts == ()
+    made = judged(Found(weak, strong, fewer=Found(strong, nats=-1.0))).made
+    assert (made.verdict, made.nearest) == ("unexplained", (weak, strong)) and "gyro_scale" in made.doubts[0]
+
+
+# ---- where it is
+
+
+def test_the_place_is_where_a_disturbance_helps_the_nominal_most_or_the_nearest_cause_more(judged):
+    found = Found(cause("gyro_bias", 30.0, 0.9))
+    for gains, place in (({"beta": 31.0, "actuator": 20.0}, "sensor"), ({"actuator": 31.0, "beta": 20.0}, "actuator"),
+                         ({"actuator": 29.0}, "sensor")):
+        found.nominal.left = tuple(left_at(*each) for each in gains.items())
+        assert judged(found).made.where == place
+    found.nominal.left = (left(99.0, shape="sin(3 t)"), left_at("actuator", 31.0))   # a line tells no place
+    assert judged(found).made.where == "actuator"
+
+
+# ---- the controller
+
+
+def controlled(kind, evidence=200.0, **given):
+    return ControllerCheck(kind, 1e-3, 1e-5, evidence=evidence, **given)
+
+
+@pytest.mark.parametrize("kind", [UNKNOWN, FILTER])
+def test_a_foreign_controller_alone_is_unexplained(judged, kind):
+    each = judged(Found(), controlled(kind, time_constant=0.08 if kind == FILTER else None))
+    assert (each.made.verdict, each.made.where, each.made.causes) == ("unexplained", "controller", ())
+    assert "not the nominal controller's" in each.made.doubts[-1]
+    assert ("0.08 s" in each.made.doubts[-1]) == (kind == FILTER)
+    assert each.asked == 0   # no term of the plant is sought for it
+
+
+@pytest.mark.parametrize("kind", [UNKNOWN, FILTER])
+def test_a_foreign_controller_beside_causes_is_what_remains(judged, kind):
+    made = judged(Found(cause("gyro_bias")), controlled(kind)).made
+    assert (made.verdict, made.where, [each.cause for each in made.causes]) == ("dominant", "sensor", ["gyro_bias"])
+    assert made.remainder.where == "controller" and "not the nominal controller's" in made.remainder.words
+    doubted = judged(Found(cause("slosh", varies=0.9)), controlled(kind))
+    assert (doubted.made.verdict, doubted.made.where, doubted.asked) == ("unexplained", "controller", 0)
+
+
+@pytest.mark.parametrize("kind", [GAIN, DELAY, f"{GAIN} and {DELAY} and {FILTER}"])
+def test_other_gains_and_computing_time_are_a_cause_beside_the_others(judged, kind):
+    each = judged(Found(cause("gyro_bias")), controlled(kind, kp_scale=1.1))
+    assert [(every.cause, every.where) for every in each.made.causes] == [
+        ("controller_mismatch", "controller"), ("gyro_bias", "sensor")]
+    assert each.made.where == "controller" and len(each.measured) == 1
+    alone = judged(Found(), controlled(kind))
+    assert alone.made.verdict == "explained" and len(alone.measured) == 1 and alone.made.causes[0].constancy is None
+
+
+def test_the_nominal_s_own_controller_is_no_cause(judged):
+    assert judged(Found(), controlled(NONE)).made.verdict == "consistent"
+
+
+def test_a_slow_log_lacks_an_unknown_controller_s_commands_which_seems_the_actuator_s_fault(judged):
+    found = Found()
+    for evidence, place, slow, where in (
+            (200.0, "plant", True, "controller"), (50.0, "plant", True, "plant"),
+            (50.0, "actuator", True, "controller"), (50.0, "plant", False, "controller")):
+        found.nominal.left = (left_at(place, 90.0),)
+        each = judged(found, controlled(UNKNOWN, evidence), slow=slow)
+        assert (each.made.where, each.asked) == (where, 0)   # and no term of the plant is sought beside it
+
+
+# ---- missing terms
+
+
+def term(nats=40.0, log_likelihood=0.0, varies=0.0, **given):
+    each = Named("missing_term", {"term": "theta^2"}, {}, {}, (), 60.0, varying(varies))
+    proposal = SimpleNamespace(equation="missing: +1 theta^2")
+    return proposal, Found(each, nats=nats, log_likelihood=log_likelihood, **given)
+
+
+DOUBTED = Found(cause("slosh", varies=0.9))
+
+
+def test_missing_terms_that_pass_every_test_stand_for_doubted_causes(judged):
+    each = judged(DOUBTED, terms=term())
+    assert (each.made.verdict, each.made.causes[0].label) == ("explained", "missing_term theta^2")
+    assert each.made.selection is not DOUBTED and each.made.gain.nats == 40.0
+
+
+@pytest.mark.parametrize("terms", [
+    None, term(nats=-1.0), term(varies=0.9), term(left=[left(31.0)]),
+    term(log_likelihood=-verdict.TERM_MARGIN - 0.1)])
+def test_missing_terms_with_a_doubt_of_their_own_or_far_behind_are_no_cause(judged, terms):
+    each = judged(DOUBTED, terms=terms)
+    assert (each.made.verdict, each.made.nearest, each.asked) == ("unexplained", DOUBTED.named, 1)
+    assert each.made.selection is DOUBTED and "its size" in each.made.doubts[0]
+    assert each.made.left == DOUBTED.model.left and each.made.gain.nats == DOUBTED.nats
+
+
+def test_missing_terms_may_be_a_little_behind(judged):
+    assert judged(DOUBTED, terms=term(log_likelihood=-verdict.TERM_MARGIN + 0.1)).made.verdict == "explained"
+
+
+def test_missing_terms_are_sought_for_doubts_in_plant_or_environment_and_with_the_whole_catalogue(judged):
+    assert judged(Found(cause("gust", varies=0.9)), terms=term()).asked == 1
+    assert judged(Found(cause("gyro_bias", varies=0.9)), terms=term()).asked == 0
+    assert judged(DOUBTED, terms=term(), catalogue=False).asked == 0
+    assert judged(Found(cause()), terms=term()).asked == 0
+
+
+# ---- before and after
+
+
+@pytest.fixture
+def checked(monkeypatch):
+    """`diagnose` behind the data check: with these faults, so many of 1000 rows usable, and a log on its grid or none;
+    what came of it, and whether it was examined."""
+    def diagnosed(kinds, usable=1000, grid=True):
+        faults = tuple(Fault(kind, "theta", 0.0, 1.0, 1, kind) for kind in kinds)
+        data = SimpleNamespace(is_bad=len(faults) > 0, faults=faults, usable=np.arange(1000) < usable)
+        nominal = SimpleNamespace(diagnosis=SimpleNamespace(time_limit=60.0))
+        examined = []
+
+        def recorded(*given):
+            if not grid:
+                raise InputError("no grid holds it")
+            return SimpleNamespace()
+
+        monkeypatch.setattr(verdict, "check", lambda *given: data)
+        monkeypatch.setattr(verdict, "record", recorded)
+        monkeypatch.setattr(verdict, "replace", lambda r, **changes: SimpleNamespace(**changes))
+        monkeypatch.setattr(verdict, "_examined", lambda made, *given: examined.append(made) or made)
+        made = verdict.diagnose(SimpleNamespace(t=np.arange(1000.0)), nominal)
+        return made, len(examined) == 1
+
+    return diagnosed
+
+
+@pytest.mark.parametrize(("kinds", "rest"), [(("spike",), True), (("stamps", "range", "stale", "dropout"), True),
+                                             (("unit",), False), (("spike", "sign"), False), (("swapped",), False)])
+def test_faults_of_rows_are_masked_and_faults_of_columns_are_not(checked, kinds, rest):
+    made, examined = checked(kinds)
+    assert examined == rest and made.data.faults
+    assert rest or (made.verdict, made.where, made.causes) == ("bad-data", "data", ())
+
+
+def test_too_few_rows_left_are_bad_data(checked):
+    share = round(1000 * verdict.FEWEST_USABLE)
+    for usable, examined in ((share, True), (share - 1, False)):
+        made, reached = checked(("stamps",), usable)
+        assert reached == examined and (examined or (made.verdict, made.where) == ("bad-data", "data"))
+    assert checked((), share - 1)[1]   # without a fault rows may be few
+    assert checked(("spike",), grid=False)[0].verdict == "bad-data"
+    with pytest.raises(InputError):
+        checked((), grid=False)   # a log without faults that no grid holds is refused
+
+
+def test_noise_and_time_limit_are_the_record_s(checked):
+    made, _ = checked(())
+    assert made.record.noise == "bounded" and math.isfinite(made.record.until)
+
+
+def test_too_few_rows_are_not_searched(monkeypatch):
+    for rows, searched in ((verdict.FEWEST_ROWS - 1, False), (verdict.FEWEST_ROWS, True)):
+        record = SimpleNamespace(rows=rows, is_late=False)
+        found: list[int] = []
+        monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+        monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
+        monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+        monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
+        monkeypatch.setattr(verdict, "noise_of", lambda model: {})
+        given = Diagnosis(None, None, None, record=record)
+        made = verdict._examined(given, None, 0, None, lambda text: None)
+        assert (len(found) == 1) == searched
+        assert searched or (made.verdict == "consistent" and {each.size for each in made.limits} == {None})
+
+
+def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
+    taken = []
+    record = SimpleNamespace(rows=verdict.FEWEST_ROWS, is_late=False)
+    monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+    monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
+    monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
+    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+    monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
+    monkeypatch.setattr(verdict, "noise_of", lambda model: {})
+    for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
+        given = Diagnosis(None, None, None, record=record)
+        made = verdict._examined(given, None, bootstrap, None, lambda text: None)
+        assert made.threshold == threshold and taken[-2:] == [threshold] * 2
+
+
+def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
+    read = []
+    monkeypatch.setattr(verdict, "check", lambda log, nominal: read.append(log))
+    monkeypatch.setattr(verdict, "record", lambda *given: "record")
+    monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+    monkeypatch.setattr(verdict, "on_another", lambda r, model, nominal, controller: r)
+    measure = verdict._measure(Diagnosis(None, None, None), "second log")
+    assert read == []
+    assert [measure(Found()) for _ in range(3)] == ["record"] * 3 and read == ["second log"]

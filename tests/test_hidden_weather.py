@@ -1,0 +1,121 @@
+"""Wind of the hidden generator by its laws, its forms against each other, and calm flights left alone."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hidden import OTHER, PLAIN, QUIET, Spec, Weather, draw_spec, fly, hide
+from hidden.build import Build
+from hidden.weather import GRID, LAYER, dryden, first_order, polygon, turbulence, walk, wandering
+
+from sim.effects import effect
+from sim.flight import fly_whole
+from sim.nominal import Forecast, Wind, load_nominal
+
+DRAWS = 1500
+COLUMNS = ("theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
+
+
+def drawn(make, columns, steps):
+    """(DRAWS, steps) of a process of unit level."""
+    rng = np.random.default_rng(7)
+    shape = (steps, columns) if columns else (steps,)
+    return np.array([make(rng.standard_normal(shape)) for _ in range(DRAWS)])
+
+
+@pytest.mark.parametrize(("make", "columns", "correlation"), [
+    (lambda white: first_order(white, 0.4), 1, lambda s: math.exp(-s / 0.4)),
+    (lambda white: dryden(white, 0.4), 2, lambda s: math.exp(-s / 0.8) * (1 - s / 1.6))])  # MIL-F-8785C, lateral
+def test_turbulence_has_its_level_and_its_correlation_from_the_first_instant(make, columns, correlation):
+    gusts = drawn(make, columns, 400)
+    for k in (0, 80, 399):
+        assert np.std(gusts[:, k]) == pytest.approx(1.0, rel=5 / math.sqrt(2 * DRAWS))
+    for k in (20, 80, 320):
+        assert np.mean(gusts[:, 0] * gusts[:, k]) == pytest.approx(correlation(k * GRID), abs=5 / math.sqrt(DRAWS))
+
+
+def test_both_spectra_are_as_strong_where_they_are_slow():
+    """Their integral times are the same: that of exp(-s/T) is T, that of exp(-s/(2T)) (1 - s/(4T)) too."""
+    s = np.linspace(0.0, 60.0, 200_001)
+    integral = np.trapezoid(np.exp(-s / 2.0) * (1.0 - s / 4.0), s)
+    assert integral == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_walk_s_variance_grows_with_time_and_the_polygon_goes_through_it():
+    steps = round(3.0 * LAYER / GRID) + 1
+    paths = drawn(walk, 0, steps)
+    for k in (steps // 3, steps - 1):
+        assert np.var(paths[:, k]) == pytest.approx(k * GRID, rel=5 * math.sqrt(2 / DRAWS))
+    white = np.random.default_rng(3).standard_normal(steps)
+    path, bent = walk(white), polygon(white)
+    layer = round(LAYER / GRID)
+    assert np.allclose(bent[::layer], path[::layer], atol=1e-12) and path[0] == bent[0] == 0.0
+    inside = np.delete(np.diff(bent, 2), np.arange(layer - 1, steps - 2, layer))
+    assert np.max(np.abs(inside)) < 1e-12 < np.max(np.abs(np.diff(bent, 2)))
+
+
+@pytest.mark.parametrize("variant", [PLAIN, OTHER])
+def test_levels_scale_the_same_draw(variant):
+    t = np.linspace(0.0, 20.0, 2001)
+    one, three = (turbulence(np.random.default_rng(1), level, 1.0, variant, t) for level in (0.001, 0.003))
+    assert np.allclose(3.0 * one, three)
+    one, three = (wandering(np.random.default_rng(1), level, variant, t) for level in (0.001, 0.003))
+    assert np.allclose(3.0 * one, three)
+
+
+# ---- the weather of a flight
+
+
+def test_weather_leaves_every_draw_alone_and_a_calm_flight_its_bytes():
+    calm, windy = (Build(Spec(seed=5, duration=5.0, wind=of)) for of in (Weather(), Weather(0.005, 0.002)))
+    assert not calm.wind.any() and np.std(windy.wind) > 1e-3
+    mine, theirs = calm.parts()[2], windy.parts()[2]
+    for name in ("rattle", "command_noise", "attitude_add", "gyro_add", "pickup_add", "a6", "k1"):
+        assert np.array_equal(getattr(mine, name), getattr(theirs, name))
+    same = [fly(draw_spec(5, "gust", duration=5.0, **given))[0] for given in ({}, {"wind": Weather()})]
+    assert all(np.array_equal(same[0][name], same[1][name]) for name in COLUMNS)
+    assert draw_spec(5, "gust") == dataclasses.replace(draw_spec(5, "gust", wind=Weather(0.005)), wind=Weather())
+
+
+def test_weather_is_no_cause():
+    flown, label = fly(Spec(seed=1, duration=2.0, wind=Weather(0.005, 0.002, initial=0.01)))
+    assert label.causes == () and label.unlisted == () and label.spec.wind.walk == 0.002
+    assert len(flown["t"]) == 200
+
+
+def test_wind_turns_vehicle_and_flight_path_as_in_the_project():
+    """The same forecast in both: a hidden drift in the weather's wind, flown as [wind] profile."""
+    spec = Spec(noise=QUIET, duration=30.0, wind=Weather(0.01, 0.002, initial=0.01, variant=OTHER), seed=3,
+                effects=(hide("lateral_drift", {"z_alpha": 0.1, "z_beta": 0.05}),))
+    flown, _ = fly(spec)
+    build = Build(spec)
+    theirs = still(build.t, build.wind, 30.0)
+    other = fly_whole(theirs, effects=[effect("lateral_drift", z_alpha=0.1, z_beta=0.05)], period=0.01)
+    for name in COLUMNS[1:]:
+        scale = float(np.sqrt(np.mean(flown[name]**2)))
+        assert np.sqrt(np.mean((flown[name] - getattr(other, name))**2)) < 1e-4 * scale, name
+
+
+def still(t=None, wind=None, duration=30.0, **actuator):
+    """The constant nominal without noise, with a forecast."""
+    of = load_nominal("constant")
+    forecast = None if t is None else Wind(profile=Forecast(t, wind))
+    return dataclasses.replace(
+        of, actuator=dataclasses.replace(of.actuator, command_noise_std=0.0, **actuator), wind=forecast,
+        sensors=dataclasses.replace(of.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0),
+        simulation=dataclasses.replace(of.simulation, acceleration_noise_std=0.0, duration=duration))
+
+
+@pytest.mark.parametrize("causes", [{}, {"nozzle_inertia": {"coefficient": -4e-3}},
+                                    {"nozzle_inertia": {"coefficient": -4e-3},
+                                     "slosh": {"coupling": 0.2, "frequency": 4.0, "damping_ratio": 0.02}}])
+def test_a_first_order_servo_and_its_inertia_are_the_project_s(causes):
+    spec = Spec(noise=QUIET, duration=20.0, first_order=True, effects=tuple(hide(*each) for each in causes.items()))
+    flown, _ = fly(spec)
+    lag = {"natural_frequency": math.nan, "damping_ratio": math.nan, "time_constant": 2.0 * 0.7 / 50.0}
+    theirs = fly_whole(still(duration=20.0, **lag), effects=[effect(name, **of) for name, of in causes.items()],
+                       period=0.01)
+    for name in COLUMNS[1:]:
+        scale = float(np.sqrt(np.mean(flown[name]**2)))
+        assert np.sqrt(np.mean((flown[name] - getattr(theirs, name))**2)) < 1e-7 * scale, name
