@@ -38,8 +38,10 @@ SLOW = 0.02  # s: a log of every other command
     "kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
     "kp_scale=1.1,delay=0.01"])
 @pytest.mark.parametrize("tau", [0.05, 0.045])
-def test_the_mismatch_is_named_from_every_other_command(effect, tau):
+def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
     """Between the rows the log has neither command nor attitude; with another derivative filter or without."""
+    if (effect, tau) == ("kp_scale=1.1,delay=0.01", 0.045):
+        request.applymarker(pytest.mark.xfail(strict=True, reason="kd 1.022 of 1, bound 2 %, since timing is free"))
     controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=tau)
     made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW,
                           nominal=dataclasses.replace(NOMINAL, controller=controller)), NOMINAL)
@@ -48,7 +50,7 @@ def test_the_mismatch_is_named_from_every_other_command(effect, tau):
     true = {"kp_scale": 1.0, "kd_scale": 1.0, "delay": 0.0} | {
         key: float(value) for key, value in (part.split("=") for part in effect.split(","))}
     for name, value in true.items():
-        near = 0.025 if name == "kd_scale" else 0.005  # the servo's timing, within 1 ms, is like a derivative
+        near = 0.02 if name == "kd_scale" else 0.005
         assert result["causes"][0]["parameters"][name]["value"] == pytest.approx(value, abs=near)
     if "kd" not in effect or "kp" not in effect:
         log = made.log
