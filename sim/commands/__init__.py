@@ -1,0 +1,21 @@
+"""The commands, one file each: `add` has a command's words, `run` does it.
+
+Words -> inputs read -> outputs refused that cannot be written -> the answer computed (`sim.answers`) -> told.  What a
+command needs is imported when it runs, its files are read before anything is that compiles.
+"""
+
+from . import (
+    convert,
+    diagnose,
+    effects,
+    export_c,
+    fit_lft,
+    identify,
+    nominal,
+    plan,
+    reproduce,
+    simulate,
+    uncertainty,
+)
+
+COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, convert, effects)

@@ -1,0 +1,38 @@
+"""launchid convert"""
+
+import argparse
+from typing import Any
+
+from ..errors import UsageError
+from ..terminal import answer, say
+from ..words import add_command, add_map
+from .talk import check_outputs, warn
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "convert", "a flight's file (ULog, MCAP, MAT, HDF5, Parquet, CSV) as a log",
+                      "launchid convert flight.ulg --map px4.toml --out log.csv")
+    sub.add_argument("flight", metavar="FLIGHT", help="the file; its format is told by its first bytes")
+    add_map(sub)
+    sub.add_argument("--out", metavar="LOG.csv", help="the log to write (default: none, with --list)")
+    sub.add_argument("--list", action="store_true", help="say what the file holds instead: names for the map")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid convert"""
+    if not args.list and not (args.map and args.out):
+        raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
+    from ..convert.mapping import load_map
+    of = load_map(args.map) if args.map else None
+    from ..answers.of_files import channel_lines, convert
+    if args.list:
+        answer("\n".join(channel_lines(args.flight, of.options if of else {})))
+        return
+    assert of is not None
+    made = convert(args.flight, of, ("t",))
+    check_outputs(args.out)
+    made.write(args.out)
+    warn(made)
+    say(made.summary(args.out))

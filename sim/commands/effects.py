@@ -1,0 +1,22 @@
+"""launchid effects"""
+
+import argparse
+from typing import Any
+
+from ..words import add_command, add_outputs
+from .talk import check_outputs, tell
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "effects", "the causes that can be flown and diagnosed, with their parameters",
+                      "launchid effects --json -")
+    add_outputs(sub)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid effects"""
+    check_outputs(args.json)
+    from ..reference import Effects
+    tell(Effects(), args.json)

@@ -1,0 +1,30 @@
+"""launchid export-c"""
+
+import argparse
+from typing import Any
+
+from ..terminal import say
+from ..words import NOMINAL_HELP, add_choices, add_command, choices
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "export-c", "the estimator in C, for a flight computer: the same bits",
+                      "launchid export-c constant --out port --window 5")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
+    sub.add_argument("--out", required=True, metavar="DIR", help="folder for launchid.h, launchid.c, replay.c")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S", help="between samples [s] (default: the nominal's)")
+    add_choices(sub)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid export-c"""
+    from ..nominal import load_nominal
+    nominal = load_nominal(args.nominal)
+    from ..answers.of_nominals import export_c
+    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation, **choices(args))
+    made.write(args.out)
+    say(made.summary(args.out))

@@ -1,0 +1,46 @@
+"""launchid fit-lft"""
+
+import argparse
+from typing import Any
+
+from ..errors import UsageError
+from ..terminal import answer
+from ..words import add_command, add_map, add_strict
+from .talk import check_outputs, read_noting, warn
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "fit-lft", "the range sigma of a6 and k1, fitted from flights",
+                      "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
+    sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml", help="one log a flight, the nominal last")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [uncertainty] to write")
+    sub.add_argument("--share", type=float, default=0.95, metavar="X",
+                     help="of vehicles that the range holds, between 0 and 1 (default %(default)s)")
+    sub.add_argument("--confidence", type=float, default=0.95, metavar="X",
+                     help="that it holds them, between 0 and 1 (default %(default)s)")
+    sub.add_argument("--profile", action="store_true",
+                     help="sigma over flight time, where the flights tell it, as a CSV beside NEW.toml")
+    add_map(sub)
+    add_strict(sub)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid fit-lft"""
+    from ..nominal import load_nominal
+    *paths, nominal_path = args.logs
+    if not paths:
+        raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
+    for name, value in (("--share", args.share), ("--confidence", args.confidence)):
+        if not 0.0 < value < 1.0:
+            raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
+    nominal = load_nominal(nominal_path)
+    logs = [read_noting(path, of=args.map) for path in paths]
+    check_outputs(args.out)
+    from ..answers.of_logs import fit_lft
+    made = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
+                   strict=args.strict)
+    made.write(args.out)
+    warn(made)
+    answer(made.summary(args.out))

@@ -1,0 +1,37 @@
+"""launchid identify"""
+
+import argparse
+from typing import Any
+
+from ..words import LOG_HELP, NOMINAL_HELP, add_choices, add_command, add_map, add_outputs, add_strict, choices
+from .talk import check_outputs, check_plot, read_noting, tell
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "identify", "a6, k1 and the active terms of a log, window by window",
+                      "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
+    sub.add_argument("--nominal", metavar="NOMINAL.toml",
+                     help=f"what the simulation believes: {NOMINAL_HELP} (default: none, nothing is believed)")
+    sub.add_argument("--window", default="1", metavar="S|all",
+                     help="length of a window [s], or all: the whole log is one (default %(default)s)")
+    add_choices(sub)
+    sub.add_argument("--tracked", action="store_true",
+                     help="also the estimate tracked from window to window, and sudden changes (needs --nominal)")
+    add_map(sub)
+    add_strict(sub)
+    add_outputs(sub, plot=True)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid identify"""
+    from ..nominal import load_nominal
+    log = read_noting(args.log, of=args.map)
+    nominal = load_nominal(args.nominal) if args.nominal else None
+    check_outputs(args.json, args.plot)
+    check_plot(args.plot)
+    from ..answers.of_logs import identify
+    tell(identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
+                  strict=args.strict, **choices(args)), args.json, args.plot)

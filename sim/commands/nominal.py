@@ -1,0 +1,42 @@
+"""launchid nominal"""
+
+import argparse
+import json
+from typing import Any
+
+from ..errors import InputError
+from ..files import write_text
+from ..terminal import answer
+from ..words import LOG_HELP, add_command, add_map, add_outputs
+from .talk import check_outputs, read_noting
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "nominal", "the first nominal of a vehicle, out of its log alone",
+                      "launchid nominal dfki_pendulum_ddp --out mine.toml")
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
+                                                    "beta_cmd, is enough")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal to write")
+    add_map(sub)
+    add_outputs(sub)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid nominal"""
+    log = read_noting(args.log, "t", of=args.map)
+    check_outputs(args.out, args.json)
+    from ..first import first, lines, report, write
+    made = first(log)
+    if args.json:
+        text = json.dumps(report(made), indent=1)
+        if args.json == "-":
+            answer(text)
+        else:
+            write_text(args.json, [text, "\n"])
+    if made.refused:
+        raise InputError(f"{args.log}: {'; '.join(made.refused)}")
+    write(made, args.out)
+    if args.json != "-":
+        answer("\n".join(lines(made, args.out)))

@@ -1,0 +1,31 @@
+"""launchid plan"""
+
+import argparse
+from typing import Any
+
+from ..terminal import answer
+from ..words import NOMINAL_HELP, add_command
+from .talk import check_outputs
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "plan", "the smallest test input that reaches an accuracy",
+                      "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("--accuracy", type=float, required=True, metavar="X",
+                     help="relative standard deviation of a6 and k1 that is to be reached, above 0 and below 1")
+    sub.add_argument("--window", type=float, required=True, metavar="S", help="length of a window [s]")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [test_input] to write")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid plan"""
+    from ..nominal import load_nominal
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
+    from ..answers.of_nominals import plan
+    made = plan(nominal, accuracy=args.accuracy, window=args.window)
+    made.write(args.out)
+    answer(made.summary(args.out))

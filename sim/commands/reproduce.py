@@ -1,0 +1,29 @@
+"""launchid reproduce"""
+
+import argparse
+from typing import Any
+
+from ..terminal import answer
+from ..words import add_command
+from .talk import at_least
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    from ..experiments import CASES, CONFIDENCE
+    sub = add_command(commands, "reproduce", "the paper's experiments: figures, table, verdict",
+                      "launchid reproduce --case windowed --seeds 3 --out results")
+    sub.add_argument("--case", default="all", choices=[*CASES, CONFIDENCE, "all"],
+                     help="one experiment, or all of them (default %(default)s)")
+    sub.add_argument("--seeds", type=int, default=20, metavar="N",
+                     help="flights per case (default %(default)s, the paper's)")
+    sub.add_argument("--out", default="results", metavar="DIR",
+                     help="folder for figures and tables (default %(default)s)")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid reproduce"""
+    at_least("--seeds", args.seeds, 1)
+    from ..experiments.report import reproduce
+    answer(reproduce(args.case, args.seeds, args.out))

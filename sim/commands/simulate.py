@@ -1,0 +1,38 @@
+"""launchid simulate"""
+
+import argparse
+from typing import Any
+
+from ..terminal import say
+from ..words import NOMINAL_HELP, add_command
+from .talk import at_least, check_outputs, warn
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "simulate", "fly a nominal and write its log",
+                      "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("--out", required=True, metavar="LOG.csv", help="the log to write")
+    sub.add_argument("--seed", type=int, default=0, metavar="N",
+                     help="of all noise, from 0 on; the same seed gives the same bytes (default %(default)s)")
+    sub.add_argument("--suite", default="flight", choices=["flight", "ideal"],
+                     help="flight: the nominal's sensors; ideal: the truth, with theta_ddot (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S",
+                     help="between rows [s], a multiple of the simulation's step (default: the suite's own)")
+    sub.add_argument("--effect", action="append", default=[], metavar="NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]",
+                     help="fly a cause of the catalogue too, see launchid effects; repeatable (default: none)")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid simulate"""
+    from ..nominal import load_nominal
+    at_least("--seed", args.seed, 0)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.out)
+    from ..answers.of_nominals import simulate
+    made = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
+    made.write(args.out)
+    warn(made)
+    say(made.summary(args.out))

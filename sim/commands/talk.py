@@ -1,0 +1,68 @@
+"""What the commands share: reading a log aloud, refusing outputs early, telling an answer."""
+
+from typing import TYPE_CHECKING
+
+from ..errors import InputError, UsageError
+from ..files import check_output, write_text
+from ..terminal import answer, say
+
+if TYPE_CHECKING:
+    from ..answers.answer import Answer
+    from ..log import Log
+
+
+def warn(made: "Answer") -> None:
+    """Its warnings, on stderr."""
+    for line in made.warnings:
+        say(line)
+
+
+def tell(made: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
+    """An answer where it is wanted: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
+    warn(made)
+    if plot_path:
+        made.plot(plot_path)
+    if json_path == "-":
+        answer(made.to_json())
+        return
+    if json_path:
+        write_text(json_path, [made.to_json(), "\n"])
+    answer(made.summary())
+
+
+def check_outputs(*paths: str | None) -> None:
+    """Refuse an output that cannot be written before anything is computed; after the inputs are read."""
+    for path in paths:
+        if path and path != "-":
+            check_output(path)
+
+
+def at_least(name: str, value: int, low: int) -> None:
+    """UsageError unless value >= low."""
+    if value < low:
+        raise UsageError(f"{name} {value}: expected an integer of at least {low}")
+
+
+def read_noting(path: str, *required: str, of: str | None = None) -> "Log":
+    """Read a log, of another format with the map `of`, and say which columns were ignored."""
+    from ..log import REQUIRED, read_log
+    if of:
+        from ..answers.of_files import convert
+        from ..convert.mapping import load_map
+        made = convert(path, load_map(of), required or REQUIRED)
+        warn(made)
+        return made.log
+    from ..convert.readers import foreign_format
+    if foreign := foreign_format(path):
+        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
+    log = read_log(path, required or REQUIRED)
+    if log.ignored:
+        say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
+    return log
+
+
+def check_plot(path: str | None) -> None:
+    """Refuse a plot that cannot be drawn before anything is computed."""
+    if path:
+        from ..plots import check_suffix
+        check_suffix(path)

@@ -1,0 +1,33 @@
+"""launchid uncertainty"""
+
+import argparse
+from typing import Any
+
+from ..words import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from .talk import check_outputs, check_plot, read_noting, tell
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "uncertainty", "where in its range each parameter is, and whether it left it",
+                      "launchid uncertainty v.csv vega_like --plot level.png")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml",
+                     help=f"what the simulation believes, with [uncertainty]: {NOMINAL_HELP}")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    add_map(sub)
+    add_strict(sub)
+    add_outputs(sub, plot=True)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid uncertainty"""
+    from ..nominal import load_nominal
+    log = read_noting(args.log, of=args.map)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.json, args.plot)
+    check_plot(args.plot)
+    from ..answers.of_logs import uncertainty
+    tell(uncertainty(log, nominal, window=args.window, strict=args.strict), args.json, args.plot)
