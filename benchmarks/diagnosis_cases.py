@@ -9,6 +9,7 @@ flight of the same seed, reference, rate, noise and columns.
 """
 
 import argparse
+import dataclasses
 import json
 import math
 import sys
@@ -24,24 +25,31 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # the generator is no installed package
 
-from hidden import LISTED, OTHER, PLAIN, UNLISTED, Hidden, Label, draw_spec, fly, hide  # noqa: E402
+from hidden import LISTED, OTHER, PLAIN, UNLISTED, Hidden, Label, Weather, draw_spec, fly, hide  # noqa: E402
 from hidden.build import SUBSTEP  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
 from sim.diagnosis.data.record import Record  # noqa: E402
 from sim.diagnosis.judge.gain import HORIZONS, SPACING, held_out, long_folds  # noqa: E402
+from sim.diagnosis.model.nuisance import Problem  # noqa: E402
 from sim.diagnosis.report.answer import report  # noqa: E402
+from sim.diagnosis.search.fit import fit  # noqa: E402
 from sim.diagnosis.verdict import Diagnosis, diagnose  # noqa: E402
 from sim.log import OPTIONAL, REQUIRED, Log  # noqa: E402
-from sim.nominal import Nominal, built_in, load_nominal  # noqa: E402
+from sim.nominal import Nominal, Wind, built_in, load_nominal  # noqa: E402
 
 NOMINALS = ("constant", "vega_like")
+CALM, WINDY = AIRS = ("calm", "windy")
+# of the windy column: as the nominal declares it, and as it blows
+DECLARED = Wind(turbulence=0.005, walk=0.002)
+WEATHER = Weather(DECLARED.turbulence, DECLARED.walk, DECLARED.turbulence_time, DECLARED.initial)
 # seeds a nominal (of each effect where there are effects): quick, full
-SEEDS = {"clean": (20, 150), "twice": (4, 20), "large": (2, 5), "half": (2, 5), "dropped": (2, 5), "pairs": (8, 80),
-         "unlisted": (2, 20), "odds": (2, 10)}
-HALVED = ("twice", "large", "half", "dropped", "unlisted", "odds")  # quick: a seed is flown on one of the nominals
+SEEDS = {"clean": (10, 50), "twice": (2, 5), "half": (2, 2), "dropped": (2, 2), "pairs": (4, 20), "unlisted": (2, 3),
+         "odds": (2, 2)}
+HALVED = ("twice", "unlisted", "odds")  # quick: a seed is flown on one of the nominals; always in SHARED
+SHARED = ("half", "dropped")
 GROUPS = tuple(SEEDS)
-TWICE, LARGE, HALF, PAIR = 2.0, 5.0, 0.5, 3.0   # sizes over the printed limit
+TWICE, HALF, PAIR = 2.0, 0.5, 3.0   # sizes over the printed limit
 ODDS = (0.5, 0.7, 1.0, 1.4, 2.0)
 ODDS_CAUSES = ("aero_damping", "actuator_delay", "gyro_scale", "thrust_misalignment", "slosh", "gust")
 DROPS = ("theta_dot", "beta")
@@ -53,12 +61,13 @@ SERVO = frozenset({"actuator_delay", "actuator_bandwidth", "actuator_rate_limit"
 
 NAN = math.nan
 CONTROLLER = "controller_mismatch"
+CHANCE = ("turbulence", "wind_walk")   # not flown in wind: there the nominal declares them
 NO_LIMIT = (CONTROLLER,)     # found by exact comparison, so no limit is printed; flown at the generator's factor
 IN_PARTS = ("bending",)      # its other form has two modes
+NAMED = ("explained", "dominant")
 LARGEST_SET = 3              # causes an answer may leave open
 HORIZON = 1.0                # s of the prediction error in the gain
 NORMAL_95 = 1.96
-LARGE_SCALE = 0.3            # of a scale in the group `large`, as far as a vehicle may be off
 LARGEST_SHARE = 0.9          # of a scale's or a fraction's deviation downwards: the vehicle keeps a tenth
 ONSETS = {"control_loss": "time", "moment_step": "time", "gust": "time"}
 
@@ -78,6 +87,7 @@ class Case(NamedTuple):
     sizes  JSON: {cause: [limit, neutral, parameter, {other parameter: value}]} of the clean flight; "" for unlisted
     rate   Hz of the log; 0: drawn
     drop   the column left out, "" none
+    air    calm, or windy as the nominal declares
     """
 
     group: str
@@ -89,6 +99,7 @@ class Case(NamedTuple):
     rate: float
     reference: str
     drop: str
+    air: str = CALM
     sizes: str = ""
 
     @property
@@ -98,7 +109,7 @@ class Case(NamedTuple):
 
 def twin(flight: Mapping[str, Any]) -> tuple[Any, ...]:
     """What makes two flights the same but for their effects."""
-    return tuple(flight[name] for name in ("nominal", "seed", "rate", "reference", "drop"))
+    return tuple(flight[name] for name in ("nominal", "seed", "rate", "reference", "drop", "air"))
 
 
 # ---- which flights
@@ -114,45 +125,48 @@ def seeds_of(args: argparse.Namespace, group: str, index: int) -> list[int]:
         count = max(1, round(count * args.seeds / SEEDS["twice"][0 if args.quick else 1]))
     if group not in args.groups and group != "clean":
         return []
-    shared = args.quick and group in HALVED and len(args.nominals) > 1
+    shared = (group in SHARED or (args.quick and group in HALVED)) and len(args.nominals) > 1
     return [args.first + seed for seed in range(count) if not shared or (seed + seed // 2 + index) % 2 == 0]
 
 
-def case(group: str, nominal: str, causes: str, factor: float, seed: int, rate: float, drop: str = "") -> Case:
+def case(group: str, nominal: str, causes: str, factor: float, seed: int, rate: float, drop: str, air: str) -> Case:
     """Reference and form go with the seed, so that four seeds fly all four."""
     rough = seed % 2 == 1 and group != "unlisted"
     other = seed // 2 % 2 == 1 and causes and group != "unlisted"
     return Case(group, nominal, causes, factor, OTHER if other else PLAIN, seed, rate, "rough" if rough else "nominal",
-                drop)
+                drop, air)
 
 
 def wanted(args: argparse.Namespace) -> list[Case]:
     """Every flight with an effect, without its sizes."""
+    return [each for air in args.air for index, nominal in enumerate(args.nominals)
+            for each in _wanted(args, air, nominal, index)]
+
+
+def _wanted(args: argparse.Namespace, air: str, nominal: str, index: int) -> list[Case]:
+    """Those of one nominal in this air."""
     cases: list[Case] = []
-    causes = [name for name in CAUSES if name in args.causes]
-    for index, nominal in enumerate(args.nominals):
+    causes = [name for name in CAUSES if name in args.causes and not (air == WINDY and name in CHANCE)]
 
-        def add(group: str, name: str, factors: tuple[float, ...], shift: int = 0, drops: tuple[str, ...] = ("",),
-                nominal: str = nominal, index: int = index) -> None:
-            for seed in seeds_of(args, group, (index + shift) % 2):
-                turn = seed + shift // 2  # not with the seed alone: few seeds must not tie it to their rates
-                factor = factors[(seed // 2 + shift // 2 + index) % len(factors)]
-                cases.append(case(group, nominal, name, factor, seed, args.rate, drops[turn % len(drops)]))
+    def add(group: str, name: str, factors: tuple[float, ...], shift: int = 0, drops: tuple[str, ...] = ("",)) -> None:
+        for seed in seeds_of(args, group, (index + shift) % 2):
+            turn = seed + shift // 2  # not with the seed alone: few seeds must not tie it to their rates
+            factor = factors[(seed // 2 + shift // 2 + index) % len(factors)]
+            cases.append(case(group, nominal, name, factor, seed, args.rate, drops[turn % len(drops)], air))
 
-        for number, name in enumerate(causes):
-            add("twice", name, (1.0 if name in NO_LIMIT else TWICE,))
-            if name not in NO_LIMIT:
-                add("large", name, (LARGE,), number)
-                add("half", name, (HALF,), number)
-                add("dropped", name, (TWICE,), number, DROPS)
-        seeds = seeds_of(args, "pairs", index)
-        for seed, pair in zip(seeds, pairs(causes, len(seeds), (index, args.first)), strict=True):
-            cases.append(case("pairs", nominal, pair, PAIR, seed, args.rate))
-        for number, name in enumerate(UNLISTED):
-            add("unlisted", name, VISIBLE, number)
-        for number, name in enumerate(ODDS_CAUSES):
-            for factor in ODDS if name in causes else ():
-                add("odds", name, (factor,), number)
+    for number, name in enumerate(causes):
+        add("twice", name, (1.0 if name in NO_LIMIT else TWICE,))
+        if name not in NO_LIMIT:
+            add("half", name, (HALF,), number)
+            add("dropped", name, (TWICE,), number, DROPS)
+    seeds = seeds_of(args, "pairs", index)
+    for seed, pair in zip(seeds, pairs(causes, len(seeds), (index, args.first)), strict=True):
+        cases.append(case("pairs", nominal, pair, PAIR, seed, args.rate, "", air))
+    for number, name in enumerate(UNLISTED):
+        add("unlisted", name, VISIBLE, number)
+    for number, name in enumerate(ODDS_CAUSES if air == CALM else ()):
+        for factor in ODDS if name in causes else ():
+            add("odds", name, (factor,), number)
     return cases
 
 
@@ -169,8 +183,8 @@ def pairs(causes: Iterable[str], count: int, stream: tuple[int, int]) -> list[st
 
 def clean(args: argparse.Namespace, cases: list[Case]) -> list[Case]:
     """The clean flights: those that give the limits of `cases`, and the rest of the group."""
-    flights = {case("clean", nominal, "", 0.0, seed, args.rate) for index, nominal in enumerate(args.nominals)
-               for seed in seeds_of(args, "clean", index)}
+    flights = {case("clean", nominal, "", 0.0, seed, args.rate, "", air) for air in args.air
+               for index, nominal in enumerate(args.nominals) for seed in seeds_of(args, "clean", index)}
     flights |= {each._replace(group="clean", causes="", factor=0.0, variant=PLAIN) for each in cases
                 if each.group != "unlisted"}
     return sorted(flights)
@@ -202,14 +216,18 @@ def log_of(columns: dict[str, np.ndarray]) -> Log:
 
 
 @cache
-def nominal_of(name: str) -> Nominal:
-    return load_nominal(built_in(name))
+def nominal_of(name: str, air: str) -> Nominal:
+    """What is believed of the vehicle, with the wind of the windy column."""
+    nominal = load_nominal(built_in(name))
+    return dataclasses.replace(nominal, wind=DECLARED) if air == WINDY else nominal
 
 
 def flown(case: Case, effects: tuple[Hidden, ...]) -> tuple[Log, Label]:
     """The case's flight with these effects; noise, rate and dispersion are drawn from its seed."""
     unlisted = case.causes if case.group == "unlisted" else None
     given: dict[str, Any] = {"reference": case.reference, "drop": (case.drop,) if case.drop else ()}
+    if case.air == WINDY:
+        given["wind"] = dataclasses.replace(WEATHER, variant=OTHER if case.seed // 4 % 2 else PLAIN)
     if case.rate:
         given["rate"] = case.rate
     if unlisted is None:
@@ -245,8 +263,6 @@ def _value(name: str, parameter: str, limit: float, neutral: float, factor: floa
     deviation = limit * factor
     if parameter == "delay":
         return max(round(deviation / SUBSTEP), 1) * SUBSTEP
-    if parameter == "scale" and factor >= LARGE:
-        deviation = max(min(deviation, LARGE_SCALE), TWICE * limit)
     if parameter == "scale" and sign < 0.0 and deviation > LARGEST_SHARE:
         sign = 1.0
     if parameter == "fraction":
@@ -274,10 +290,10 @@ def _near(shape: Parameters, rng: np.random.Generator) -> Parameters:
 def calibrated(case: Case) -> dict[str, Any]:
     """The clean flight's row: verdict, limits (JSON), and the RMS error over 1 s that is left with nothing wrong."""
     log, label = flown(case, ())
-    made, seconds = timed(log, case.nominal)
+    made, seconds = timed(log, nominal_of(case.nominal, case.air))
     floor = NAN
     if made.record is not None and made.selection is not None:
-        gain = held_out(made.record, made.selection.nominal, made.selection.nominal)
+        gain = held_out(made.selection.nominal, made.selection.nominal)
         floor = gain.nrmse[HORIZON].get("theta", (NAN, NAN))[1] * change_rms(made.record)
     sizes = {each.cause: [each.size, each.neutral if each.neutral is not None else NAN, each.parameter, dict(each.at)]
              for each in made.limits if each.size is not None}
@@ -285,10 +301,10 @@ def calibrated(case: Case) -> dict[str, Any]:
             "flown_rate": label.spec.rate, "spec": repr(label.spec)}
 
 
-def timed(log: Log, nominal: str) -> tuple[Diagnosis, float]:
+def timed(log: Log, nominal: Nominal) -> tuple[Diagnosis, float]:
     """The diagnosis and its seconds of processor time (the machine may be shared)."""
     start = time.process_time()
-    made = diagnose(log, nominal_of(nominal))
+    made = diagnose(log, nominal)
     return made, time.process_time() - start
 
 
@@ -324,7 +340,7 @@ def _verdict(made: Diagnosis) -> dict[str, Any]:
 def diagnosed(case: Case) -> dict[str, Any]:
     """The row of a flight with effects: what was said, and whether it is so."""
     log, label = flown(case, effects_of(case))
-    made, seconds = timed(log, case.nominal)
+    made, seconds = timed(log, nominal_of(case.nominal, case.air))
     told = report(made)
     places = frozenset().union(*label.places)
     truth = {str(cause["cause"]): cause["parameters"] for cause in label.causes}
@@ -351,13 +367,13 @@ def judged(verdict: str, said: list[tuple[str, ...]], truth: tuple[str, ...], va
             continue
         extra = True
         wrong |= true is None and (bool(truth) or answer[0] != "missing_term")
-    found = verdict == "explained" and not left and not extra
+    found = verdict in NAMED and not left and not extra
     return {"right": found, "wrong": wrong, "found": len(truth) - len(left)}
 
 
 def _sizes(made: Diagnosis, truth: dict[str, Parameters]) -> dict[str, Any]:
-    """Errors of size and onset of the first true cause that was named by its own name."""
-    row = {"size_error": NAN, "value_error": NAN, "covered": NAN, "onset_error": NAN}
+    """Errors of size and onset of the first true cause that was named by its own name, and the bound of its size."""
+    row = dict.fromkeys(("size_error", "value_error", "covered", "onset_error", "over_bound"), NAN)
     for cause in made.causes:
         if cause.cause in truth:
             true = truth[cause.cause]
@@ -369,8 +385,27 @@ def _sizes(made: Diagnosis, truth: dict[str, Parameters]) -> dict[str, Any]:
             return {"size_error": abs(error / deviation) if deviation else NAN,
                     "value_error": abs(error / true[name]) if true[name] else NAN,
                     "covered": float(abs(error) <= NORMAL_95 * std) if math.isfinite(std) else NAN,
-                    "onset_error": abs(float(cause.values[onset]) - true[onset]) if onset else NAN}
+                    "onset_error": abs(float(cause.values[onset]) - true[onset]) if onset else NAN,
+                    "over_bound": abs(error) / _bound(made, cause.cause, true, name)}
     return row
+
+
+def _bound(made: Diagnosis, name: str, true: Parameters, size: str) -> float:
+    """The Cramer-Rao bound of a cause's size in this log: from the innovations' information at its true values, every
+    number that was free beside it free.  NaN where the model has no such number, or gives it another shape."""
+    if made.selection is None:
+        return NAN
+    found = made.selection.model.fit
+    for k, cause in enumerate(found.causes):
+        free = [each.name for each in cause.hypothesis.free]
+        if cause.hypothesis.cause != name or size not in free or not set(free) <= set(true):
+            continue
+        shift = {"time": found.record.shift}
+        values = tuple(true[each] - shift.get(each, 0.0) for each in free)
+        causes = (*found.causes[:k], dataclasses.replace(cause, values=values), *found.causes[k + 1:])
+        there = fit(Problem(found.record, found.filter), causes, found.delta, iterations=0)
+        return there.std(k)[free.index(size)]
+    return NAN
 
 
 def _size_name(cause: str, true: Parameters) -> str:

@@ -4,12 +4,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnosis_cases import CAUSES, OTHER, PLAIN, Flight, twin
+from diagnosis_cases import CALM, CAUSES, OTHER, PLAIN, WINDY, Flight, twin
 
 EXCESS = 0.05         # of the floor: a smaller excess of the error is not there to be taken away
-SIZE_WITHIN = 0.15
 WIDTHS = np.geomspace(0.02, 1.0, 40)      # of the odds' rise, in log size
 MIDDLES = np.geomspace(0.2, 5.0, 200)     # sizes over the limit, of even odds
+NOT_SMOOTH = ("actuator_backlash", "actuator_rate_limit")  # judged by coverage: no bound of theirs holds
 LOG_RATE = 100.0      # Hz, of the log whose seconds are demanded
 Floors = dict[tuple[Any, ...], float]   # twin -> RMS error [rad] over 1 s with nothing wrong
 
@@ -29,12 +29,18 @@ class Demand(NamedTuple):
     def missed(self) -> bool:
         return self.flights > 0 and not self.low <= self.measured <= self.high
 
-    def line(self) -> str:
+    @property
+    def asked(self) -> str:
         low, high = (self.form.format(x) if math.isfinite(x) else "" for x in (self.low, self.high))
-        asked = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-        answer = "no flights" if not self.flights else "NO" if self.missed else "yes"
-        measured = self.form.format(self.measured) if self.flights else ""
-        return f"| {self.group} | {self.what} | {measured} | {asked} | {answer} | {self.flights} |"
+        return f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
+
+    @property
+    def met(self) -> str:
+        return "" if not self.flights or not self.asked else "NO" if self.missed else "yes"
+
+    @property
+    def said(self) -> str:
+        return self.form.format(self.measured) if self.flights else ""
 
 
 def share(rows: list[Flight], name: str) -> float:
@@ -87,19 +93,31 @@ def even_odds(rows: list[Flight]) -> float:
     return float(MIDDLES[np.unravel_index(np.argmin(cost), cost.shape)[0]])
 
 
+def over_bound(rows: list[Flight]) -> float:
+    """RMS of the sizes' errors over their bounds."""
+    ratios = values([row for row in rows if row["causes"] not in NOT_SMOOTH], "over_bound")
+    return float(np.sqrt(np.mean(ratios**2))) if len(ratios) else math.nan
+
+
 def demands(calm: list[Flight], groups: dict[str, list[Flight]], floors: Floors) -> list[Demand]:
     """The issue's, in its order."""
     inf = math.inf
     twice, dropped, half, two, foreign, odds = (groups[name] for name in
                                                 ("twice", "dropped", "half", "pairs", "unlisted", "odds"))
-    worst = min((share([row for row in twice if row["causes"] == name], "right") for name in
-                 {row["causes"] for row in twice}), default=math.nan)
+    names = {row["causes"] for row in twice}
+    worst = min((share([row for row in twice if row["causes"] == name], "right") for name in names), default=math.nan)
     whole = [row for row in calm if not row["drop"]]
     alarms = [row["verdict"] != "consistent" for row in whole]
-    seconds = timed(twice)
+    hidden = [row for rows in groups.values() for row in rows if row["group"] != "unlisted"]
+    seconds, gone = timed(twice), excess_gone(twice, floors)
+    plain = [row for row in twice if row["variant"] == PLAIN]
+    other = [row for row in twice if row["variant"] == OTHER]
+    each = {name: over_bound([row for row in plain if row["causes"] == name]) for name in names}
+    over = np.array([ratio for ratio in each.values() if math.isfinite(ratio)])
     return [
-        Demand("twice", "right name or set", share(twice, "right"), 0.97, inf, len(twice)),
+        Demand("twice", "right name or set", share(twice, "right"), 0.95, inf, len(twice)),
         Demand("twice", "the worst effect's", worst, 0.90, inf, len(twice)),
+        Demand("all but unlisted", "wrong names", share(hidden, "wrong"), -inf, 0.01, len(hidden)),
         Demand("dropped", "right name or set", share(dropped, "right"), 0.90, inf, len(dropped)),
         Demand("clean", "false alarms", mean(np.array(alarms)), -inf, 0.01, len(alarms)),
         Demand("half", "consistent or right", share(half, "good"), 0.98, inf, len(half)),
@@ -107,31 +125,33 @@ def demands(calm: list[Flight], groups: dict[str, list[Flight]], floors: Floors)
         Demand("pairs", "none wrong", 1.0 - share(two, "wrong"), 0.97, inf, len(two)),
         Demand("unlisted", "wrongly named", share(foreign, "wrong"), -inf, 0.05, len(foreign)),
         Demand("unlisted", "place right", share(foreign, "place_right"), 0.80, inf, len(foreign)),
-        *(each for name in ("twice", "large") for form, rows in forms(groups[name]).items()
-          for each in _size_demands(f"{name}{form}", rows, floors)),
+        Demand("twice, plain form", "RMS size error over the bound", over_bound(plain), -inf, 1.15,
+               len(values(plain, "over_bound")), "{:.2f}"),
+        Demand("twice, plain form", "the worst effect's", float(over.max()) if len(over) else math.nan, -inf, 1.35,
+               len(values(plain, "over_bound")), "{:.2f}"),
+        Demand("twice, plain form", "95 % intervals cover", mean(values(plain, "covered")), 0.92, 0.98,
+               len(values(plain, "covered"))),
+        Demand("twice, other form", "95 % intervals cover", mean(values(other, "covered")), 0.92, 0.98,
+               len(values(other, "covered"))),
+        Demand("twice", "size error of the deviation, median", median(values(twice, "size_error")), -inf, inf,
+               len(values(twice, "size_error"))),
+        Demand("twice", "onset error, median, s", median(values(twice, "onset_error")), -inf, 0.5,
+               len(values(twice, "onset_error")), "{:.2f}"),
+        Demand("twice", "excess 1 s error gone, plant, median", median(gone), 0.90, inf, len(gone)),
         Demand("odds", "even odds over the limit", even_odds(odds) if odds else math.nan, 1 / 1.5, 1.5, len(odds),
                "{:.2f}"),
-        Demand("twice", "seconds a log, median", median(seconds), -inf, 5.0, len(seconds), "{:.1f}"),
+        Demand("twice", "seconds a log, median", median(seconds), -inf, 6.0, len(seconds), "{:.1f}"),
+        Demand("twice", "seconds a log, nine of ten", float(np.percentile(seconds, 90)) if len(seconds) else math.nan,
+               -inf, 20.0, len(seconds), "{:.1f}"),
     ]
 
 
-def forms(rows: list[Flight]) -> dict[str, list[Flight]]:
-    """All of them, and apart those of the contract's physics and those in another form, whose size is the generator's
-    convention of what is equal."""
-    parts = {f", {name} form": [row for row in rows if row["variant"] == name] for name in (PLAIN, OTHER)}
-    return {"": rows} | {name: part for name, part in parts.items() if part}
-
-
-def _size_demands(group: str, rows: list[Flight], floors: Floors) -> list[Demand]:
-    """How well sizes, intervals, onsets and the extension are, of the causes that were named."""
-    size, value = values(rows, "size_error"), values(rows, "value_error")
-    covered, onset, gone = values(rows, "covered"), values(rows, "onset_error"), excess_gone(rows, floors)
-    inf = math.inf
-    return [
-        Demand(group, "size within 15 % of the deviation", mean(size <= SIZE_WITHIN), 0.95, inf, len(size)),
-        Demand(group, "size error of the deviation, median", median(size), -inf, 0.03, len(size)),
-        Demand(group, "size error of the value, median", median(value), -inf, 0.03, len(value)),
-        Demand(group, "95 % intervals cover", mean(covered), 0.90, 0.98, len(covered)),
-        Demand(group, "onset error, median, s", median(onset), -inf, 0.5, len(onset), "{:.2f}"),
-        Demand(group, "excess 1 s error gone, plant, median", median(gone), 0.90, inf, len(gone)),
-    ]
+def columns(of: dict[str, list[Demand]]) -> list[str]:
+    """The table with calm and windy air side by side, a line a demand."""
+    airs = [air for air in (CALM, WINDY) if air in of]
+    head = ["| group | figure | asked |" + "".join(f" {air} | met | flights |" for air in airs),
+            "|---|---|---|" + "---|---|---|" * len(airs)]
+    rows = [f"| {same[0].group} | {same[0].what} | {same[0].asked} |"
+            + "".join(f" {each.said} | {each.met} | {each.flights} |" for each in same)
+            for same in zip(*(of[air] for air in airs), strict=True)]
+    return [*head, *rows]

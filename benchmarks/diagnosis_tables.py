@@ -5,8 +5,20 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from diagnosis_cases import CAUSES, GROUPS, UNLISTED, Flight, twin
-from diagnosis_figures import Floors, demands, even_odds, excess_gone, mean, median, share, timed, values
+from diagnosis_cases import AIRS, CAUSES, GROUPS, NAMED, PLAIN, UNLISTED, Flight, twin
+from diagnosis_figures import (
+    Floors,
+    columns,
+    demands,
+    even_odds,
+    excess_gone,
+    mean,
+    median,
+    over_bound,
+    share,
+    timed,
+    values,
+)
 
 SHOWN = 60            # flights at most of a group that are listed as not right
 OTHERS = ("missing_term", "several", "unexplained", "consistent", "bad-data", "failed")
@@ -14,35 +26,40 @@ OTHERS = ("missing_term", "several", "unexplained", "consistent", "bad-data", "f
 
 def printed(calm: list[Flight], rows: list[Flight]) -> int:
     """All tables; how many demands are missed."""
-    groups = {name: [row for row in rows if row["group"] == name] for name in GROUPS[1:]}
     for row in (*calm, *rows):
         row["good"] = is_good(row)
     floors = {twin(row): row["floor"] for row in calm}
-    asked = demands(calm, groups, floors)
-    print("\n| group | figure | measured | demanded | met | flights |\n|---|---|---|---|---|---|")
-    print("\n".join(each.line() for each in asked))
-    for group in ("twice", "large"):
-        _print_effects(group, groups[group], floors)
+    asked = {air: demands([row for row in calm if row["air"] == air], _groups(rows, air), floors)
+             for air in AIRS if any(row["air"] == air for row in (*calm, *rows))}
+    print("\n" + "\n".join(columns(asked)))
+    groups = _groups(rows)
+    _print_effects("twice", groups["twice"], floors)
     _print_odds(groups["odds"])
     _print_beside(groups["twice"], floors)
     _print_parts(groups, [row for row in calm if not row["drop"]])
     _print_confusion(groups)
     _print_misses(groups, calm)
-    return sum(each.missed for each in asked)
+    return sum(each.missed for found in asked.values() for each in found)
+
+
+def _groups(rows: list[Flight], air: str | None = None) -> dict[str, list[Flight]]:
+    """The flights of each group, in one air or in all."""
+    return {name: [row for row in rows if row["group"] == name and air in (None, row["air"])] for name in GROUPS[1:]}
 
 
 def _print_effects(group: str, flights: list[Flight], floors: Floors) -> None:
-    print(f"\n| {group} | right | wrong | unexplained | consistent | size error | of value | covered "
-          "| onset s | excess gone |\n|---|---|---|---|---|---|---|---|---|---|")
+    print(f"\n| {group} | right | wrong | dominant | unexplained | consistent | size error | over bound | covered "
+          "| onset s | excess gone |\n|---|---|---|---|---|---|---|---|---|---|---|")
     for name in CAUSES:
         rows = [row for row in flights if row["causes"] == name]
         if rows:
             said = Counter(row["verdict"] for row in rows)
-            numbers = [median(values(rows, "size_error")), median(values(rows, "value_error")),
+            numbers = [median(values(rows, "size_error")), over_bound([row for row in rows if row["variant"] == PLAIN]),
                        mean(values(rows, "covered")),
                        median(values(rows, "onset_error")), median(excess_gone(rows, floors))]
             print(f"| {name} | {sum(row['right'] for row in rows):.0f} of {len(rows)} "
-                  f"| {sum(row['wrong'] for row in rows):.0f} | {said['unexplained']} | {said['consistent']} | "
+                  f"| {sum(row['wrong'] for row in rows):.0f} | {said['dominant']} "
+                  f"| {said['unexplained']} | {said['consistent']} | "
                   + " | ".join(f"{x:.3f}" if math.isfinite(x) else "" for x in numbers) + " |")
 
 
@@ -84,7 +101,7 @@ def _print_parts(groups: dict[str, list[Flight]], calm: list[Flight]) -> None:
     """Good answers by what was drawn."""
     print("\n| good by | value | " + " | ".join(("clean", *groups)) + " |\n" + "|---" * (len(groups) + 3) + "|")
     tables = {"clean": calm} | groups
-    for key in ("nominal", "flown_rate", "reference", "variant", "drop"):
+    for key in ("air", "nominal", "flown_rate", "reference", "variant", "drop"):
         for value in sorted({row[key] for rows in tables.values() for row in rows if row[key] == row[key]}):
             parts = [[row for row in rows if row[key] == value] for rows in tables.values()]
             print(f"| {key} | {value or 'none'} | "
@@ -93,14 +110,14 @@ def _print_parts(groups: dict[str, list[Flight]], calm: list[Flight]) -> None:
 
 def answer(row: Flight) -> str:
     """What was said of a flight: the true causes where that is right."""
-    if row["verdict"] != "explained":
+    if row["verdict"] not in NAMED:
         return str(row["verdict"])
     return str(row["causes"]) if row["right"] else "+".join(sorted(each.split("/")[0] for each in
                                                                    row["named"].split("+")))
 
 
 def _print_confusion(groups: dict[str, list[Flight]]) -> None:
-    for group in ("twice", "large", "dropped", "unlisted"):
+    for group in ("twice", "dropped", "unlisted"):
         if groups[group]:
             print(f"\n{group}: truth -> what was said")
         for name in dict.fromkeys(row["causes"] for row in groups[group]):
@@ -117,7 +134,7 @@ def _print_misses(groups: dict[str, list[Flight]], calm: list[Flight]) -> None:
         seen[row["group"]] += 1
         if seen[row["group"]] <= SHOWN:
             print(f"  {row['group']} {row['causes']} x{row['factor']:g} {row['variant']} {row['nominal']} "
-                  f"seed {row['seed']:.0f} {row['flown_rate']:.0f} Hz {row['reference']} {row['drop']}: "
+                  f"seed {row['seed']:.0f} {row['flown_rate']:.0f} Hz {row['reference']} {row['air']} {row['drop']}: "
                   f"{row['verdict']} {row.get('where', '')} {row['named']} "
                   f"(nearest {row['nearest']}, {row['evidence']} nats) {row['doubts']}")
 

@@ -161,12 +161,12 @@ def test_errors_remain_only_beyond_chance():
 
 
 def test_a_level_far_above_the_declared_hides_what_is_not_modelled():
-    def said(factor, significant=True):
-        return measure.too_noisy({"theta": {"factor": 0.01, "significant": True},
-                                  "acceleration": {"factor": factor, "significant": significant}})
+    def said(factor, beyond):
+        return measure.too_noisy({"theta": {"factor": 0.01, "beyond": False},
+                                  "acceleration": {"factor": factor, "beyond": beyond}})
 
-    assert said(measure.NOISE) is None and said(99.0, significant=False) is None
-    assert "noise of acceleration at 3.1 times" in said(3.1)
+    assert said(99.0, beyond=False) is None
+    assert "noise of acceleration at 3.1 times" in said(3.1, beyond=True)
 
 
 # ---- weather that nobody declared

@@ -183,6 +183,22 @@ def test_what_is_left_gains_at_least_what_it_did_under_the_old_noise(monkeypatch
 # ---- noise
 
 
+@pytest.mark.parametrize(("factor", "curvature", "beyond"), [
+    (2.9, 1e4, False),       # not NOISE times as much, however well it is known
+    (6.35, 10.0, False),     # 2.8 nats better than NOISE times: chance
+    (6.35, 20.0, True),      # 5.6 nats
+])
+def test_a_level_is_beyond_its_limit_by_likelihood_ratio(monkeypatch, factor, curvature, beyond):
+    record = SimpleNamespace(channels=("theta",), command_is_known=False, world=CALM)
+    fitted = SimpleNamespace(record=record, innovations=None,
+                             filter=SimpleNamespace(levels=np.array([1.0, 1.0, 1.0, 1.0, factor])))
+    monkeypatch.setattr(levels, "declared", lambda record: np.ones(5))
+    at = np.log(fitted.filter.levels)
+    monkeypatch.setattr(levels, "Refilter", lambda *given: SimpleNamespace(
+        log_likelihood=lambda x: -0.5 * curvature * float(np.sum((np.log(x) - at)**2))))
+    assert levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))["acceleration"]["beyond"] is beyond
+
+
 def test_a_noise_level_differs_if_it_does_beyond_doubt(monkeypatch):
     """Likelihoods with a curvature of 100: a standard deviation of 0.1 of the logarithm."""
     record = SimpleNamespace(channels=("theta", "theta_dot", "beta"), command_is_known=True, world=CALM)

@@ -1,12 +1,14 @@
 """The verdict on constructed findings: explained, dominant with what remains, unexplained, consistent, bad data."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_diagnosis_gates import INSIDE, OUTSIDE, cause, gained, left, varying, weather
 
+from sim import sections
 from sim.diagnosis import verdict
 from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
 from sim.diagnosis.data.fault import Fault
@@ -21,19 +23,20 @@ from sim.errors import InputError
 
 BEGAN, ENDED = 0.0, 45.0   # s
 ROWS = 4500
+LOG = SimpleNamespace(t=np.arange(10.0))
 
 
 class Found:
     """A selection whose parts are given: the causes it names, what is left beside them, what they gain.
 
-    shares  of the error that each cause takes away;  fewer  what is found of fewer causes
+    shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None):
+                 shares=(), fewer=None, is_told=False):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
-        self.shares = shares or (1.0,) * len(named)
+        self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
@@ -54,6 +57,9 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
     monkeypatch.setattr(verdict, "noise_of", lambda model: model.of.noise)
     monkeypatch.setattr(verdict, "removed", lambda model, gain: model.of.shares)
+    monkeypatch.setattr(verdict, "with_removed", lambda named, model, shares: tuple(
+        replace(each, removed=share) for each, share in zip(named, shares, strict=True))
+        if model.of.is_told else named)
     monkeypatch.setattr(verdict, "fewer", lambda found, kept: found.fewer or Found(*(found.named[k] for k in kept)))
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
@@ -64,7 +70,8 @@ def judged(monkeypatch):
         made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
                                       rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
-                                      nominal=SimpleNamespace(controller=True))
+                                      thinned=1, nominal=SimpleNamespace(controller=True,
+                                                                         diagnosis=sections.Diagnosis()))
 
         def measure(of):
             measured.append(of)
@@ -99,7 +106,7 @@ def test_causes_that_pass_every_test_explain_the_strongest_first(judged):
     Found(cause("gyro_bias", varies=OUTSIDE * EXPLAINED.variation)),
     Found(cause("gyro_bias"), left=[left(11.0, "theta")]),
     Found(cause("gyro_bias"), share=OUTSIDE * EXPLAINED.share),
-    Found(cause("gyro_bias"), noise={"theta": {"factor": 3.1, "significant": True}}),
+    Found(cause("gyro_bias"), noise={"theta": {"factor": 3.1, "beyond": True}}),
     Found(cause("gyro_bias"), weather=weather()),
     Found(cause("gyro_bias"), weather=weather(name=SLOW_MOMENT))])
 def test_what_forbids_explained_alone_is_dominant_and_says_what_remains(judged, found):
@@ -131,7 +138,7 @@ def test_causes_that_gain_nothing_on_data_left_out_are_not_believed(judged, nats
     Found(cause("gyro_bias"), share=OUTSIDE * DOMINANT.share),
     Found(cause("gyro_bias", is_at_an_end=True)),
     Found(left=[left(11.0, "theta")]),
-    Found(noise={"theta": {"factor": 3.1, "significant": True}}),
+    Found(noise={"theta": {"factor": 3.1, "beyond": True}}),
     Found(weather=weather(name=SLOW_MOMENT))])
 def test_any_doubt_makes_it_unexplained_and_keeps_what_comes_nearest(judged, found):
     each = judged(found)
@@ -189,6 +196,25 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert judged(found).made.causes == (strong, idle)
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
     assert judged(Found(strong, idle, share=0.3, shares=(0.6, 0.0)), late=True).made.causes == (strong, idle)
+
+
+def test_causes_come_in_the_order_of_the_error_they_remove(judged):
+    """Not of their evidence; where that is not known of all of them, of the evidence."""
+    strong, weak = cause("slosh", 90.0), cause("gyro_bias", 30.0)
+    said = judged(Found(strong, weak, shares=(0.2, 0.6), is_told=True)).made.causes
+    assert [(each.cause, each.removed) for each in said] == [("gyro_bias", 0.6), ("slosh", 0.2)]
+    said = judged(Found(weak, strong, shares=(0.6, 0.2))).made.causes
+    assert [(each.cause, each.removed) for each in said] == [("slosh", None), ("gyro_bias", None)]
+
+
+def test_what_the_nominal_leaves_open_is_no_cause(judged):
+    """A delay of the gyro within `[diagnosis] timing` is said, and nothing is explained by it."""
+    late = [replace(cause("gyro_delay", 90.0), values={"delay": size}) for size in (0.9e-3, 1.1e-3)]
+    assert late[0].record.floor(SimpleNamespace(nominal=SimpleNamespace(diagnosis=sections.Diagnosis()))) == 1e-3
+    made = judged(Found(late[0])).made
+    assert (made.verdict, made.causes, made.open) == ("consistent", (), (late[0],))
+    made = judged(Found(late[1])).made
+    assert (made.verdict, made.causes, made.open) == ("explained", (late[1],), ())
 
 
 def test_the_strongest_alone_stands_where_several_together_are_in_doubt(judged):
@@ -321,6 +347,7 @@ def checked(monkeypatch):
         monkeypatch.setattr(verdict, "check", lambda *given: data)
         monkeypatch.setattr(verdict, "record", recorded)
         monkeypatch.setattr(verdict, "replace", lambda r, **changes: SimpleNamespace(**changes))
+        monkeypatch.setattr(verdict, "sparser", lambda data, *given: data)
         monkeypatch.setattr(verdict, "_examined", lambda made, *given: examined.append(made) or made)
         made = verdict.diagnose(SimpleNamespace(t=np.arange(1000.0)), nominal)
         return made, len(examined) == 1
@@ -357,11 +384,12 @@ def test_too_few_rows_are_not_searched(monkeypatch):
         record = SimpleNamespace(rows=rows, is_late=False)
         found: list[int] = []
         monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+        monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
         monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
         monkeypatch.setattr(verdict, "_judge", lambda *given: None)
         monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
         monkeypatch.setattr(verdict, "noise_of", lambda model: {})
-        given = Diagnosis(None, None, None, record=record)
+        given = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), record=record)
         made = verdict._examined(given, None, 0, None, lambda text: None)
         assert (len(found) == 1) == searched
         assert searched or (made.verdict == "consistent" and {each.size for each in made.limits} == {None})
@@ -371,13 +399,14 @@ def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     taken = []
     record = SimpleNamespace(rows=verdict.FEWEST_ROWS, is_late=False)
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+    monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
     monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
     monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
     monkeypatch.setattr(verdict, "_judge", lambda *given: None)
     monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
     monkeypatch.setattr(verdict, "noise_of", lambda model: {})
     for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
-        given = Diagnosis(None, None, None, record=record)
+        given = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), record=record)
         made = verdict._examined(given, None, bootstrap, None, lambda text: None)
         assert made.threshold == threshold and taken[-2:] == [threshold] * 2
 
@@ -387,7 +416,9 @@ def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(verdict, "check", lambda log, nominal: read.append(log))
     monkeypatch.setattr(verdict, "record", lambda *given: "record")
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
+    monkeypatch.setattr(verdict, "sparser", lambda data, *given: data)
+    monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
     monkeypatch.setattr(verdict, "on_another", lambda r, model, nominal, controller: r)
-    measure = verdict._measure(Diagnosis(None, None, None), "second log")
+    measure = verdict._measure(Diagnosis(None, None, None), LOG)
     assert read == []
-    assert [measure(Found()) for _ in range(3)] == ["record"] * 3 and read == ["second log"]
+    assert [measure(Found()) for _ in range(3)] == ["record"] * 3 and read == [LOG]

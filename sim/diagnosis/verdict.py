@@ -16,6 +16,7 @@ from .controller.issued import is_slow, with_commands
 from .controller.kind import FILTER, ControllerCheck
 from .data.check import check
 from .data.record import THETA_DOT, Record
+from .data.used import sparser, used
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
 from .judge.gain import Gain, held_out, on_another, removed
@@ -34,7 +35,7 @@ from .judge.measure import (
     too_noisy,
     weather_words,
 )
-from .judge.named import mismatch, named_causes, named_weather
+from .judge.named import mismatch, named_causes, named_weather, with_removed
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
@@ -49,6 +50,7 @@ FEWEST_ROWS = 100      # without which nothing is fitted
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing
+GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
 SEARCHED = 0.7         # of the time limit that the search may take; the rest is the judge's
 
 Measure = Callable[[Selection], Gain]
@@ -74,7 +76,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
         made.where = "data"
         return made
     try:
-        r = record(log, nominal, data)
+        r = record(log, nominal, sparser(data, log.t, nominal))
     except InputError:
         if not data.is_bad:
             raise
@@ -97,6 +99,7 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
         made.limits = tuple(unseen())
         return made
     r, made.controller = with_commands(r, NominalFollower())
+    r, made.used = used(r, made.log.t[made.data.usable])
     made.record = r
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
@@ -140,9 +143,10 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
     z = made.record.z.copy()
     z[:, THETA_DOT] = np.nan
     again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
-                      catalogue=made.catalogue, record=replace(made.record, z=z))
+                      catalogue=made.catalogue, record=replace(made.record, z=z), used=made.used)
     again = _searched(again, holdout, hypotheses, say)
-    if again.verdict not in ("explained", "dominant"):
+    if again.verdict not in ("explained", "dominant") or again.gain is None or \
+            not all(after < GROSS * before for before, after, _, _ in again.gain.squared.values()):
         return made
     share = again.gain.share if again.gain is not None and again.gain.share is not None else 0.0
     again.verdict = "dominant"
@@ -161,7 +165,8 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     @functools.cache
     def second() -> Record:
         assert holdout is not None
-        return with_commands(record(holdout, nominal, check(holdout, nominal)), NominalFollower())[0]
+        data = sparser(check(holdout, nominal), holdout.t, nominal)
+        return used(with_commands(record(holdout, nominal, data), NominalFollower())[0], holdout.t)[0]
 
     return lambda selection: on_another(second(), selection.model, _before(selection), made.controller)
 
@@ -190,13 +195,18 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found:
         _unexplained(made, found, measure)
         return
-    if made.remaining and made.gain is not None and not made.record.is_late:
-        _without_idle(made, measure, say)
-    causes = [*made.nearest]
+    if made.gain is not None and not made.record.is_late:
+        shares = removed(made.selection.model, made.gain)
+        if made.remaining and _without_idle(made, shares, measure, say):
+            shares = removed(made.selection.model, made.gain)
+        made.nearest = with_removed(made.nearest, made.selection.model, shares)
+    made.open = tuple(cause for cause in made.nearest if cause.is_open(made.record))
+    causes = [cause for cause in made.nearest if cause not in made.open]
     if controller is not None and controller.is_named:
         causes.append(mismatch(controller))
         made.gain = made.gain or measure(made.selection)
-    causes.sort(key=lambda cause: -cause.evidence)
+    told = all(cause.removed is not None for cause in causes)
+    causes.sort(key=lambda cause: (-(cause.removed or 0.0) if told else 0.0, -cause.evidence))
     made.causes, made.nearest = tuple(causes), ()
     if not causes:
         made.verdict, made.where = "consistent", None
@@ -283,20 +293,21 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     return found
 
 
-def _without_idle(made: Diagnosis, measure: Measure, say: Say) -> None:
-    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it."""
+def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
+    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it.
+    True where that is so."""
     selection = made.selection
-    assert selection is not None and made.gain is not None
-    shares = removed(selection.model, made.gain)
+    assert selection is not None
     kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
     if not kept or len(kept) == len(shares):
-        return
+        return False
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
     without = fewer(selection, kept)
     if _tested(made, without, measure, say):
         made.nearest, made.left, made.gain, made.noise, made.remaining = before
-    else:
-        made.selection = without
+        return False
+    made.selection = without
+    return True
 
 
 def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..data.record import Record
-from .hypothesis import Correction, Form, Free, Hypothesis, Values, only_start, size
+from .hypothesis import Correction, Form, Free, Hypothesis, Values, as_commanded, as_timed, only_start, size
 
 RATE_SHARES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command: the servo follows a part of it
 FASTEST = 0.999        # quantile of the command's rate that counts as its largest
@@ -68,7 +68,7 @@ CAUSES = (
     Hypothesis("actuator_delay", (size("delay", 1e-3, 0.0, 1.0),), 0.0,
                "the actuator answers {delay} later than simulated", visible=_command_is_known,
                form=Form(LAG, _as_lag, "lag"), decides=(("actuator_bandwidth", FAST_NOZZLE_SENSOR),),
-               like=(("actuator_bandwidth", LIKE_A_DELAY),)),
+               like=(("actuator_bandwidth", LIKE_A_DELAY),), floor=as_timed),
     Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 5.0),), 1.0, SLOWER, visible=_command_is_known,
                resolved=_resolved, form=Form(LAG, _as_slow, "lag")),
     Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0,
@@ -83,5 +83,5 @@ CAUSES = (
                visible=_command_is_known,
                decides=tuple((other, NOZZLE_SENSOR) for other in ("thrust_misalignment", "steady_wind",
                                                                   "attitude_bias")),
-               corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),)),
+               corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),), floor=as_commanded),
 )

@@ -87,6 +87,26 @@ def nothing_given(record: Record) -> Values:
     return ()
 
 
+def no_floor(record: Record) -> float:
+    """Of what the nominal leaves nothing open."""
+    return 0.0
+
+
+def as_timed(record: Record) -> float:
+    """[s] Servo and transport times may be off by this, one sigma, without being wrong."""
+    return record.nominal.diagnosis.timing
+
+
+def as_commanded(record: Record) -> float:
+    """[rad] To which a command need be reproduced."""
+    return record.nominal.diagnosis.command
+
+
+def as_dispersed(record: Record) -> float:
+    """Of a6 and k1, relative, one sigma."""
+    return record.nominal.diagnosis.tolerance
+
+
 def always(record: Record) -> bool:
     """Whatever the log holds."""
     return True
@@ -111,6 +131,7 @@ class Hypothesis:
     decides  (cause, what would tell this one from it)
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
+    floor    of a record: a size nearer to neutral is within what the nominal leaves open, and explains nothing
     """
 
     cause: str
@@ -134,6 +155,7 @@ class Hypothesis:
     decides: tuple[tuple[str, str], ...] = ()
     like: tuple[tuple[str, str], ...] = ()
     corrections: tuple[Correction, ...] | None = None
+    floor: Callable[[Record], float] = no_floor
 
     def effect(self, values: Values) -> Effect:
         """The simulator's effect at these values of the free numbers, and the fixed ones."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.record import Record
-from .hypothesis import Free, Hypothesis, Start, Steps, Values, size
+from .hypothesis import Free, Hypothesis, Start, Steps, Values, as_dispersed, size
 
 SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 28))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
@@ -39,12 +39,12 @@ def _middle(record: Record) -> Values:
 
 CAUSES = (
     Hypothesis("control_effectiveness", (size("scale", 0.01, 0.05, 5.0),), 1.0,
-               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes"),
+               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes", floor=as_dispersed),
     Hypothesis("control_loss", (size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0,
                "k1 drops by {fraction} at {time}", start=Start.ONSET, limit_at=_middle, largest=1.0, may_repeat=True,
                tells_onset=True, steps=Steps(3.0, (0.25, 0.8))),
     Hypothesis("aero_instability", (size("scale", 0.01, -5.0, 10.0),), 1.0,
-               "a6 is {scale} of what the simulation believes"),
+               "a6 is {scale} of what the simulation believes", floor=as_dispersed),
     Hypothesis("aero_damping", (size("coefficient", 0.01),), 0.0,
                "the rotation is damped by {coefficient}, which the simulation lacks"),
     Hypothesis("aero_cubic", (size("coefficient", 0.5),), 0.0,

@@ -2,7 +2,7 @@
 
 from ..data.record import Record
 from .environment import REFERENCE
-from .hypothesis import Correction, Hypothesis, size
+from .hypothesis import Correction, Hypothesis, as_commanded, as_timed, size
 from .plant import ANOTHER_PROFILE
 
 
@@ -19,13 +19,15 @@ CAUSES = (
     Hypothesis("attitude_bias", (size("angle", 1e-3),), 0.0, "the attitude sensor reads {angle} too much",
                decides=(("steady_wind", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE)),
                corrections=(Correction("theta", lambda x, of: x - of["angle"]),)),
-    Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late"),
+    Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late",
+               floor=as_timed),
     Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0, "the gyro reads {rate} too much", visible=_gyro,
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
     Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, "the gyro's scale factor is {scale}",
                visible=_gyro,  # it scales, then adds its bias
                corrections=(Correction("theta_dot", lambda x, of: x / of["scale"], is_outer=True),)),
-    Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late", visible=_gyro),
+    Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late", visible=_gyro,
+               floor=as_timed),
     Hypothesis("nozzle_sensor_bias", (size("angle", 1e-4),), 0.0, "the nozzle sensor reads {angle} too much",
-               visible=_nozzle, corrections=(Correction("beta", lambda x, of: x - of["angle"]),)),
+               visible=_nozzle, corrections=(Correction("beta", lambda x, of: x - of["angle"]),), floor=as_commanded),
 )

@@ -53,5 +53,5 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
 
 def is_slow(record: Record) -> bool:
     """The log has not every command that its controller issued."""
-    return record.every > record.tick and record.fine == 1 and record.input == "beta_cmd" \
+    return record.every > record.tick * record.thinned and record.fine == 1 and record.input == "beta_cmd" \
         and record.nominal.controller is not None

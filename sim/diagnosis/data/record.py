@@ -57,6 +57,7 @@ class Record:
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     until       [s] of the monotonic clock, when the search of its causes has to end
+    thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
     """
@@ -85,6 +86,7 @@ class Record:
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
     until: float = math.inf
+    thinned: int = 1
 
     def __post_init__(self) -> None:
         if self.at is None:

@@ -8,6 +8,7 @@ from ...nominal import Nominal
 from ..controller.kind import ControllerCheck
 from ..data.check import DataCheck
 from ..data.record import Record
+from ..data.used import Used
 from ..search.proposal import Proposal
 from ..search.selection import THRESHOLD, Selection
 from .gain import Gain
@@ -22,11 +23,13 @@ from .user_gain import UserGain
 class Diagnosis:
     """Everything that was found; arrays and models for the report, words for the verdict.
 
+    open       what is there, and within what the nominal leaves open: no cause
     doubts     why the best causes are not believed (unexplained), one line each
     nearest    the best causes of an `unexplained` log: they are not its cause
     proposal   missing terms that would help an `unexplained` log
     remaining  why causes that are there beyond doubt do not explain everything, one line each
     remainder  what they leave (dominant)
+    used       which rows of a log that is long were fitted; None: all
     is_cut_short  the time limit ended the search: the best answer so far
     catalogue  whether all causes were allowed, missing terms too
     """
@@ -37,6 +40,7 @@ class Diagnosis:
     verdict: str = "bad-data"
     where: str | None = None
     causes: tuple[Named, ...] = ()
+    open: tuple[Named, ...] = ()
     nearest: tuple[Named, ...] = ()
     doubts: tuple[str, ...] = ()
     record: Record | None = None
@@ -54,5 +58,6 @@ class Diagnosis:
     remaining: tuple[str, ...] = ()
     remainder: Remainder | None = None
     is_cut_short: bool = False
+    used: Used | None = None
     threshold: float = THRESHOLD
     catalogue: bool = True

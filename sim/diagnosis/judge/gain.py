@@ -166,10 +166,12 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
     """Of the nominal's squared error over the longest horizon beyond noise (`Gain.excess`), the share that comes back
-    on the held-out rows without each cause, the others fitted anew; 0 where the nominal has none to speak of."""
+    on the held-out rows without each cause, the others fitted anew; () where the nominal has none to speak of."""
     before, after = gain.excess
-    if gain.share is None or len(model.causes) < 2:
-        return (1.0,) * len(model.causes)
+    if gain.share is None:
+        return ()
+    if len(model.causes) == 1:
+        return (1.0 - gain.share,)
     record, found = model.fit.record, []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for k in range(len(timed)):

@@ -7,11 +7,13 @@ from ..data.record import CHANNELS
 from ..data.world import WEATHER
 from ..model.noise import LEVEL_STEP, LEVELS, Refilter, declared
 from ..search.selection import Model
+from .measure import NOISE
 from .named import SIGNIFICANT
 
 
 def noise_of(model: Model) -> dict[str, dict[str, Any]]:
-    """Each level over the declared, and whether it differs beyond doubt."""
+    """Each level over the declared, whether it differs beyond doubt, and whether it is beyond NOISE times the declared
+    beyond doubt (by likelihood ratio: where the weather hides a level, one factor is as good as another)."""
     r, fitted = model.fit.record, model.fit
     base, refilter = declared(r), Refilter(r, model.dynamics, fitted.innovations, fitted.filter)
     found: dict[str, dict[str, Any]] = {}
@@ -31,5 +33,9 @@ def noise_of(model: Model) -> dict[str, dict[str, Any]]:
         if not (math.isfinite(factor) and factor > 0.0):
             continue  # the model does not stay with the log, so its noise is unknown
         found[name] = {"factor": factor, "std": std * factor if math.isfinite(std) else None,
-                       "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std)}
+                       "significant": bool(abs(math.log(factor)) > SIGNIFICANT * std), "beyond": False}
+        if factor > NOISE:
+            levels = fitted.filter.levels.copy()
+            levels[k] = NOISE * base[k]
+            found[name]["beyond"] = bool(values[0.0] - refilter.log_likelihood(levels) > 0.5 * SIGNIFICANT**2)
     return found

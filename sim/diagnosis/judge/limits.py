@@ -93,6 +93,8 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
                 amount = math.sqrt(2.0 * needed / energy) if energy > 0.0 else None
             else:
                 amount, change = _bisected(problem, model, project, hypothesis, needed)
+            if amount is not None:
+                amount = max(amount, hypothesis.floor(record))
             if amount is not None and amount > hypothesis.largest:
                 amount = None
         found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))

@@ -116,9 +116,9 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
 
 
 def too_noisy(noise: dict[str, dict[str, Any]]) -> str | None:
-    """The level that is beyond NOISE times the declared, in words."""
+    """The level that is beyond doubt beyond NOISE times the declared, in words."""
     for name, level in noise.items():
-        if level["factor"] > NOISE and level["significant"]:
+        if level["beyond"]:
             return f"noise of {name} at {level['factor']:.3g} times the declared stands for what is not modelled"
     return None
 

@@ -1,13 +1,14 @@
 """Causes as they are reported: values in the catalogue's names, look-alikes, and what makes a name doubtful."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
+from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
 from ..search.selection import TOLD_APART, Model, Ranked, Selection, Weather, penalty, profile
 from .constancy import Constancy, constancy
@@ -26,6 +27,8 @@ class Named:
     constancy            None for the controller's, which is exact
     is_at_an_end         of the range searched: whatever it stands for, it is not this cause
     steps                (time [s], size) of one that comes gradually, () of all else
+    removed              share of the nominal's held-out squared error beyond noise that comes back without it (and
+                         all else fitted anew); None: not told
     """
 
     cause: str
@@ -37,6 +40,7 @@ class Named:
     constancy: Constancy | None
     is_at_an_end: bool = False
     steps: tuple[tuple[float, float], ...] = ()
+    removed: float | None = None
 
     @property
     def record(self) -> Hypothesis:
@@ -46,6 +50,12 @@ class Named:
     @property
     def where(self) -> str:
         return self.record.where
+
+    def is_open(self, record: Record) -> bool:
+        """Its size is within what the nominal leaves open (`Hypothesis.floor`), so that it explains nothing."""
+        of = self.record
+        size = self.values.get(of.free[0].name)
+        return not self.is_weather and isinstance(size, float) and abs(size - of.neutral) < of.floor(record)
 
     @property
     def is_weather(self) -> bool:
@@ -62,6 +72,14 @@ def named_causes(selection: Selection) -> tuple[Named, ...]:
     """The causes of a selection's model; one that comes in steps is one cause."""
     return tuple(_named(selection, group[0]) if len(group) == 1 else _gradual(selection, group)
                  for group in _groups(selection.model))
+
+
+def with_removed(named: tuple[Named, ...], model: Model, shares: Sequence[float]) -> tuple[Named, ...]:
+    """The causes of a model with what each of them removes, from the shares of its single ones; () is not told."""
+    if not shares:
+        return named
+    of = [sum(shares[k] for k in group) for group in _groups(model)]
+    return tuple(replace(each, removed=share) for each, share in zip(named, of, strict=False)) + named[len(of):]
 
 
 def _groups(model: Model) -> Iterator[list[int]]:

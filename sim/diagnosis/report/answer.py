@@ -27,6 +27,7 @@ def report(made: Diagnosis) -> dict[str, Any]:
         {"share": number(made.remainder.share), "where": made.remainder.where, "words": made.remainder.words},
         "remaining": list(made.remaining) if made.verdict == "dominant" else [],
         "gain": _gain_json(made.gain) if made.verdict in ("explained", "dominant", "unexplained") else None,
+        "within_tolerance": [_cause_json(cause) for cause in made.open],
         "cut_short": made.is_cut_short,
         "estimator": None if made.user is None else {
             name: {"error": dict(zip(("before", "after"), map(number, made.user.error[name]), strict=True)),
@@ -36,6 +37,7 @@ def report(made: Diagnosis) -> dict[str, Any]:
         "weather": None if selection is None or selection.weather is None else _weather_json(selection.weather),
         "nearest": [_nearest_json(cause) for cause in made.nearest],
         "data": {"rows": len(made.log.t), "usable": int(made.data.usable.sum()),
+                 "used": None if made.used is None else made.used._asdict(),
                  "faults": [fault.__dict__ for fault in made.data.faults]},
         "proposal": made.proposal.equation if made.proposal is not None and made.verdict == "unexplained" else None,
         "controller": _controller_json(made.controller),
@@ -73,7 +75,8 @@ def _cause_json(cause: Named) -> dict[str, Any]:
                             "unit": cause.units.get(name, "term")}
     return {"cause": cause.cause, "where": cause.where, "parameters": parameters,
             "indistinguishable_from": list(cause.rivals), "would_decide": what_decides(cause.cause, cause.rivals),
-            "evidence": evidence, "steps": [{"time": time, "fraction": fraction} for time, fraction in cause.steps]}
+            "evidence": evidence, "removed": None if cause.removed is None else number(cause.removed),
+            "steps": [{"time": time, "fraction": fraction} for time, fraction in cause.steps]}
 
 
 def _nearest_json(cause: Named) -> dict[str, Any]:

@@ -61,6 +61,8 @@ def lines(made: Diagnosis) -> list[str]:
     """The whole verdict for a terminal."""
     said = [headline(made)]
     said += [f"  {fault.message}" for fault in made.data.faults]
+    if made.used is not None:
+        said.append(f"  {made.used.words}")
     if made.is_cut_short:
         said.append(f"  the search was ended after its time ({made.nominal.diagnosis.time_limit:g} s, [diagnosis] "
                     "time_limit): the best answer so far")
@@ -72,6 +74,7 @@ def lines(made: Diagnosis) -> list[str]:
             decides = would_decide(cause)
             said.append(f"    this log cannot tell it from {look_alikes(cause)}"
                         + (f"; what would: {' or '.join(decides)}" if decides else ""))
+    said += [f"  no cause, the nominal leaves so much open: {cause.label}: {sentence(cause)}" for cause in made.open]
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     if made.verdict == "dominant":
         said += [f"  not all: {reason}" for reason in made.remaining]

@@ -204,7 +204,7 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
                 ranking: Sequence[Ranked] | None = None) -> Selection:
     """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
 
-    blocks  causes that make sense together only, tried as the first
+    blocks  causes that make sense together only, of which one may join
     start   a model of the same record whose causes are kept as long as they are needed; None: the nominal
     ranking of the first cause, where one that begins with causes has it; None: it is made
     """
@@ -215,11 +215,10 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
     while len(found.model.causes) < most and not record.is_late:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         limit = needed(threshold, len(found.model.causes))
-        better = _next(record, found, known, limit, blocks if not found.model.causes else ())
+        better = _next(record, found, known, limit, blocks if not _has_one(found.model.causes, blocks) else ())
         if better is None:
             break
-        if not found.model.causes:
-            most += len(better.causes) - 1  # a block counts as one cause
+        most += len(better.causes) - len(found.model.causes) - 1  # a block counts as one cause
         reformed = _reformed(record, found.model, known)
         if reformed is None:
             found.model = better
@@ -241,7 +240,7 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
     allowed = _allowed(known, base.causes)
     ranked = _ranking(record, base, allowed)
     for block in blocks:
-        model = profile(record, block, base.fit.delta, base.fit.filter)
+        model = profile(record, (*base.causes, *block), base.fit.delta, base.fit.filter)
         ranked.append((model, model.log_likelihood - base.log_likelihood
                        - sum(penalty(record, cause.hypothesis) for cause in block)))
     ranked.sort(key=lambda pair: -pair[1])
@@ -249,6 +248,12 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
     if not ranked or ranked[0][1] < limit:
         return None
     return ranked[0][0]
+
+
+def _has_one(causes: Sequence[Cause], blocks: Sequence[tuple[Cause, ...]]) -> bool:
+    """A block, or a part of one, is among the causes."""
+    labels = {cause.hypothesis.label for block in blocks for cause in block}
+    return any(cause.hypothesis.label in labels for cause in causes)
 
 
 def _allowed(known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
@@ -437,7 +442,8 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
-            models = _ranking(record, without, _allowed(known, others) if not record.is_late else [], gain)
+            asked = not (record.is_late or in_a_block(model.causes, k))
+            models = _ranking(record, without, _allowed(known, others) if asked else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
         if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):

@@ -1,0 +1,93 @@
+"""Which of a log's rows are fitted: all of one of ordinary size, of a larger one so many that an answer comes in time.
+
+A log that is fast for its vehicle is thinned: every k-th row keeps its measurements, all commands stay, and nothing is
+averaged or late.  What is longer still is cut to the stretch in which the commands move most.  Both lose information
+and nothing else: deviations and limits are those of the rows that are used.  Where no servo is between command and
+motion, the input between two rows that are kept is the line between them.
+"""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...nominal import Nominal
+from .check import DataCheck
+from .record import Record
+
+MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
+SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
+
+
+class Used(NamedTuple):
+    """What is fitted of a log: every `every`-th row, `rows` of them, from `begin` to `end` [s, the log's clock]."""
+
+    rows: int
+    every: int
+    begin: float
+    end: float
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        return f"{self.rows} rows are fitted, one in {self.every} from {self.begin:.6g} to {self.end:.6g} s"
+
+
+def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) -> DataCheck:
+    """Of a log of a test stand without servo, stamps t (n,) [s], so many of the usable rows; of others all."""
+    rows = np.flatnonzero(data.usable)
+    if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
+        return data
+    every = _every(len(rows), float(np.median(np.diff(t[rows]))), most)
+    kept = np.zeros_like(data.usable)
+    kept[rows[::every]] = True
+    return replace(data, usable=kept)
+
+
+def _every(rows: int, period: float, most: int) -> int:
+    return max(1, min(math.ceil(rows / most), math.floor(SLOWEST / period + 1e-9)))
+
+
+def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
+    """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
+    all of them."""
+    every = _every(record.rows, record.period, most)
+    made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
+    made = cut(made, most) if made.rows > most else made
+    times = round(made.period / float(np.median(np.diff(t))))
+    if made is record and times <= 1:
+        return record, None
+    return made, Used(made.rows, times, float(made.t[0]) + made.shift,
+                      float(made.t[-1]) + made.shift)
+
+
+def thinned(record: Record, every: int) -> Record:
+    """Every so many rows, a multiple of `held`, from the first on at which a command is issued."""
+    first, held = record.held_phase, record.held
+    begin = int(record.at[first])
+    kept = slice(first, None, every)
+    commands = record.commands[begin // record.tick:]
+    if held > 1:  # one tick a command then
+        commands = commands[::held]
+    return replace(record, z=record.z[kept], reference=record.reference[kept], at=record.at[kept] - begin,
+                   first_step=record.first_step + begin, every=record.every * every, tick=record.tick * held,
+                   commands=commands, logged=None if record.logged is None else record.logged[kept], held=1,
+                   held_phase=0, thinned=record.thinned * every)
+
+
+def cut(record: Record, most: int) -> Record:
+    """The stretch of so many rows in which the commands move most."""
+    ticks = record.every // record.tick
+    moved = np.concatenate([[0.0], np.abs(np.diff(record.commands))])
+    by_row = np.add.reduceat(moved, np.arange(0, len(moved), ticks))[:record.rows]
+    total = np.concatenate([[0.0], np.cumsum(by_row)])
+    first = int(np.argmax(total[most:] - total[:-most]))
+    first -= (first - record.held_phase) % record.held
+    first = max(first, record.held_phase if record.held > 1 else 0)
+    part = slice(first, first + most)
+    begin = first * record.every
+    at = np.maximum(record.at[part] - begin, 0)  # its first stamp may be early
+    return replace(record, z=record.z[part], reference=record.reference[part], at=at,
+                   first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
+                   logged=None if record.logged is None else record.logged[part], held_phase=0)

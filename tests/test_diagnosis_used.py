@@ -1,0 +1,86 @@
+"""Which rows of a large log are fitted (`sim.diagnosis.data.used`): fewer rows, the same motion."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.controller.issued import is_slow
+from sim.diagnosis.data.check import check
+from sim.diagnosis.data.used import SLOWEST, cut, sparser, thinned, used
+from sim.diagnosis.model.noise import declared, first_filter
+from sim.diagnosis.model.point import Point, innovations
+from sim.flight import fly_whole
+from sim.log import OPTIONAL, REQUIRED, Log
+from sim.nominal import built_in, load_nominal
+
+
+def logged(period, duration=6.0, drop=()):
+    """(A flight of `constant` as a log of this period [s], its nominal)"""
+    nominal = load_nominal(built_in("constant"))
+    nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration),
+                                  sensors=dataclasses.replace(nominal.sensors, period=period))
+    flown = fly_whole(nominal, 3)
+    columns = {name: getattr(flown, name, np.full(len(flown.t), np.nan)) for name in REQUIRED + OPTIONAL}
+    columns = {name: np.full(len(flown.t), np.nan) if name in drop else x for name, x in columns.items()}
+    return Log("flown", tuple(name for name in columns if np.isfinite(columns[name]).any()), (), **columns), nominal
+
+
+def as_record(period, **given):
+    log, nominal = logged(period, **given)
+    return record(log, nominal, check(log, nominal))
+
+
+def followed(r):
+    """States of the vehicle on the log's commands, corrected by nothing."""
+    filt = first_filter(r, declared(r))
+    return innovations(r, dataclasses.replace(filt, gains=np.zeros_like(filt.gains)), Point())[1]
+
+
+@pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 3)])
+def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
+    """To rounding: a controller's commands stay, every one, where the log is faster and where it is slower."""
+    r = as_record(period)
+    thin = thinned(r, every)
+    kept = slice(r.held_phase, None, every)
+    assert np.array_equal(thin.z, r.z[kept], equal_nan=True)
+    assert thin.t == pytest.approx(r.t[kept], abs=1e-12)
+    assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
+    ours, theirs = followed(thin), followed(r)[kept]
+    assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=1e-2 * np.ptp(theirs) if r.held_phase else 1e-9)
+
+
+def test_what_is_cut_is_the_stretch_with_most_input():
+    r = as_record(0.01)
+    quiet = dataclasses.replace(r, commands=np.where(np.arange(len(r.commands)) < 300, 0.0, r.commands))
+    part = cut(quiet, 200)
+    assert part.rows == 200 and part.t[0] >= 3.0 - 0.01 and part.at[0] == 0
+    first = round(part.t[0] / 0.01)
+    assert np.array_equal(part.z, quiet.z[first:first + 200], equal_nan=True)
+    assert np.array_equal(part.commands, quiet.commands[first:first + 200])
+
+
+def test_an_ordinary_log_is_used_whole():
+    r = as_record(0.01)
+    assert used(r, r.t) == (r, None)
+
+
+def test_a_large_log_is_thinned_and_then_cut():
+    """600 rows at 10 ms, of which 100 may be used: every second, 20 ms apart, and of those the 100 with most input."""
+    r = as_record(0.01)
+    made, said = used(r, r.t, most=100)
+    assert made.rows == 100 and made.period == pytest.approx(SLOWEST)
+    assert said.every == 2 and said.end - said.begin == pytest.approx(99 * SLOWEST)
+    assert "100 rows are fitted, one in 2 from" in said.words
+
+
+def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():
+    log, nominal = logged(0.002, drop=("beta_cmd", "theta_ref"))
+    stand = dataclasses.replace(nominal, actuator=None, controller=None)
+    data = check(log, stand)
+    sparse = sparser(data, log.t, stand, most=1000)
+    assert sparse.usable.sum() == np.ceil(data.usable.sum() / 3)
+    assert record(log, stand, sparse).period == pytest.approx(0.006)
+    assert sparser(data, log.t, nominal, most=1000) is data    # what has a servo keeps all its commands
+    assert sparser(data, log.t, stand) is data
