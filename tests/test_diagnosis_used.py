@@ -8,7 +8,7 @@ import pytest
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.issued import is_slow
 from sim.diagnosis.data.check import check
-from sim.diagnosis.data.used import SLOWEST, cut, sparser, thinned, used
+from sim.diagnosis.data.used import SLOWEST, coarser, cut, sparser, thinned, used
 from sim.diagnosis.model.noise import declared, first_filter
 from sim.diagnosis.model.point import Point, innovations
 from sim.flight import fly_whole
@@ -49,6 +49,16 @@ def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
     assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
     ours, theirs = followed(thin), followed(r)[kept]
     assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=1e-2 * np.ptp(theirs) if r.held_phase else 1e-9)
+
+
+def test_a_thinned_log_takes_the_longest_step_that_resolves_its_servo():
+    """1 ms rows have steps of 1 ms; 2.5 ms would be resolved, 2 ms divide the row's 10 ms: the same motion to 1e-6."""
+    thin = thinned(as_record(0.001), 10)
+    assert thin.step == pytest.approx(0.001)
+    coarse = coarser(thin)
+    assert coarse.step == pytest.approx(0.002) and coarse.period == pytest.approx(thin.period)
+    assert coarse.t == pytest.approx(thin.t, abs=1e-12)
+    assert followed(coarse) == pytest.approx(followed(thin), abs=1e-5 * np.ptp(followed(thin)))
 
 
 def test_what_is_cut_is_the_stretch_with_most_input():

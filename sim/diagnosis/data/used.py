@@ -14,9 +14,10 @@ import numpy as np
 
 from ...nominal import Nominal
 from .check import DataCheck
-from .record import Record
+from .record import LONGEST_STEP, SERVO_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
+NEARLY = 1.0 + 1e-9    # of the longest step: rounding
 SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
 
 
@@ -53,7 +54,7 @@ def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used 
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
     every = _every(record.rows, record.period, most)
-    made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
+    made = coarser(thinned(record, record.held * max(1, round(every / record.held)))) if every > 1 else record
     made = cut(made, most) if made.rows > most else made
     times = round(made.period / float(np.median(np.diff(t))))
     if made is record and times <= 1:
@@ -74,6 +75,17 @@ def thinned(record: Record, every: int) -> Record:
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * held,
                    commands=commands, logged=None if record.logged is None else record.logged[kept], held=1,
                    held_phase=0, thinned=record.thinned * every)
+
+
+def coarser(record: Record) -> Record:
+    """The longest integration step that still resolves the servo and meets every row and tick."""
+    longest = min(LONGEST_STEP, SERVO_STEP / record.actuator.frequency)
+    whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
+    times = max(m for m in range(1, whole + 1) if whole % m == 0 and (m == 1 or m * record.step < longest * NEARLY))
+    return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
+                   first_step=record.first_step // times, at=record.at // times,
+                   a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),
+                   wind=np.ascontiguousarray(record.wind[::times]))
 
 
 def cut(record: Record, most: int) -> Record:
