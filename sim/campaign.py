@@ -185,10 +185,10 @@ class _Asked:
         self.first: int | None = None
 
     def __call__(self, outcomes: Iterable[tuple[int, Outcome]]) -> bool:
-        for number, outcome in outcomes if self._enough is not None and self.first is None else ():
-            self.first = self._enough(number, outcome)
-            if self.first is not None:
+        for number, outcome in outcomes:
+            if self._enough is None or self.first is not None:
                 break
+            self.first = self._enough(number, outcome)
         return self.first is not None
 
 

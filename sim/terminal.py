@@ -64,8 +64,8 @@ class Counter:
             self._shown = now
             rate = (self.done - self._found) / (now - self._begun)
             full = self.WIDTH * self.done // self.total
-            sys.stderr.write(f"\r\x1b[K[{'#' * full}{'.' * (self.WIDTH - full)}] {self.done} of {self.total} {self.unit}, "
-                             f"{rate:.0f}/s")
+            bar = "#" * full + "." * (self.WIDTH - full)
+            sys.stderr.write(f"\r\x1b[K[{bar}] {self.done} of {self.total} {self.unit}, {rate:.0f}/s")
             sys.stderr.flush()
 
     def clear(self) -> None:

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..checked import profile_note
 from ..errors import UsageError
 from ..files import write_text
 from ..journal import Row
 from ..nominal import Nominal
 from ..requirement.executor import executor_of
-from ..requirement.folder import Flights, fly, merge
+from ..requirement.folder import Flights, fly
+from ..requirement.folder import merge as merged
 from ..requirement.grammar import Requirement, requirement
 from ..requirement.identity import Definition
 from ..requirement.verdict import judged, said
@@ -57,20 +59,20 @@ class Campaign(Answer):
 
 def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, requirement: str | Sequence[str] = (),
              seed: int = 0, stop: str = "decided", executor: str = "local", workers: int | None = None,
-             merged: Sequence[str | Path] = (), progress: Callable[[int], object] | None = None) -> Campaign:
+             merge: Sequence[str | Path] = (), progress: Callable[[int], object] | None = None) -> Campaign:
     """Fly a nominal with drawn vehicles and weather, and judge requirements.
 
     out       folder of the campaign; of one that was interrupted, or is done: it goes on
     flights   at most so many, of the seeds seed, seed + 1, ...
     stop      `decided`: as soon as every requirement is; `never`: all flights are flown, then judged
     executor  `local` or `dask:ADDRESS`;  workers  None: one a core, or all that the scheduler has
-    merged    folders of campaigns whose flights are taken; nothing is flown
+    merge     folders of campaigns whose flights are taken; nothing is flown
     progress  called with the number of flights newly done
     """
     asked = _asked([requirement] if isinstance(requirement, str) else requirement)
     if stop not in STOPS:
         raise UsageError(f"--stop {stop!r}: expected one of {', '.join(STOPS)}")
-    if (flights is None) == (not merged):
+    if (flights is None) == (not merge):
         raise UsageError("campaign: expected --flights N, or --merge DIR..." if flights is None else
                          "campaign: --flights and --merge: expected one of them")
     for name, value, least in (("--flights", flights, 1), ("--seed", seed, 0), ("--workers", workers, 1)):
@@ -79,14 +81,22 @@ def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, r
     nominal.require("actuator", "controller", "guidance", "simulation")
     definition = Definition(nominal, seed, flights or 0, [each.text for each in asked], stop == "never")
     folder = Path(out)
-    if merged:
-        definition, table = merge(definition, [Path(part) for part in merged], folder)
+    if merge:
+        definition, table = merged(definition, [Path(part) for part in merge], folder)
     else:
         with executor_of(executor, workers) as (engine, count):
             table = fly(definition, asked, folder, engine, count, progress)
-    made = Campaign(table, asked, judged(definition, asked, table))
+    made = Campaign(table, asked, judged(definition, asked, table), _notes(nominal))
     made.write(folder)
     return made
+
+
+def _notes(nominal: Nominal) -> tuple[str, ...]:
+    """What a user may have meant otherwise."""
+    assert nominal.simulation is not None
+    same = () if nominal.uncertainty is not None else (
+        f"{nominal.path or nominal.name}: no [uncertainty]: every flight is of the nominal a6 and k1",)
+    return (*profile_note(nominal, nominal.simulation.duration, "the flight"), *same)
 
 
 def _asked(texts: Sequence[str]) -> list[Requirement]:

@@ -6,6 +6,7 @@ from typing import Any
 from ..errors import UsageError
 from ..terminal import Counter, answer, say
 from ..words import NOMINAL_HELP, add_command
+from .talk import warn
 
 
 def add(commands: Any) -> None:
@@ -47,13 +48,14 @@ def run(args: argparse.Namespace) -> None:
     progress = Counter(args.flights or 1, "flights")
     try:
         made = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
-                        stop=args.stop, executor=args.executor, workers=args.workers, merged=args.merge,
+                        stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
                         progress=progress)
     except KeyboardInterrupt:
         progress.clear()
         say(f"{args.out}: {progress.done} flights are kept; the same command goes on from there")
         raise
     progress.clear()
+    warn(made)
     try:
         made.plot(f"{args.out}/{PICTURE}")
     except UsageError as error:

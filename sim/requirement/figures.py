@@ -65,7 +65,7 @@ def _tail_panel(axis: Any, metric: str, report: dict[str, Any], flights: Flights
     values = np.sort([float(row[metric]) for row in flights.outcomes if isinstance(row, dict) and not row["lost"]])
     beyond = len(flights.outcomes) - len(values)
     share = (beyond + np.arange(len(values), 0, -1)) / len(flights.outcomes)
-    axis.step(values, share, where="post", color="0.1", linewidth=1.2, label="flights at or above")
+    axis.step(values, share, where="pre", color="0.1", linewidth=1.2, label="flights at or above")
     for result in report["results"]:
         if result["metric"] == metric:
             axis.plot([result["limit"]], [result["probability"]], "v", color="0.0", markersize=6,

@@ -1,7 +1,7 @@
 """A campaign's folder: `campaign.json` says what it is, `flights.csv` has a row a flight; flown, continued, or merged.
 
-`campaign.json` is there before the first flight, `flights.csv.journal` beside it while it is flown, `flights.csv` when it
-is done.  The same campaign run again in its folder goes on where it was, and is the same when it was done already.
+`campaign.json` is there before the first flight, `flights.csv.journal` beside it while it is flown, `flights.csv` when
+it is done.  The same campaign run again in its folder goes on where it was; when it was done already it is only judged.
 """
 
 import csv
@@ -37,30 +37,36 @@ class Flights:
 def fly(definition: Definition, requirements: Sequence[Requirement], folder: Path, executor: Executor | None,
         workers: int | None, progress: Callable[[int], object] | None) -> Flights:
     """Fly what is not flown yet, until the requirements are decided (if it is not `planned`), and return the table."""
-    _claim(folder, definition.as_json())
+    is_begun = _is_ours(folder, definition.as_json())
     table = folder / FLIGHTS
     if not table.exists() or table.with_name(f"{FLIGHTS}.journal").exists():
         jobs = flight_jobs(definition.nominal, definition.seed, definition.flights)
+        Flyer(definition.nominal)(jobs[0])  # what cannot fly is said at once, and what compiles does so once
+        if not is_begun:
+            _begin(folder, definition.as_json())
         watch = Watch(requirements, definition.planned) if requirements and not definition.planned else None
         run_campaign(jobs, Flyer(definition.nominal), table, executor, workers, progress=progress, enough=watch,
                      definition=json.dumps(definition.as_json()))
     return read_flights(table)
 
 
-def _claim(folder: Path, said: dict[str, Any]) -> None:
-    """Make the folder this campaign's; InputError if it is another's."""
+def _is_ours(folder: Path, said: dict[str, Any]) -> bool:
+    """Is this campaign's definition there; InputError if the folder is another's."""
+    if not (folder / CAMPAIGN).exists():
+        if (folder / FLIGHTS).exists():
+            raise InputError(f"{folder / FLIGHTS}: a table without its {CAMPAIGN}; expected a new folder")
+        return False
+    found = read_campaign(folder)
+    for key, value in said.items():
+        if found.get(key) != value:
+            raise InputError(f"{folder / CAMPAIGN}: another campaign's folder ({key} {_short(found.get(key))}, not "
+                             f"{_short(value)}); expected a new one")
+    return True
+
+
+def _begin(folder: Path, said: dict[str, Any]) -> None:
     make_folder(folder)
-    path = folder / CAMPAIGN
-    if path.exists():
-        found = read_campaign(folder)
-        for key, value in said.items():
-            if found.get(key) != value:
-                raise InputError(f"{path}: another campaign's folder ({key} {_short(found.get(key))}, not "
-                                 f"{_short(value)}); expected a new one")
-        return
-    if (folder / FLIGHTS).exists():
-        raise InputError(f"{folder / FLIGHTS}: a table without its {CAMPAIGN}; expected a new folder")
-    write_text(path, [json.dumps(said, indent=1), "\n"])
+    write_text(folder / CAMPAIGN, [json.dumps(said, indent=1), "\n"])
 
 
 def _short(value: Any) -> str:
@@ -126,7 +132,8 @@ def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[
         lines += [*([] if lines else [header]), *rows]
         seed += len(rows)
     whole = Definition(definition.nominal, first, seed - first, definition.requirements, definition.planned)
-    _claim(folder, whole.as_json())
+    if not _is_ours(folder, whole.as_json()):
+        _begin(folder, whole.as_json())
     write_text(folder / FLIGHTS, lines)
     return whole, read_flights(folder / FLIGHTS)
 

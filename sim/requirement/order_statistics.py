@@ -78,7 +78,7 @@ class Planned:
 
 
 def halved(inside: float, outside: float, holds: Callable[[float], bool]) -> float:
-    """Where `holds`, false at `inside`, becomes true on the way to `outside`, which is never asked; from there on true."""
+    """Where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never asked."""
     for _ in range(HALVINGS):
         middle = 0.5 * (inside + outside)
         inside, outside = (inside, middle) if holds(middle) else (middle, outside)

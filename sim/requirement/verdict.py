@@ -43,8 +43,8 @@ def _result(count: Count, flights: Flights) -> dict[str, Any]:
     return {
         "requirement": asked.text, "metric": asked.metric, "limit": asked.limit, "probability": asked.probability,
         "confidence": asked.confidence, "verdict": count.verdict, "decided_at": count.decided_at,
-        "failures": count.failures, "flights": count.flights, "allowed": _none_below_0(count.rule.allowed(count.flights)),
-        "lower": lower, "upper": upper,
+        "failures": count.failures, "flights": count.flights,
+        "allowed": _none_below_0(count.rule.allowed(count.flights)), "lower": lower, "upper": upper,
         "flights_needed": count.flights_needed if count.verdict == UNDECIDED else None,
         "quantile": None if asked.limit is None else quantile(count, flights)}
 

@@ -1,0 +1,564 @@
+"""Campaigns that prove a requirement: the numbers of the literature, a confidence that holds under stopping, and a
+folder with the same bytes whoever flew it and however often it was interrupted."""
+
+import dataclasses
+import functools
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import beta, binom
+
+import launchid
+from sim.answers.of_campaigns import campaign
+from sim.campaign import draw_jobs
+from sim.cli import main
+from sim.effects import effect
+from sim.errors import InputError, UsageError
+from sim.flight import dispersion, fly_whole
+from sim.nominal import Actuator, Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
+from sim.requirement import executor
+from sim.requirement.flight import METRICS, FlightJob, Flyer, flight_jobs
+from sim.requirement.folder import read_flights
+from sim.requirement.grammar import requirement
+from sim.requirement.identity import digest_of
+from sim.requirement.order_statistics import Planned, cumulative, wilks_rank
+from sim.requirement.sequential import Sequential
+from sim.requirement.watch import Count, Watch
+
+PROBABILITY, CONFIDENCE = 0.00135, 0.9   # of Hanson & Beard: 99.865 % with 10 % consumer's risk
+ROOT = Path(__file__).resolve().parents[1]
+
+
+# ---- a planned number of flights
+
+
+@pytest.mark.parametrize(("share", "confidence", "flights"), [
+    (0.99865, 0.9, [1705, 2880]),   # Hanson & Beard, NASA/TP-2010-216447
+    (0.95, 0.95, [59, 93, 124]),    # Wilks 1941; Guba, Makai & Pal, Reliability Engineering & System Safety 80, 2003
+    (0.95, 0.9, [45, 77]),          # success runs, tables of zero- and one-failure demonstration tests
+    (0.9, 0.9, [22, 38])])
+def test_plans_of_the_literature(share, confidence, flights):
+    rule = Planned(1.0 - share, confidence)
+    assert [rule.flights_needed(failures) for failures in range(len(flights))] == flights
+    for failures, n in enumerate(flights):
+        assert rule.is_met(n, failures) and not rule.is_met(n - 1, failures) and not rule.is_met(n, failures + 1)
+        assert wilks_rank(n, share, confidence) == failures + 1 and rule.allowed(n) == failures
+
+
+@pytest.mark.parametrize("probability", [1e-5, 0.00135, 0.1, 0.5, 0.99])
+@pytest.mark.parametrize("n", [1, 7, 400, 20_000])
+def test_the_binomial_is_scipys(n, probability):
+    np.testing.assert_allclose(cumulative(n - 1, n, probability), binom.cdf(np.arange(n), n, probability), rtol=1e-8,
+                               atol=1e-200)
+
+
+@pytest.mark.parametrize(("n", "failures"), [(1, 0), (1, 1), (10, 0), (10, 4), (10, 10), (1705, 0), (5000, 12)])
+def test_its_bounds_are_clopper_and_pearsons(n, failures):
+    low, high = Planned(0.1, 0.9).bounds(n, failures)
+    assert high == (pytest.approx(beta.ppf(0.9, failures + 1, n - failures), rel=1e-9) if failures < n else 1.0)
+    assert low == (pytest.approx(beta.ppf(0.1, failures, n - failures + 1), rel=1e-9) if failures > 0 else 0.0)
+    for probability in (0.5 * low, 1.5 * low, 0.99 * high, min(1.01 * high, 0.999)):
+        if 0.0 < probability < 1.0:
+            rule = Planned(probability, 0.9)
+            assert rule.is_met(n, failures) == (probability > high)
+            assert rule.is_refuted(n, failures) == (probability < low)
+
+
+# ---- a rule that may stop
+
+
+@functools.cache
+def needed(failures: int) -> int:
+    return Sequential(PROBABILITY, CONFIDENCE).flights_needed(failures)
+
+
+def stopped(p: float, most: int, rng: np.random.Generator) -> tuple[str, int, int]:
+    """(verdict, flights, failures) of a campaign of at most so many flights that fail with p, drawn as waits."""
+    rule, n = Sequential(PROBABILITY, CONFIDENCE), 0
+    for failures in range(most):
+        fails_at = n + int(rng.geometric(p))
+        if min(fails_at - 1, most) >= needed(failures):
+            return "met", max(needed(failures), n), failures
+        if fails_at > most:
+            return "undecided", most, failures
+        n = fails_at
+        if rule.is_refuted(n, failures + 1):
+            return "not met", n, failures + 1
+    raise AssertionError
+
+
+def test_what_sequential_looking_costs():
+    assert [needed(failures) for failures in range(3)] == [2210, 4257, 5834], "as the documentation says"
+    assert all(needed(failures) > Planned(PROBABILITY, CONFIDENCE).flights_needed(failures) for failures in range(20))
+
+
+@pytest.mark.parametrize("p", [0.25, 0.5, 1.0, 2.0, 4.0])
+def test_thousand_campaigns_that_stop_say_what_is_wrong_no_more_often_than_they_may(p):
+    """Verdicts, and both bounds at the flight where it stopped: each wrong in at most 10 % of 1,000 campaigns."""
+    true, rng = p * PROBABILITY, np.random.default_rng(16)
+    ends = [stopped(true, 20_000, rng) for _ in range(1000)]
+    wrong = {"met": 1.0 <= p, "not met": p <= 1.0}
+    for verdict, is_wrong in wrong.items():
+        if is_wrong:
+            assert sum(end[0] == verdict for end in ends) <= 100, verdict
+    at_truth = Sequential(true, CONFIDENCE)
+    assert sum(at_truth.is_met(n, failures) for _, n, failures in ends) <= 100, "upper bounds below the truth"
+    assert sum(at_truth.is_refuted(n, failures) for _, n, failures in ends) <= 100, "lower bounds above the truth"
+    decided = np.mean([end[0] != "undecided" for end in ends])
+    assert decided > {0.25: 0.98, 0.5: 0.7, 1.0: 0.0, 2.0: 0.7, 4.0: 0.98}[p], "and it does decide"
+
+
+def exact_wrong(boundary: list[int], most: int) -> float:
+    """Probability that a campaign of vehicles at the asked probability ever has k failures or fewer at boundary[k]."""
+    at = np.array([1.0])    # of 0, 1, ... failures and no verdict, just after the last look
+    wrong, n = 0.0, 0
+    for allowed, look in enumerate(boundary):
+        if look > most:
+            break
+        new = np.convolve(at, np.exp(binom.logpmf(np.arange(400), look - n, PROBABILITY)))
+        wrong += float(np.sum(new[:allowed + 1]))
+        new[:allowed + 1] = 0.0
+        at, n = new, look
+    return wrong
+
+
+def test_the_risk_of_a_wrong_met_is_what_it_may_be_exactly():
+    """The whole path, not a sample of it; and what looking without the right to look would risk."""
+    honest = exact_wrong([needed(k) for k in range(60)], 50_000)
+    assert 0.07 < honest <= 0.1
+    plan = Planned(PROBABILITY, CONFIDENCE)
+    assert exact_wrong([plan.flights_needed(k) for k in range(60)], 50_000) > 0.3, "a plan looked at all the time"
+    assert exact_wrong([1705], 1705) == pytest.approx(0.1, rel=1e-2)
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize(("n", "failures"), [(1, 0), (1, 1), (10, 3), (300, 0), (300, 1), (300, 299), (20_000, 40)])
+def test_bounds_and_verdicts_are_one(n, failures, confidence):
+    """The upper bound is below p when, and only when, p is proved; the lower likewise."""
+    low, high = Sequential(0.1, confidence).bounds(n, failures)
+    assert 0.0 <= low <= failures / n <= high <= 1.0
+    for probability in np.geomspace(1e-9, 0.999, 40).tolist():
+        rule = Sequential(probability, confidence)
+        assert rule.is_met(n, failures) == (probability >= high)
+        assert rule.is_refuted(n, failures) == (probability <= low)
+    plan_low, plan_high = Planned(0.1, confidence).bounds(n, failures)
+    assert low <= plan_low and high >= plan_high, "looking is not free"
+
+
+@pytest.mark.parametrize("n", [1, 50, 2209, 2210, 4257, 30_000])
+def test_as_many_failures_are_allowed_as_prove(n):
+    rule = Sequential(PROBABILITY, CONFIDENCE)
+    allowed = rule.allowed(n)
+    assert not rule.is_met(n, allowed + 1) and (allowed < 0 or (rule.is_met(n, allowed) and needed(allowed) <= n))
+
+
+# ---- counting
+
+
+ROW = {"lost": 0, **dict.fromkeys(METRICS, 0.1), "end": 1.0}
+LOST = {**ROW, "lost": 1}
+
+
+def test_watching_in_any_order_is_counting_in_the_order_of_the_seeds():
+    rng = np.random.default_rng(3)
+    for p in (0.0, 0.02, 0.05, 0.3):
+        outcomes = [LOST if rng.random() < p else ROW for _ in range(3000)]
+        asked = [requirement("lost<0.05@0.9"), requirement("max_beta<0.2:0.97@0.8")]
+        straight = Watch(asked, planned=False)
+        n = next((n for k, outcome in enumerate(outcomes) if (n := straight(k, outcome)) is not None), None)
+        mixed = Watch(asked, planned=False)
+        found = None
+        for start in range(0, 3000, 50):
+            for k in (start + rng.permutation(50)).tolist() * 2:  # each comes twice
+                if found is None:
+                    found = mixed(k, outcomes[k])
+        assert found == n
+        assert [c.verdict for c in straight.counts] == [c.verdict for c in mixed.counts]
+
+
+def test_a_flight_without_a_result_speaks_for_nobody():
+    def verdict(error: str | None, others: object, n: int) -> str:
+        count = Count(requirement("lost<0.1@0.9"), Planned(0.1, 0.9))
+        for outcome in [*[error] * (error is not None), *[others] * n]:
+            count.take(outcome)
+        count.look()
+        return count.verdict
+    assert verdict(None, ROW, 22) == "met" and verdict("KeyError: x", ROW, 22) == "undecided"
+    assert verdict("KeyError: x", ROW, 37) == "met", "as if it had failed: 38 flights with one failure"
+    assert verdict(None, LOST, 1) == "not met"
+    assert verdict("KeyError: x", ROW, 0) == "undecided", "and not as if it had failed"
+
+
+def test_a_flight_that_is_lost_or_no_number_fails_whatever_is_asked():
+    asked = requirement("max_alpha<0.2:0.99@0.9")
+    assert not asked.fails(ROW) and asked.fails(LOST)
+    assert asked.fails({**ROW, "max_alpha": 0.2}) and asked.fails({**ROW, "max_alpha": math.nan})
+
+
+# ---- words
+
+
+def test_a_requirement_as_text():
+    asked = requirement(" max_beta_rate < 3e-1 : 0.99865 @ .9 ")
+    assert (asked.metric, asked.limit, asked.probability, asked.confidence) == ("max_beta_rate", 0.3, 0.00135, 0.9)
+    assert requirement("lost<0.00135@0.9").probability == 0.00135
+    assert {"lost", *METRICS} == {"lost", "max_theta_error", "max_theta_dot", "max_alpha", "max_beta", "max_beta_rate"}
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("", "expected lost<PROBABILITY@CONFIDENCE"), ("lost", "expected"), ("lost>0.1@0.9", "expected"),
+    ("lost<0.1", "expected"), ("lost<0.1:0.9@0.9", "expected"),
+    ("max_beta<0.1@0.9", "METRIC<VALUE:SHARE@CONFIDENCE"), ("max_gamma<0.1:0.9@0.9", "max_gamma is not measured"),
+    ("lost<1@0.9", "the probability 1: expected between 0 and 1"), ("lost<0@0.9", "the probability 0"),
+    ("lost<0.1@1.0", "the confidence 1.0"), ("lost<-0.1@0.9", "the probability -0.1"),
+    ("max_beta<0.1:1.5@0.9", "the share 1.5"), ("max_beta<-1:0.5@0.9", "above 0 rad"), ("lost<nan@0.9", "expected"),
+    ("lost<0.1@0.9\nlost", "expected"), ("x" * 5000, "..."), ("lost<1e-400@0.9", "the probability 1e-400"),
+    ("max_beta<1e999:0.5@0.9", "above 0 rad"), ("lost<0.٣@0.9", "expected")])
+def test_a_wrong_text_is_one_line(tmp_path, capsys, text, said):
+    out = tmp_path / "out"
+    assert main(["campaign", "constant", "--flights", "10", "--out", str(out), f"--requirement={text}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line and "--requirement" in line and len(line) < 400
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("words", "status", "said"), [
+    ([], 2, "expected --flights N, or --merge"), (["--flights", "0"], 2, "--flights 0"),
+    (["--flights", "5", "--seed", "-1"], 2, "--seed -1"), (["--flights", "5", "--workers", "0"], 2, "--workers 0"),
+    (["--flights", "5", "--executor", "slurm"], 2, "expected local, or dask:ADDRESS"),
+    (["--flights", "5", "--executor", "dask:"], 2, "dask:ADDRESS"),
+    (["--flights", "5", "--merge", "x"], 2, "one of them"), (["--merge", "nowhere"], 3, "nowhere/campaign.json")])
+def test_wrong_words_are_one_line(tmp_path, capsys, words, status, said):
+    out = tmp_path / "out"
+    assert main(["campaign", "constant", "--out", str(out), *words]) == status
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line and not out.exists()
+
+
+def test_a_nominal_that_cannot_fly_is_said_before_anything_is_written(tmp_path, capsys):
+    short = nominal_of(tmp_path)
+    assert short.simulation is not None
+    odd = dataclasses.replace(short, simulation=dataclasses.replace(short.simulation, step=0.003))
+    write_nominal(odd, tmp_path / "odd.toml")
+    assert main(["campaign", str(tmp_path / "odd.toml"), "--flights", "5", "--out", str(tmp_path / "out")]) == 3
+    assert "expected a whole number of simulation steps" in capsys.readouterr().err
+    assert main(["campaign", "pendulum_linear", "--flights", "5", "--out", str(tmp_path / "out")]) == 3
+    assert not (tmp_path / "out").exists()
+
+
+# ---- a flight
+
+
+def nominal_of(folder: Path, duration: float = 0.5, **sections: object) -> Nominal:
+    """`constant`, short, at half of its rate, as a file in this folder."""
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
+    write_nominal(dataclasses.replace(nominal, simulation=simulation, **sections), folder / "n.toml")
+    return load_nominal(folder / "n.toml")
+
+
+def test_peaks_are_those_of_the_whole_flight_at_every_step(tmp_path):
+    """Sensors without noise, so that the log is the truth but for the bias that the attitude sensor has."""
+    nominal = nominal_of(tmp_path, 12.0, sensors=Sensors(0.01, 0.0, 0.0, 0.0), wind=Wind(walk=0.01, turbulence=0.01),
+                         offsets=Offsets(attitude_bias=0.02, thrust_misalignment=0.003))
+    (job,) = flight_jobs(nominal, 7, 1)
+    row = Flyer(nominal)(job)
+    flight = fly_whole(nominal, 7, period=0.002, a6_factor=dispersion(nominal, *job[1:])[0],
+                       k1_factor=dispersion(nominal, *job[1:])[1])
+    bias = row["offset_attitude_bias"]
+    assert bias == flight.offsets["attitude_bias"] != 0.0 and row["offset_thrust_misalignment"] != 0.0
+    theta = flight.theta - bias
+    expected = (theta - flight.theta_ref, flight.theta_dot, theta - flight.true_gamma + flight.wind, flight.beta)
+    found = [row[name] for name in ("max_theta_error", "max_theta_dot", "max_alpha", "max_beta")]
+    np.testing.assert_allclose(found, [np.max(np.abs(x)) for x in expected], rtol=1e-12)
+    np.testing.assert_allclose(row["max_beta_rate"], np.max(np.abs(np.diff(flight.beta))) / 0.002, rtol=0.02)
+    assert (row["lost"], row["end"]) == (0, 12.0)
+
+
+def test_a_first_order_servo_s_rate_and_an_effect_are_in_the_peaks(tmp_path):
+    """A steady wind is in the angle of attack; the rate of a first-order nozzle is its lag's."""
+    nominal = nominal_of(tmp_path, 4.0, actuator=Actuator(time_constant=0.05, deflection_limit=0.1),
+                         sensors=Sensors(0.01, 0.0, 0.0, 0.0),
+                         effects=(effect("steady_wind", angle=0.05),))
+    row = Flyer(nominal)(FlightJob(0, 0.0, 0.0))
+    flight = fly_whole(nominal, 0, period=0.002)
+    np.testing.assert_allclose(row["max_alpha"], np.max(np.abs(flight.theta + flight.wind)), rtol=1e-12)
+    rate = (flight.beta_cmd - flight.beta) / 0.05
+    np.testing.assert_allclose(row["max_beta_rate"], np.max(np.abs(rate)), rtol=0.1)
+
+
+def test_vehicles_are_drawn_as_every_campaign_draws_them(tmp_path):
+    nominal = nominal_of(tmp_path)
+    assert [job[1:] for job in flight_jobs(nominal, 5, 20)] == \
+        [job[3:] for job in draw_jobs("constant", "box", range(5, 25))]
+    same = dataclasses.replace(nominal, uncertainty=None)
+    assert flight_jobs(same, 5, 2) == [FlightJob(5, 0.0, 0.0), FlightJob(6, 0.0, 0.0)]
+    assert Flyer(same)(FlightJob(5, 0.0, 0.0)) == Flyer(nominal)(FlightJob(5, 0.0, 0.0))
+
+
+def unstable(folder: Path) -> Nominal:
+    """A loop of which some vehicles of the box are lost within 3 s."""
+    return nominal_of(folder, 3.0, vehicle=Profile(np.zeros(1), np.array([9.0]), np.array([-7.0])),
+                      offsets=Offsets(attitude_bias=0.05))
+
+
+def test_lost_is_the_simulators(tmp_path):
+    nominal = unstable(tmp_path)
+    rows = [Flyer(nominal)(job) for job in flight_jobs(nominal, 0, 20)]
+    lost = [fly_whole(nominal, job.seed, a6_factor=dispersion(nominal, *job[1:])[0],
+                      k1_factor=dispersion(nominal, *job[1:])[1]).lost for job in flight_jobs(nominal, 0, 20)]
+    assert [bool(row["lost"]) for row in rows] == lost and 0 < sum(lost) < 20
+    assert all(row["end"] < 3.0 if row["lost"] else row["end"] == 3.0 for row in rows)
+
+
+# ---- a folder
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+WHOLE = {"campaign.json", "flights.csv", "verdict.json"}
+
+
+def test_one_and_two_workers_write_the_same_bytes_and_stop_at_the_same_flight(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    nominal_of(tmp_path)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "2000", "--requirement", "lost<0.05@0.9",
+             "--requirement", "max_beta<0.1:0.9@0.95"]
+    for workers in ("1", "2"):
+        assert main([*words, "--workers", workers, "--out", str(tmp_path / workers)]) == 0
+    assert files(tmp_path / "1") == files(tmp_path / "2") and set(files(tmp_path / "1")) == WHOLE | {"campaign.png"}
+    report = json.loads((tmp_path / "1" / "verdict.json").read_text())
+    expected = Sequential(0.05, 0.9).flights_needed(0)
+    assert report["verdict"] == "met" and report["flights"] == 2000
+    assert report["flown"] == expected == len((tmp_path / "1" / "flights.csv").read_text().splitlines()) - 1
+    said = capsys.readouterr().out
+    assert f"MET after {expected} flights" in said and "no more were needed" in said
+
+
+def test_interrupted_and_continued_is_the_same_folder(tmp_path):
+    nominal = nominal_of(tmp_path)
+    asked = ["lost<0.02@0.9", "max_beta<0.1:0.98@0.9"]
+    whole = campaign(nominal, out=tmp_path / "whole", flights=400, requirement=asked, stop="never", workers=1)
+
+    class Stop(Exception):
+        """Stands for Ctrl-C."""
+
+    done = 0
+
+    def progress(newly: int) -> None:
+        nonlocal done
+        done += newly
+        if done >= 100:
+            raise Stop
+
+    with pytest.raises(Stop):
+        campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never", workers=2,
+                 progress=progress)
+    assert set(files(tmp_path / "parts")) == {"campaign.json", "flights.csv.journal"}, "nothing half written"
+    seen: list[int] = []
+    made = campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never", workers=2,
+                    progress=seen.append)
+    assert seen[0] >= 100 and sum(seen) == 400
+    assert files(tmp_path / "parts") == files(tmp_path / "whole")
+    assert made.report == whole.report and whole.report["flown"] == 400
+    (tmp_path / "parts" / "verdict.json").unlink()
+    again = campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never",
+                     progress=lambda _: pytest.fail("it was flown already"))
+    assert again.report == whole.report and files(tmp_path / "parts") == files(tmp_path / "whole")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_is_one_exit_status_and_the_same_command_goes_on(tmp_path):
+    nominal_of(tmp_path, 20.0)
+    words = [sys.executable, "-m", "sim", "campaign", str(tmp_path / "n.toml"), "--flights", "600", "--workers", "1",
+             "--out", str(tmp_path / "out")]
+    journal = tmp_path / "out" / "flights.csv.journal"
+    ignoring = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell's children ignore it
+    try:
+        with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 20):
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            said = process.stderr.read()
+    finally:
+        signal.signal(signal.SIGINT, ignoring)
+    assert process.returncode == 130 and "Traceback" not in said
+    assert "flights are kept; the same command goes on from there" in said
+    assert set(files(tmp_path / "out")) == {"campaign.json", "flights.csv.journal"}
+    kept = journal.read_bytes().count(b"\n") - 1
+    seen: list[int] = []
+    campaign(load_nominal(tmp_path / "n.toml"), out=tmp_path / "out", flights=600, workers=2, progress=seen.append)
+    assert seen[0] == kept >= 20 and set(files(tmp_path / "out")) == WHOLE
+
+
+@pytest.mark.parametrize("other", [{"flights": 21}, {"seed": 1}, {"requirement": "lost<0.1@0.9"}, {"stop": "never"}])
+def test_another_campaign_s_folder_is_refused(tmp_path, other):
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "out", flights=20, workers=1)
+    before = files(tmp_path / "out")
+    with pytest.raises(InputError, match="another campaign's folder"):
+        campaign(nominal, **{"out": tmp_path / "out", "flights": 20, **other})
+    with pytest.raises(InputError, match="nominal_sha256"):
+        campaign(nominal_of(tmp_path, 0.6), out=tmp_path / "out", flights=20)
+    assert files(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe"])
+def test_a_damaged_definition_is_one_line(tmp_path, damage):
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "out", flights=3, workers=1)
+    (tmp_path / "out" / "campaign.json").write_bytes(damage)
+    with pytest.raises(InputError, match=r"campaign\.json"):
+        campaign(nominal, out=tmp_path / "out", flights=3)
+
+
+def test_an_unrelated_table_is_not_taken_for_one(tmp_path):
+    nominal = nominal_of(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "flights.csv").write_text("seed\n1\n")
+    with pytest.raises(InputError, match="expected a new folder"):
+        campaign(nominal, out=tmp_path / "out", flights=3)
+    (tmp_path / "t.csv").write_text("seed,error\n1,\n")
+    with pytest.raises(InputError, match="not a table of flights"):
+        read_flights(tmp_path / "t.csv")
+
+
+def test_what_a_campaign_is_is_what_is_flown(tmp_path):
+    nominal = nominal_of(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    moved = nominal_of(tmp_path / "elsewhere", name="another")
+    assert digest_of(moved) == digest_of(nominal)
+    for part in (nominal_of(tmp_path, 0.502), nominal_of(tmp_path, offsets=Offsets(moment=1e-9)),
+                 nominal_of(tmp_path, effects=(effect("steady_wind", angle=0.01),)),
+                 nominal_of(tmp_path, effects=(effect("gyro_bias", rate=0.01),)),
+                 nominal_of(tmp_path, vehicle=Profile(np.zeros(1), np.array([np.nextafter(2.0, 3.0)]),
+                                                      np.array([-7.0])))):
+        assert digest_of(part) != digest_of(nominal)
+
+
+# ---- parts
+
+
+def test_merged_parts_are_the_campaign_of_all_seeds(tmp_path):
+    nominal = nominal_of(tmp_path)
+    asked = ["lost<0.02@0.9", "max_beta<0.05:0.9@0.9"]
+    for first in (0, 50, 100):
+        campaign(nominal, out=tmp_path / f"part{first}", flights=50, seed=first, workers=1)
+    campaign(nominal, out=tmp_path / "whole", flights=150, requirement=asked, stop="never", workers=1)
+    parts = [tmp_path / f"part{first}" for first in (100, 0, 50)]
+    campaign(nominal, out=tmp_path / "merged", merge=parts, requirement=asked, stop="never")
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+    sequential = campaign(nominal, out=tmp_path / "sequential", merge=parts, requirement=asked)
+    assert sequential.report["flown"] == 150 and sequential.report["results"][0]["decided_at"] is not None
+
+    with pytest.raises(InputError, match=r"seeds from 50 to 99 are missing"):
+        campaign(nominal, out=tmp_path / "x", merge=[parts[0], parts[1]])
+    with pytest.raises(InputError, match=r"seeds from 0 to 49 stand twice"):
+        campaign(nominal, out=tmp_path / "x", merge=[*parts, parts[1]])
+    (parts[2] / "flights.csv").rename(parts[2] / "flights.csv.journal")
+    with pytest.raises(InputError, match="not flown to its end"):
+        campaign(nominal, out=tmp_path / "x", merge=parts)
+    with pytest.raises(InputError, match="part of another campaign"):
+        campaign(nominal_of(tmp_path, 0.6), out=tmp_path / "x", merge=parts)
+    campaign(nominal, out=tmp_path / "stopped", flights=200, requirement="lost<0.1@0.9", workers=1)
+    with pytest.raises(InputError, match="a part is flown whole"):
+        campaign(nominal, out=tmp_path / "x", merge=[tmp_path / "stopped"])
+    assert not (tmp_path / "x").exists()
+
+
+# ---- the verdict
+
+
+def test_order_statistics_of_a_table_are_numpys(tmp_path):
+    """59 flights: the largest is above the 95 % quantile with 95 % confidence (Wilks); of 93 the second largest."""
+    nominal = nominal_of(tmp_path)
+    for n, rank in ((59, 1), (93, 2), (58, None)):
+        made = campaign(nominal, out=tmp_path / f"{n}", flights=n, requirement="max_alpha<0.1:0.95@0.95",
+                        stop="never", workers=1)
+        known = made.report["results"][0]["quantile"]
+        values = np.sort(made.columns()["max_alpha"])
+        assert known["rank_from_largest"] == rank
+        assert known["value"] == (None if rank is None else values[-rank])
+        assert made.report["metrics"]["max_alpha"]["largest"] == values[-1]
+    assert made.verdict == "undecided" and made.report["results"][0]["flights_needed"] == 59
+    assert "have been a plan" in made.summary()
+
+
+def test_lost_flights_refute_and_are_beyond_every_order_statistic(tmp_path):
+    nominal = unstable(tmp_path)
+    made = campaign(nominal, out=tmp_path / "out", flights=300, workers=1,
+                    requirement=["lost<0.01@0.9", "max_theta_dot<5:0.99@0.9"])
+    assert made.verdict == "not met" and made.report["flown"] < 300 and made.report["lost"] > 0
+    assert all(result["lower"] > 0.01 and result["verdict"] == "not met" for result in made.report["results"])
+    assert made.report["results"][1]["quantile"]["value"] is None
+    assert "NOT MET after" in made.summary()
+
+
+def test_without_a_requirement_nothing_is_claimed(tmp_path, capsys):
+    nominal_of(tmp_path, uncertainty=None)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert "no [uncertainty]: every flight is of the nominal a6 and k1" in said.err
+    assert "max_alpha: median" in said.out
+    assert json.loads((tmp_path / "o" / "verdict.json").read_text())["verdict"] is None
+
+
+def test_without_matplotlib_the_picture_is_one_line(tmp_path, capsys, monkeypatch):
+    nominal_of(tmp_path)
+    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name == "sim.plots"
+                   or name == "sim.requirement.figures"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main(words) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no campaign.png" in line and "launchid[plots]" in line
+    assert set(files(tmp_path / "o")) == WHOLE
+
+
+def test_from_python_it_is_the_command(tmp_path, capsys):
+    nominal_of(tmp_path)
+    words = ["--flights", "30", "--requirement", "lost<0.1@0.9", "--workers", "1", "--seed", "4"]
+    assert main(["campaign", str(tmp_path / "n.toml"), *words, "--out", str(tmp_path / "a")]) == 0
+    made = launchid.campaign(tmp_path / "n.toml", out=tmp_path / "b", flights=30, requirement="lost<0.1@0.9",
+                             workers=1, seed=4)
+    assert made.summary(str(tmp_path / "a")) + "\n" == capsys.readouterr().out
+    assert {name: text for name, text in files(tmp_path / "a").items() if name != "campaign.png"} == \
+        files(tmp_path / "b")
+    assert made.columns()["seed"] == list(range(4, 4 + made.report["flown"])) and made.verdict == "met"
+    with pytest.raises(UsageError, match="--stop 'sometimes'"):
+        launchid.campaign(tmp_path / "n.toml", out=tmp_path / "c", flights=3, stop="sometimes")
+
+
+# ---- beyond one machine
+
+
+def test_a_dask_scheduler_gives_the_same_bytes(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "here", flights=500, requirement="lost<0.05@0.9", workers=1)
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as made:
+        campaign(nominal, out=tmp_path / "there", flights=500, requirement="lost<0.05@0.9",
+                 executor=f"dask:{made.scheduler_address}")
+    assert files(tmp_path / "here") == files(tmp_path / "there")
+
+
+def test_no_scheduler_is_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
+    monkeypatch.setattr(executor, "PATIENCE", 0.3)
+    with pytest.raises(UsageError, match="no scheduler answers there"):
+        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()
