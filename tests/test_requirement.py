@@ -17,7 +17,7 @@ import pytest
 from scipy.stats import beta, binom
 
 import launchid
-from sim.answers.of_campaigns import campaign
+from sim.answers.of_campaigns import campaign, foreseen
 from sim.campaign import draw_jobs
 from sim.cli import main
 from sim.effects import effect
@@ -254,6 +254,22 @@ def test_a_nominal_that_cannot_fly_is_said_before_anything_is_written(tmp_path, 
     assert not (tmp_path / "out").exists()
 
 
+def test_too_few_flights_are_said_before_they_are_flown(tmp_path, capsys):
+    """With the literature's 1,705 flights nothing is proved by who may stop; as a plan they do."""
+    nominal = nominal_of(tmp_path)
+    said = foreseen(nominal, 1705, "lost<0.00135@0.9", "decided")
+    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; as a plan, "
+                    "--stop never, 1705",)
+    assert foreseen(nominal, 1705, "lost<0.00135@0.9", "never") == ()
+    assert "1705 without" in foreseen(nominal, 1704, "lost<0.00135@0.9", "never")[0]
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "5", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main([*words, "--requirement", "lost<0.00135@0.9"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("lost<0.00135@0.9: 5 flights cannot prove it")
+    with pytest.warns(launchid.DataWarning, match="5 flights cannot prove it"):
+        launchid.campaign(nominal, out=tmp_path / "o", flights=5, requirement="lost<0.00135@0.9", workers=1)
+
+
 # ---- a flight
 
 
@@ -380,8 +396,8 @@ def test_interrupted_and_continued_is_the_same_folder(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_is_one_exit_status_and_the_same_command_goes_on(tmp_path):
-    nominal_of(tmp_path, 20.0)
-    words = [sys.executable, "-m", "sim", "campaign", str(tmp_path / "n.toml"), "--flights", "600", "--workers", "1",
+    nominal_of(tmp_path, 10.0)
+    words = [sys.executable, "-m", "sim", "campaign", str(tmp_path / "n.toml"), "--flights", "400", "--workers", "1",
              "--out", str(tmp_path / "out")]
     journal = tmp_path / "out" / "flights.csv.journal"
     ignoring = signal.getsignal(signal.SIGINT)
@@ -399,7 +415,7 @@ def test_ctrl_c_is_one_exit_status_and_the_same_command_goes_on(tmp_path):
     assert set(files(tmp_path / "out")) == {"campaign.json", "flights.csv.journal"}
     kept = journal.read_bytes().count(b"\n") - 1
     seen: list[int] = []
-    campaign(load_nominal(tmp_path / "n.toml"), out=tmp_path / "out", flights=600, workers=2, progress=seen.append)
+    campaign(load_nominal(tmp_path / "n.toml"), out=tmp_path / "out", flights=400, workers=2, progress=seen.append)
     assert seen[0] == kept >= 20 and set(files(tmp_path / "out")) == WHOLE
 
 

@@ -15,6 +15,8 @@ from ..requirement.folder import Flights, fly
 from ..requirement.folder import merge as merged
 from ..requirement.grammar import Requirement, requirement
 from ..requirement.identity import Definition
+from ..requirement.order_statistics import Planned
+from ..requirement.sequential import Sequential
 from ..requirement.verdict import judged, said
 from .answer import Answer, Columns, flat
 
@@ -69,7 +71,7 @@ def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, r
     merge     folders of campaigns whose flights are taken; nothing is flown
     progress  called with the number of flights newly done
     """
-    asked = _asked([requirement] if isinstance(requirement, str) else requirement)
+    asked = _asked(requirement)
     if stop not in STOPS:
         raise UsageError(f"--stop {stop!r}: expected one of {', '.join(STOPS)}")
     if (flights is None) == (not merge):
@@ -86,18 +88,27 @@ def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, r
     else:
         with executor_of(executor, workers) as (engine, count):
             table = fly(definition, asked, folder, engine, count, progress)
-    made = Campaign(table, asked, judged(definition, asked, table), _notes(nominal))
+    notes = () if merge else foreseen(nominal, flights or 0, requirement, stop)
+    made = Campaign(table, asked, judged(definition, asked, table), notes)
     made.write(folder)
     return made
 
 
-def _notes(nominal: Nominal) -> tuple[str, ...]:
-    """What a user may have meant otherwise."""
+def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], stop: str) -> tuple[str, ...]:
+    """What can be said before the first flight: what a user may have meant otherwise."""
+    nominal.require("simulation")
     assert nominal.simulation is not None
-    same = () if nominal.uncertainty is not None else (
-        f"{nominal.path or nominal.name}: no [uncertainty]: every flight is of the nominal a6 and k1",)
-    return (*profile_note(nominal, nominal.simulation.duration, "the flight"), *same)
+    notes = profile_note(nominal, nominal.simulation.duration, "the flight")
+    if nominal.uncertainty is None:
+        notes += (f"{nominal.path or nominal.name}: no [uncertainty]: every flight is of the nominal a6 and k1",)
+    for asked in _asked(requirement):
+        rule = (Planned if stop == "never" else Sequential)(asked.probability, asked.confidence)
+        least, plan = rule.flights_needed(0), Planned(asked.probability, asked.confidence).flights_needed(0)
+        if flights < least:
+            notes += (f"{asked.text}: {flights} flights cannot prove it, {least} without a failure would"
+                      + (f"; as a plan, --stop never, {plan}" if plan < least else ""),)
+    return notes
 
 
-def _asked(texts: Sequence[str]) -> list[Requirement]:
-    return [requirement(text) for text in texts]
+def _asked(texts: str | Sequence[str]) -> list[Requirement]:
+    return [requirement(text) for text in ([texts] if isinstance(texts, str) else texts)]

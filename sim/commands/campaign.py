@@ -6,7 +6,6 @@ from typing import Any
 from ..errors import UsageError
 from ..terminal import Counter, answer, say
 from ..words import NOMINAL_HELP, add_command
-from .talk import warn
 
 
 def add(commands: Any) -> None:
@@ -44,7 +43,10 @@ def run(args: argparse.Namespace) -> None:
     from ..requirement.executor import check_executor
     check_executor(args.executor)
     nominal = load_nominal(args.nominal)
-    from ..answers.of_campaigns import PICTURE, campaign
+    from ..answers.of_campaigns import PICTURE, campaign, foreseen
+    is_flown = not args.merge and (args.flights or 0) > 0
+    for line in foreseen(nominal, args.flights, args.requirement, args.stop) if is_flown else ():
+        say(line)
     progress = Counter(args.flights or 1, "flights")
     try:
         made = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
@@ -52,10 +54,10 @@ def run(args: argparse.Namespace) -> None:
                         progress=progress)
     except KeyboardInterrupt:
         progress.clear()
-        say(f"{args.out}: {progress.done} flights are kept; the same command goes on from there")
+        if progress.done > 0:
+            say(f"{args.out}: {progress.done} flights are kept; the same command goes on from there")
         raise
     progress.clear()
-    warn(made)
     try:
         made.plot(f"{args.out}/{PICTURE}")
     except UsageError as error:
