@@ -572,6 +572,12 @@ def test_a_dask_scheduler_gives_the_same_bytes(tmp_path):
     assert files(tmp_path / "here") == files(tmp_path / "there")
 
 
+def test_without_distributed_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError, match=r"launchid\[cluster\]"):
+        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
+
+
 def test_no_scheduler_is_one_line(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
     monkeypatch.setattr(executor, "PATIENCE", 0.3)

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from concurrent.futures import Executor
 
-from ..errors import UsageError
+from ..errors import UsageError, extra_needed
 
 PATIENCE = 10.0  # s, for a scheduler to answer
 FORM = "expected local, or dask:ADDRESS such as dask:tcp://node1:8786"
@@ -23,7 +23,10 @@ def executor_of(text: str, workers: int | None) -> Iterator[tuple[Executor | Non
     if text == "local":
         yield None, workers
         return
-    from distributed import Client  # an extra
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None
     address = text.removeprefix("dask:")
     try:
         client = Client(address, timeout=PATIENCE)

@@ -12,6 +12,7 @@ from .grammar import Requirement
 from .order_statistics import Planned
 from .sequential import Sequential
 
+HEAD, TITLE, PANEL = 0.8, 0.2, 2.4  # inches: above the panels, of it above the title, a panel
 LOOKS = 60      # at a sequential test, evenly in log n
 LEGEND = {"fontsize": 7, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "ncol": 4}
 
@@ -21,10 +22,11 @@ def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement],
     metrics = [asked.metric for asked in requirements if asked.limit is not None] if requirements else list(METRICS)
     metrics = list(dict.fromkeys(metrics))
     rows = len(requirements) + len(metrics)
-    figure = Figure(figsize=(9, 0.8 + 2.4 * rows))
+    height = HEAD + PANEL * rows
+    figure = Figure(figsize=(9, height))
     verdict = f": {report['verdict']}" if report["verdict"] else ""
     figure.suptitle(f"{report['nominal']}, {report['flown']} flights, {report['lost']} lost{verdict}", fontsize=11,
-                    y=1.0 - 0.15 / (0.8 + 2.4 * rows))
+                    y=1.0 - TITLE / height)
     axes = list(figure.subplots(rows, 1, squeeze=False)[:, 0])
     for axis, asked in zip(axes, requirements, strict=False):
         _bounds_panel(axis, asked, flights, report["stop"] == "never")
@@ -32,7 +34,7 @@ def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement],
         _tail_panel(axis, metric, report, flights)
     for axis in axes:
         axis.grid(True, color="0.85", linewidth=0.6)
-    figure.subplots_adjust(hspace=0.65)
+    figure.subplots_adjust(top=1.0 - HEAD / height, bottom=0.5 / height, hspace=0.65)
     return figure
 
 
@@ -44,7 +46,9 @@ def _bounds_panel(axis: Any, asked: Requirement, flights: Flights, planned: bool
     rule = (Planned if planned else Sequential)(asked.probability, asked.confidence)
     bounds = np.array([rule.bounds(int(look), int(failed[look - 1])) for look in looks])
     over = np.arange(1, n + 1)
-    axis.plot(over, np.where(failed > 0, failed / over, np.nan), color="0.5", linewidth=0.9, label="share that failed")
+    if failed[-1] > 0:
+        axis.plot(over, np.where(failed > 0, failed / over, np.nan), color="0.5", linewidth=0.9,
+                  label="share that failed")
     style = "_" if planned else "-"
     axis.plot(looks, bounds[:, 1], style, color="0.0", linewidth=1.3, markersize=12,
               label=f"upper bound, confidence {asked.confidence:g}")

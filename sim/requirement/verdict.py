@@ -102,8 +102,8 @@ def _in_words(r: dict[str, Any], planned: bool) -> str:
     if r["decided_at"] is not None and not planned:
         head += f" after {r['decided_at']} flights"
     text = f"{head}; {r['failures']} of {r['flights']} failed, a flight fails with a probability below {r['upper']:.3g}"
-    text += f" and above {r['lower']:.3g}" if r["lower"] > 0.0 else ""
-    text += f" (each with confidence {r['confidence']:g})"
+    text += f" and above {r['lower']:.3g} (each with " if r["lower"] > 0.0 else " ("
+    text += f"confidence {r['confidence']:g})"
     known = r["quantile"]
     if known is not None and known["value"] is not None:
         text += f"; {100.0 * known['share']:.6g} % of flights are below {known['value']:.4g} {known['unit']}"
