@@ -16,6 +16,7 @@ estimator that flies is `launchid_core`.
 
 from __future__ import annotations
 
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
 from launchid_core import __version__
@@ -28,12 +29,14 @@ from .sources import DataWarning, LogSource, NominalSource, load_nominal, read_l
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from sim.answers.of_campaigns import Campaign
     from sim.answers.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
     from sim.answers.of_nominals import Exported, Flown, Planned
     from sim.effects import Effect
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
-           "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "plan", "read_log", "simulate", "uncertainty"]
+           "campaign", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "plan", "read_log", "simulate",
+           "uncertainty"]
 
 
 def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = 1.0,
@@ -114,3 +117,20 @@ def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | Non
     """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
     from sim.answers import of_nominals
     return warned(of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices))
+
+
+def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int | None = None,
+             requirement: str | Sequence[str] = (), seed: int = 0, stop: str = "decided", executor: str = "local",
+             workers: int | None = None, merge: Sequence[str | PathLike[str]] = ()) -> Campaign:
+    """Fly many drawn vehicles of a nominal into the folder `out`, and prove requirements; where it was, it goes on.
+
+    flights      at most so many, one a seed from `seed` on
+    requirement  "lost<0.00135@0.9", "max_alpha<0.2:0.99@0.9", or several
+    stop         "decided": as soon as every requirement is; "never": `flights` is a plan, all are flown
+    executor     "local", or "dask:ADDRESS";  workers  None: one a core
+    merge        folders of campaigns to judge together; nothing is flown
+    """
+    from sim.answers import of_campaigns
+    return warned(of_campaigns.campaign(
+        load_nominal(nominal), out=fspath(out), flights=flights, requirement=requirement, seed=seed, stop=stop,
+        executor=executor, workers=workers, merge=[fspath(part) for part in merge]))

@@ -53,6 +53,7 @@ WATCH = 1.0         # s, between a worker's looks whether its runner is there
 MESSAGE = 200       # characters of an error's line
 
 Work = Callable[[Any], Row]
+Enough = Callable[[int, Outcome], int | None]
 Chunk = list[tuple[int, Any]]   # (job's number, job)
 
 
@@ -72,8 +73,13 @@ class Job(NamedTuple):
 
 def draw_jobs(nominal: str, scenario: str, seeds: Iterable[int], spread: float = 1.0) -> list[Job]:
     """One flight a seed, delta uniform in [-spread, spread]^2; the same seed draws the same delta in every scenario."""
-    drawn = ((seed, np.random.default_rng((605, seed)).uniform(-spread, spread, 2)) for seed in seeds)
-    return [Job(nominal, scenario, seed, float(delta[0]), float(delta[1])) for seed, delta in drawn]
+    return [Job(nominal, scenario, seed, *drawn_delta(seed, spread)) for seed in seeds]
+
+
+def drawn_delta(seed: int, spread: float = 1.0) -> tuple[float, float]:
+    """(delta_a6, delta_k1) of a seed, uniform in [-spread, spread]^2, from a stream of their own."""
+    delta = np.random.default_rng((605, seed)).uniform(-spread, spread, 2)
+    return float(delta[0]), float(delta[1])
 
 
 # ---- in the worker
@@ -129,7 +135,7 @@ def _processes(workers: int) -> Executor:
 def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
                  executor: Executor | Callable[[], Executor] | None = None, workers: int | None = None,
                  chunk: int | None = None, progress: Callable[[int], object] | None = None,
-                 definition: str = "") -> Table:
+                 definition: str = "", enough: Enough | None = None) -> Table:
     """Run every job once and write the table; continue a campaign that was interrupted.
 
     jobs        NamedTuples of plain values, all of one kind
@@ -141,6 +147,8 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
     chunk       jobs a future; None: at most CHUNK
     progress    called with the number of jobs newly finished, at first those of the journal (`tqdm.update`)
     definition  what else decides the rows (a nominal's text, options): continuing needs the same
+    enough      is given each finished job's number and outcome, in whatever order they end; once it answers with a
+                number n nothing more is sent and the table is of the first n jobs, of which it has been given all
     """
     path = Path(path)
     if len(jobs) == 0:
@@ -152,16 +160,36 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
     journal = Journal(beside, campaign_hash(jobs, work, definition), len(jobs))
     report = progress or (lambda _: None)
     report(sum(journal.done))
+    ask = _Asked(enough)
     try:
-        with _Fleet(executor, workers) as fleet:
-            fleet.check(work, jobs[0])
-            for outcomes in _Dispatch(_chunks(jobs, journal.done, chunk), run_chunk, work, fleet).outcomes():
-                report(journal.append(outcomes))
+        ask(journal.outcomes() if enough is not None else ())
+        if ask.first is None and not all(journal.done):
+            with _Fleet(executor, workers) as fleet:
+                fleet.check(work, jobs[0])
+                for outcomes in _Dispatch(_chunks(jobs, journal.done, chunk), run_chunk, work, fleet).outcomes():
+                    report(journal.append(outcomes))
+                    if ask(outcomes):
+                        break
     finally:
         journal.close()
-    table = write_table(beside, path, jobs)
+    table = write_table(beside, path, jobs[:ask.first])
     beside.unlink()
     return table
+
+
+class _Asked:
+    """Whether the jobs that are done are enough, and the first how many of them; None: not yet."""
+
+    def __init__(self, enough: Enough | None) -> None:
+        self._enough = enough
+        self.first: int | None = None
+
+    def __call__(self, outcomes: Iterable[tuple[int, Outcome]]) -> bool:
+        for number, outcome in outcomes:
+            if self._enough is None or self.first is not None:
+                break
+            self.first = self._enough(number, outcome)
+        return self.first is not None
 
 
 def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],

@@ -68,6 +68,12 @@ class Journal:
             self.done[job] = 1
         return len(new)
 
+    def outcomes(self) -> Iterator[tuple[int, Outcome]]:
+        """Of the jobs that are done, in the order in which they ended; a job that stands twice comes twice."""
+        for number, _, value in read_lines(self.path):
+            if number > 1:
+                yield value[0], value[1]
+
     def close(self) -> None:
         """Nothing more will be appended."""
         self._file.close()
@@ -114,15 +120,16 @@ class Table(NamedTuple):
 
 
 def write_table(journal: Path, path: Path, jobs: Sequence[Any]) -> Table:
-    """The table of a complete journal, in the order of the jobs: a job's fields, its row's, `error`.
+    """The table of a journal that has all these jobs, in their order: a job's fields, its row's, `error`.
 
-    Rows are fetched one at a time from where the journal has them, so memory does not grow with their width.
+    The journal may have further ones, which are left out.  Rows are fetched one at a time from where the journal has
+    them, so memory does not grow with their width.
     """
     place = [-1] * len(jobs)
     first: dict[str, int] = {}  # column -> the earliest job that has it
     start, failed = 0, 0
     for number, end, value in read_lines(journal):
-        if number > 1 and place[value[0]] < 0:
+        if number > 1 and value[0] < len(jobs) and place[value[0]] < 0:
             job, outcome = value
             place[job] = start
             failed += isinstance(outcome, str)

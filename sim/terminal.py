@@ -4,6 +4,7 @@ import errno
 import io
 import os
 import sys
+import time
 
 from .errors import InputError
 
@@ -39,6 +40,39 @@ class Progress:
             sys.stderr.write("\r\x1b[K" + (f"[{'#' * full}{'.' * (self.STEPS - full)}] {text}" if text else ""))
             sys.stderr.flush()
         self.done += 1
+
+
+class Counter:
+    """How many of so many are done, on a terminal only: one line that is written over."""
+
+    WIDTH = 20      # of the bar
+    OFTEN = 0.2     # s, between two looks
+
+    def __init__(self, total: int, unit: str) -> None:
+        self.total, self.unit = total, unit
+        self.done = 0
+        self._found: int | None = None  # done when it began, by an earlier run
+        self._begun = self._shown = time.monotonic()
+
+    def __call__(self, newly: int) -> None:
+        """So many more are done."""
+        self.done += newly
+        if self._found is None:
+            self._found = newly
+        now = time.monotonic()
+        if sys.stderr.isatty() and now - self._shown >= self.OFTEN:
+            self._shown = now
+            rate = (self.done - self._found) / (now - self._begun)
+            full = self.WIDTH * self.done // self.total
+            bar = "#" * full + "." * (self.WIDTH - full)
+            sys.stderr.write(f"\r\x1b[K[{bar}] {self.done} of {self.total} {self.unit}, {rate:.0f}/s")
+            sys.stderr.flush()
+
+    def clear(self) -> None:
+        """Nothing is counted any more."""
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
 
 
 class Closed(io.TextIOBase):

@@ -17,9 +17,10 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
 NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/figures.py",  # figures
-           "sim/answers/answer.py", "sim/answers/figures.py",
+           "sim/answers/answer.py", "sim/answers/figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
 FORMATS = {"sim/convert/readers.py"}  # of other people's logs
+CLUSTER = {"sim/requirement/executor.py"}  # beyond one machine
 FRAMES = {"sim/answers/answer.py"}  # answers as data frames
 FRONT = sorted((ROOT / "launchid").rglob("*.py"))
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
@@ -160,6 +161,8 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
         allowed |= {"matplotlib", "tqdm"}
     if name_of(path) in FRAMES:
         allowed |= {"pandas"}
+    if name_of(path) in CLUSTER:
+        allowed |= {"distributed"}
     if name_of(path) in FORMATS:
         allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy"}
     for module, _, line in imports(path):

@@ -143,6 +143,37 @@ def test_few_futures_wait_however_long_the_campaign(tmp_path):
     assert 0 < Counting.most <= 6
 
 
+@pytest.mark.parametrize(("workers", "chunk"), [(1, 1), (2, 3), (3, 16)])
+def test_enough_is_the_first_jobs_whatever_else_was_done(tmp_path, reference, workers, chunk):
+    """The table ends where it was said, in the order of the jobs, though others were finished."""
+    given: dict[int, object] = {}
+
+    def enough(number: int, outcome: object) -> int | None:
+        given[number] = outcome
+        return 20 if set(range(20)) <= set(given) else None
+
+    table = run_campaign(points(50), draw, tmp_path / "t.csv", workers=workers, chunk=chunk, enough=enough)
+    assert table.jobs == 20 and table.path.read_bytes() == b"".join(reference.splitlines(keepends=True)[:21])
+    assert not (tmp_path / "t.csv.journal").exists()
+
+
+def test_what_was_enough_before_a_kill_is_enough_after_it(tmp_path, reference):
+    """The journal has all that is needed: nothing runs again."""
+    folder, path = tmp_path / "marks", tmp_path / "t.csv"
+    folder.mkdir()
+    interrupted(points(50), folder, path, 30)
+    marks = len(list(folder.iterdir()))
+    given: set[int] = set()
+
+    def enough(number: int, _: object) -> int | None:
+        given.add(number)
+        return 10 if set(range(10)) <= given else None
+
+    run_campaign(points(50), functools.partial(slow, folder), path, workers=2, enough=enough)
+    assert path.read_bytes() == b"".join(reference.splitlines(keepends=True)[:11])
+    assert len(list(folder.iterdir())) == marks
+
+
 # ---- interruption
 
 

@@ -5,6 +5,7 @@ command needs is imported when it runs, its files are read before anything is th
 """
 
 from . import (
+    campaign,
     convert,
     diagnose,
     effects,
@@ -18,4 +19,5 @@ from . import (
     uncertainty,
 )
 
-COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, convert, effects)
+COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, campaign, convert,
+            effects)

@@ -8,7 +8,7 @@ The range is a tolerance limit: with `confidence`, |d| <= sigma for at least a `
 flights are a sample.  It is centred on the nominal, so the sum of squares about the nominal decides:
 
 * order statistic, for n flights enough and noise below half of the variance: the r-th largest |d| of n with
-  sum_{j<r} C(n, j) (1 - share)^j share^(n-j) <= 1 - confidence (Wilks, Ann. Math. Stat. 12, 1941; 59 flights for
+  sum_{j<r} C(n, j) (1 - share)^j share^(n-j) <= 1 - confidence (`requirement.order_statistics`; 59 flights for
   95/95).  No law is assumed.  The noise is taken out by shrinking each d_i by tau/sqrt(tau^2 + s_i^2) towards the
   nominal, which keeps the spread of the ensemble right (Louis, JASA 79, 1984).
 * normal, for fewer: sigma = z_((1+share)/2) sqrt(n S^2/chi2_(1-confidence; n) - s^2), S^2 = mean d_i^2,
@@ -34,6 +34,7 @@ from ..errors import InputError
 from ..identify import onboard_model, run
 from ..log import Log
 from ..nominal import Nominal, Profile, constant_profile
+from ..requirement.order_statistics import wilks_rank
 from .level import PARAMETERS, log_span, require_cover
 
 BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight
@@ -126,19 +127,6 @@ def chi_square_quantile(probability: float, degrees: int) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if cumulative(math.exp(middle)) < probability else (low, middle)
     return 2.0 * math.exp(0.5 * (low + high))
-
-
-def wilks_rank(n: int, share: float, confidence: float) -> int:
-    """Largest r such that the r-th largest of n holds `share` with `confidence`; 0: too few."""
-    tail, rank = 0.0, 0
-    for j in range(n):
-        log_term = (math.lgamma(n + 1) - math.lgamma(j + 1) - math.lgamma(n - j + 1)
-                    + j * math.log1p(-share) + (n - j) * math.log(share))
-        tail += math.exp(log_term)
-        if tail > 1.0 - confidence:
-            break
-        rank = j + 1
-    return rank
 
 
 def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, confidence: float) -> Range:

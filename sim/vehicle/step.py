@@ -30,9 +30,10 @@ N_STATE = 9
 # counter (i8)
 AT, CONTROL_EVERY, LOG_EVERY, ROWS, LOST = range(5)
 N_COUNTERS = 5
-# columns of a row; exact: as the sensor reads it without noise and quantisation
+# columns of a row; exact: as the sensor reads it without noise and quantisation; true: of the rigid body and the nozzle
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot",
-           "exact_beta", "exact_theta", "exact_theta_dot", "true_theta_ddot", "true_gamma", "wind")
+           "exact_beta", "exact_theta", "exact_theta_dot", "true_theta_ddot", "true_gamma", "wind",
+           "true_theta", "true_theta_dot", "true_beta", "true_beta_dot")
 NO_EFFECT = empty_table()
 
 
@@ -189,6 +190,7 @@ def write_row(v, i, tick, u, row):
                           angle_of_attack(x[THETA], x[GAMMA], wind), x[THETA], x[THETA_DOT], x[BETA], beta_ddot)
     row[10] = x[GAMMA]
     row[11] = wind + environment.wind(v.environment, t) + 0.0  # 0.0, not -0.0, if calm
+    row[12], row[13], row[14], row[15] = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT]
     row[0] = t
     row[1] = v.reference[tick]
     row[2] = x[COMMAND]
@@ -257,7 +259,7 @@ def advance(v, steps, rows):
 
     v            inout
     steps        in    how many steps, at most what is left
-    rows  (r, 12) out   from index counter[ROWS] on
+    rows  (r, 16) out   from index counter[ROWS] on
     Stops early when the attitude leaves +-LOST_ANGLE (counter[LOST] = 1).
     """
     c, n, servo_input = v.constant, v.counter, v.actuator

@@ -1,0 +1,90 @@
+"""One flight of a campaign: a seed drawn, flown whole inside compiled code, and what its requirement may ask of it.
+
+Everything is drawn by the seed alone, each source from a stream of its own, so that a flight is the same whoever flies
+it: noise, wind and offsets as `launchid simulate` draws them, and the vehicle as every campaign does (`drawn_delta`).
+
+Peaks are of the truth, at every integration step, until the flight ends or the vehicle is lost.  `lost` is the
+simulator's: the attitude left what the plant is valid for (`sim.flight.LOST_ANGLE`).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..campaign import drawn_delta
+from ..flight import dispersion, prepare
+from ..journal import Row
+from ..nominal import Nominal
+from ..outside import drawn_offsets
+from ..vehicle import step as st
+from ..vehicle.kernels import kernel
+from ..vehicle.plant import angle_of_attack
+
+# what a flight is judged by, in the order of the table's columns; units rad, rad/s
+METRICS = {
+    "max_theta_error": "rad", "max_theta_dot": "rad/s", "max_alpha": "rad", "max_beta": "rad", "max_beta_rate": "rad/s"}
+BLOCK = 500  # rows at a time: 64 kB, which stay near the processor
+THETA_REF, TRUE_THETA, TRUE_THETA_DOT, TRUE_BETA, TRUE_BETA_DOT, TRUE_GAMMA, WIND = (
+    st.COLUMNS.index(name) for name in ("theta_ref", "true_theta", "true_theta_dot", "true_beta", "true_beta_dot",
+                                        "true_gamma", "wind"))
+
+
+class FlightJob(NamedTuple):
+    """One flight: a6 = a6_0 (1 + sigma delta_a6), k1 alike."""
+
+    seed: int
+    delta_a6: float
+    delta_k1: float
+
+
+def flight_jobs(nominal: Nominal, first: int, flights: int) -> list[FlightJob]:
+    """One flight a seed from `first` on; without [uncertainty] every vehicle is the nominal one."""
+    if nominal.uncertainty is None:
+        return [FlightJob(seed, 0.0, 0.0) for seed in range(first, first + flights)]
+    return [FlightJob(seed, *drawn_delta(seed)) for seed in range(first, first + flights)]
+
+
+@dataclass(frozen=True, eq=False)
+class Flyer:
+    """The work of a campaign on this nominal; it travels to the workers."""
+
+    nominal: Nominal
+
+    def __call__(self, job: FlightJob) -> Row:
+        """lost; when the flight ended [s]; peaks; the offsets that were drawn."""
+        nominal = self.nominal
+        nominal.require("simulation")
+        simulation = nominal.simulation
+        assert simulation is not None
+        factors = (1.0, 1.0) if nominal.uncertainty is None else dispersion(nominal, job.delta_a6, job.delta_k1)
+        vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
+        peaks = np.zeros(len(METRICS))
+        fly_for_peaks(vehicle, steps, np.zeros((BLOCK, len(st.COLUMNS))), peaks)
+        offsets = {f"offset_{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
+        return {"lost": int(vehicle.counter[st.LOST]), "end": int(vehicle.counter[st.AT]) * simulation.step,
+                **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}
+
+
+@kernel
+def fly_for_peaks(v, steps, rows, peaks):
+    """Fly `steps` steps, each a row of the log, and keep the largest magnitudes of the truth.
+
+    v                          inout    logs every step
+    steps                      in       how many, all that the flight has
+    rows  (r, len(st.COLUMNS)) scratch  some of the log at a time
+    peaks (5,)                 inout    [rad, rad/s, rad, rad, rad/s] as METRICS, 0 at first
+    """
+    for start in range(0, steps, rows.shape[0]):
+        v.counter[st.ROWS] = 0
+        st.advance(v, min(rows.shape[0], steps - start), rows)
+        for k in range(v.counter[st.ROWS]):
+            row = rows[k]
+            alpha = angle_of_attack(row[TRUE_THETA], row[TRUE_GAMMA], row[WIND])
+            peaks[0] = max(peaks[0], abs(row[TRUE_THETA] - row[THETA_REF]))
+            peaks[1] = max(peaks[1], abs(row[TRUE_THETA_DOT]))
+            peaks[2] = max(peaks[2], abs(alpha))
+            peaks[3] = max(peaks[3], abs(row[TRUE_BETA]))
+            peaks[4] = max(peaks[4], abs(row[TRUE_BETA_DOT]))
+        if v.counter[st.LOST] != 0:
+            return
