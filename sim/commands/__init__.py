@@ -16,6 +16,8 @@ from . import (
     reproduce,
     simulate,
     uncertainty,
+    watch,
 )
 
-COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, convert, effects)
+COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, convert, watch,
+            effects)
