@@ -346,7 +346,7 @@ def test_a_stream_without_header_is_in_the_samples_order(folder, nominal, identi
 
 @pytest.mark.parametrize("text", ["udp:", "udp:x", "tcp:65536", "tcp:-1", "udp:1e3", "udp:\u0661"])
 def test_a_port_that_is_none(text):
-    with pytest.raises(UsageError, match="expected (udp|tcp):PORT"):
+    with pytest.raises(UsageError, match=r"expected (udp|tcp):PORT"):
         open_source(text, once=False)
 
 
@@ -402,6 +402,19 @@ def test_a_refused_header_of_a_socket_takes_no_rows_under_another_name():
     assert (log.t.tolist(), log.beta.tolist()) == ([0.2], [2.0])
 
 
+def test_a_page_hears_of_the_end_of_a_session_without_a_row(nominal, tmp_path):
+    (tmp_path / "log.csv").write_bytes(b"t,theta,beta\n")
+    source = open_source(str(tmp_path / "log.csv"), once=False)
+    session = Session(source, nominal)
+    page = Listener(session.port)
+    Session.until(lambda: page.last.get("now", {}).get("state") == "waiting")
+    source._once = True
+    with pytest.raises(InputError, match="no usable row"):
+        session.result()
+    page.end()
+    assert page.last["now"]["state"] == "ended"
+
+
 def test_a_refused_header_of_a_file_is_its_end(nominal, tmp_path):
     for text, said in (("t,theta\n0,1\n", "'beta' is missing"), ("0,1\n", "2 cells and no header row")):
         (tmp_path / "log.csv").write_text(text)
@@ -453,8 +466,7 @@ def test_a_message_adds_up_to_everything_whatever_was_missed():
             live.windows.add((k,))
         if k % 7 == 0 or k == 499:
             told, seen = message(live, seen)
-            for name in shown:
-                shown[name] = told[name] if "head" in told else shown[name] + told[name]
+            shown = {name: told[name] if "head" in told else before + told[name] for name, before in shown.items()}
             assert shown == {"points": live.points.rows, "windows": live.windows.rows}
 
 

@@ -135,7 +135,7 @@ class Follower:
         malformed, last   rows that could not be read, and what was said of the last one
         """
         clock = time.monotonic()
-        if self.estimator is None:
+        if self.estimator is None and state != "ended":
             state = "waiting"
         if state == self.live.now["state"] and clock - self._shown < FRAME:
             return

@@ -82,33 +82,38 @@ class File:
     """A regular file, followed as `tail -F` does: what is appended, and the new one when it was replaced or cut."""
 
     def __init__(self, name: str, path: str, once: bool) -> None:
+        """OSError if it cannot be opened."""
         self.name, self._path, self._once = name, path, once
+        self._file = open(path, "rb")
 
     def pieces(self) -> Pieces:
-        file = open(self._path, "rb")
         try:
             while True:
-                if piece := file.read(PIECE):
+                if piece := self._file.read(PIECE):
                     yield piece
                 elif self._once:
                     yield b"\n"  # a last line without its end counts, as it does when a whole log is read
                     return
                 else:
                     time.sleep(IDLE)
-                    yield b""
-                    if self._is_another(file.fileno(), file.tell()):
-                        file.close()
-                        file = open(self._path, "rb")
-                        yield None
+                    yield None if self._turn() else b""
+        except OSError as error:
+            raise InputError(f"{self.name}: cannot be read ({error.strerror})") from None
         finally:
-            file.close()
+            self._file.close()
 
-    def _is_another(self, number: int, position: int) -> bool:
+    def _turn(self) -> bool:
+        """To the file that stands there now, if it is another or was cut."""
         try:
             found = os.stat(self._path)
+            if found.st_size >= self._file.tell() and os.path.samestat(found, os.fstat(self._file.fileno())):
+                return False
+            another = open(self._path, "rb")
         except OSError:
-            return False  # between two: the next one is waited for
-        return found.st_size < position or not os.path.samestat(found, os.fstat(number))
+            return False  # none for the moment: the next one is waited for
+        self._file.close()
+        self._file = another
+        return True
 
 
 class Pipe:
