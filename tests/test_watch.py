@@ -1,5 +1,6 @@
 """`launchid watch`: identify's numbers while rows come, from files, pipes and sockets, on a page that costs nothing."""
 
+import dataclasses
 import functools
 import http.client
 import json
@@ -291,13 +292,13 @@ def test_a_fifo_ends_with_its_writer(folder, nominal, tmp_path):
 # ---- sockets
 
 
-def sent_by_udp(port: int, rows: list[bytes], at_a_time: int = 40) -> None:
-    """Slow enough for any receive buffer."""
+def sent_by_udp(session: Session, port: int, rows: list[bytes]) -> None:
+    """A hundred at a time, which any receive buffer holds."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for k, row in enumerate(rows):
             sender.sendto(row, ("127.0.0.1", port))
-            if k % at_a_time == at_a_time - 1:
-                time.sleep(0.01)
+            if k % 100 == 0:
+                session.until(lambda k=k: session.state()["now"].get("rows", 0) >= k)  # type: ignore[misc]
 
 
 def port_of(source: Source) -> int:
@@ -309,7 +310,8 @@ def test_udp_one_row_a_datagram(folder, nominal, identified):
     session = Session(source, nominal)
     assert any(source.name in line for line in session.said), "the port is said"
     rows = rows_of(folder / "flight.csv")
-    sent_by_udp(port_of(source), [*(row.rstrip() for row in rows[:601]), b"".join(rows[601:640]), *rows[640:], b""])
+    datagrams = [*(row.rstrip() for row in rows[:601]), b"".join(rows[601:640]), *rows[640:], b""]
+    sent_by_udp(session, port_of(source), datagrams)
     assert same({name: session.result().report[name] for name in identified}, identified, 1e-9)
 
 
@@ -468,6 +470,18 @@ def test_a_message_adds_up_to_everything_whatever_was_missed():
             told, seen = message(live, seen)
             shown = {name: told[name] if "head" in told else before + told[name] for name, before in shown.items()}
             assert shown == {"points": live.points.rows, "windows": live.windows.rows}
+
+
+def test_stamps_of_any_origin_stay_apart(folder, nominal):
+    """Seconds since 1980 have ten digits before the point."""
+    log = read_log(folder / "flight.csv")
+    follower = Follower("log", nominal)
+    follower.take(dataclasses.replace(log, t=log.t + 1.4e9))
+    follower.tick("ended")
+    told, _ = message(follower.live, None)
+    assert [row[0] for row in told["windows"]] == [1.4e9 + k for k in range(12)]
+    assert len({row[0] for row in told["points"]}) == len(told["points"]) >= 109
+    assert told["changes"][0]["t"] == pytest.approx(1.4e9 + 7.0, abs=0.2, rel=0.0)
 
 
 def test_memory_does_not_grow(folder, nominal):

@@ -22,7 +22,9 @@ from .live import Live, Row
 LAST_WINDOWS = 4096   # that the report at the end holds: an hour of windows of 1 s
 SPACING = 0.1         # s of the log between points of the tracked estimate, which moves once in a block as long
 FRAME = 0.05          # s of the clock between looks at the newest numbers: 20 a second
+STAMPS = ("t", "out_since")  # of a JSON
 FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
+INSTANT = 4           # decimals of a time stamp [s], whatever its origin
 CURVE = 400           # points of the nominal's profile
 
 
@@ -150,7 +152,7 @@ class Follower:
         if self.estimator is None:
             return {}
         estimate, counts = self.estimator.estimate(), report([], self.estimator)["samples"]
-        known = {"t": rounded(self._t), **counts}
+        known = {"t": instant(self._t), **counts}
         if estimate is None:
             return known
         self.live.changes = [_rounded(change_json(change)) for change in self.estimator.changes()]
@@ -179,16 +181,23 @@ def rounded(x: float) -> float | None:
     return number(float(f"{x:.{FIGURES}g}"))
 
 
-def _rounded(of: Any) -> Any:
+def instant(t: float) -> float | None:
+    """A time stamp for a page; None for what is not finite."""
+    return number(round(t, INSTANT)) if math.isfinite(t) else None
+
+
+def _rounded(of: Any, name: str = "") -> Any:
     """The same of every number of a JSON."""
     if isinstance(of, dict):
-        return {name: _rounded(value) for name, value in of.items()}
-    return rounded(of) if isinstance(of, float) else of
+        return {key: _rounded(value, key) for key, value in of.items()}
+    if not isinstance(of, float):
+        return of
+    return instant(of) if name in STAMPS else rounded(of)
 
 
 def window_row(estimate: Estimate) -> Row:
     """A window in the order of `live.WINDOW`."""
-    return (rounded(estimate.t_start), rounded(estimate.t_end), estimate.status.name,
+    return (instant(estimate.t_start), instant(estimate.t_end), estimate.status.name,
             *(rounded(getattr(estimate, name)) for name in ("a6", "a6_std", "k1", "k1_std")))
 
 
@@ -196,11 +205,11 @@ def point_row(t: float, estimate: Estimate) -> Row:
     """The tracked estimate in the order of `live.POINT`."""
     tracked, levels = estimate.tracked, estimate.uncertainty
     assert tracked is not None
-    values = [t, tracked.a6, tracked.a6_std, tracked.k1, tracked.k1_std, estimate.wind, estimate.wind_std]
+    values = [tracked.a6, tracked.a6_std, tracked.k1, tracked.k1_std, estimate.wind, estimate.wind_std]
     for name in ("a6", "k1"):
         values += [math.nan] * 2 if levels is None or not levels.valid else [
             getattr(levels, name).delta, getattr(levels, name).delta_std]
-    return tuple(rounded(value) for value in values)
+    return (instant(t), *map(rounded, values))
 
 
 def nominal_curve(nominal: Nominal) -> dict[str, list[float]]:
