@@ -8,6 +8,7 @@ is that compiles: help, wrong words and missing files answer at once.
 """
 
 import contextlib
+import os
 from collections.abc import Iterator, Sequence
 
 from launchid_core import __version__
@@ -33,6 +34,14 @@ def parser() -> Parser:
     return top
 
 
+def complete(top: Parser) -> None:
+    """A shell that asks what could come next is answered, and that is all (argcomplete, where it is installed)."""
+    if "_ARGCOMPLETE" in os.environ:
+        with contextlib.suppress(ModuleNotFoundError):
+            import argcomplete
+            argcomplete.autocomplete(top)
+
+
 @contextlib.contextmanager
 def extras_named() -> Iterator[None]:
     """A module of an extra that is not installed is wrong usage, in one line."""
@@ -47,7 +56,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     open_streams()
     try:
         try:
-            args = parser().parse_args(argv)
+            top = parser()
+            complete(top)
+            args = top.parse_args(argv)
         except SystemExit:  # help and version, on stdout
             answer(end="")
             raise

@@ -118,6 +118,36 @@ def _cell(path: str, line: int, name: str, text: str) -> float:
     return float(text)
 
 
+class Columns:
+    """Which column of a CSV log is which: its header, read once, and its rows, as many at a time as there are.
+
+    known, ignored   name -> place of the columns that are used; names of the others
+    InputError for a header that cannot be a log's.
+    """
+
+    def __init__(self, path: str, header: list[str], required: tuple[str, ...] = REQUIRED,
+                 where: str = "line 1: ") -> None:
+        names = _header(path, header, required, where)
+        self.path, self.width = path, len(header)
+        self.known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
+        self.ignored = tuple(name for name in names if name not in self.known)
+
+    def numbers(self, line: int, cells: list[str]) -> list[float]:
+        """One row's known cells; InputError naming line and column."""
+        if len(cells) != self.width:
+            raise InputError(f"{self.path}: line {line}: {len(cells)} cells, expected {self.width} as in the header")
+        return [_cell(self.path, line, name, cells[k]) for name, k in self.known.items()]
+
+    def values(self, rows: list[list[float]]) -> dict[str, np.ndarray]:
+        """The known columns of rows that `numbers` made."""
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.known))
+        return {name: table[:, k].copy() for k, name in enumerate(self.known)}
+
+    def log(self, rows: list[list[float]]) -> Log:
+        """These rows as a log, even if none of them can be used."""
+        return _log(self.path, self.values(rows), self.ignored)
+
+
 def measured_logs() -> tuple[str, ...]:
     """Names of the logs that come with the package."""
     return tuple(sorted(path.stem for path in MEASURED.glob("*.csv")))
@@ -161,8 +191,6 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     required  columns without which it cannot be; a row is usable where all of them are finite
     """
     path = str(path)
-    known: dict[str, int] = {}
-    names: dict[str, int] = {}
     rows: list[list[float]] = []
     try:
         with _opened(path) as file:
@@ -170,24 +198,15 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
             header = next(reader, None)
             if header is None:
                 raise InputError(f"{path}: empty file; expected a header with t, theta, beta")
-            names = _header(path, header, required)
-            known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
-            for cells in reader:
-                if not cells:
-                    continue
-                if len(cells) != len(header):
-                    raise InputError(f"{path}: line {reader.line_num}: {len(cells)} cells, "
-                                     f"expected {len(header)} as in the header")
-                rows.append([_cell(path, reader.line_num, name, cells[k]) for name, k in known.items()])
+            columns = Columns(path, header, required)
+            rows = [columns.numbers(reader.line_num, cells) for cells in reader if cells]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a UTF-8 CSV log") from None
     except csv.Error as error:
         raise InputError(f"{path}: line {reader.line_num}: {error}; expected comma-separated cells") from None
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(known))
-    values = {name: table[:, k].copy() for k, name in enumerate(known)}
-    return _made(path, values, required, tuple(name for name in names if name not in known))
+    return _made(path, columns.values(rows), required, columns.ignored)
 
 
 def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
@@ -195,7 +214,11 @@ def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], i
     rows = len(values["t"])
     if rows == 0 or not np.isfinite(np.stack([values[name] for name in required])).all(axis=0).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
-    missing = {name: np.full(rows, math.nan) for name in REQUIRED + OPTIONAL if name not in values}
+    return _log(path, values, ignored)
+
+
+def _log(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...]) -> Log:
+    missing = {name: np.full(len(values["t"]), math.nan) for name in REQUIRED + OPTIONAL if name not in values}
     return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
 
 

@@ -19,6 +19,9 @@ HEAD = """# Commands
 
 Every command with all its options, as `launchid COMMAND --help` says them; this page is made from the same words.
 Files, units and exit status are in [formats](formats.md), the same from Python in [python](python.md).
+
+Completion in the shell: `pip install 'launchid[completion]'`, then in the profile of bash or zsh
+`eval "$(register-python-argcomplete launchid)"`.
 """
 
 

@@ -22,6 +22,7 @@ DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/f
 FORMATS = {"sim/convert/readers.py"}  # of other people's logs
 CLUSTER = {"sim/requirement/executor.py"}  # beyond one machine
 FRAMES = {"sim/answers/answer.py"}  # answers as data frames
+COMPLETION = {"sim/cli.py"}  # of the shell
 FRONT = sorted((ROOT / "launchid").rglob("*.py"))
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
               "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",
@@ -165,6 +166,8 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
         allowed |= {"distributed"}
     if name_of(path) in FORMATS:
         allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy"}
+    if name_of(path) in COMPLETION:
+        allowed |= {"argcomplete"}
     for module, _, line in imports(path):
         assert module.split(".")[0] in allowed, f"{name_of(path)}:{line} {module}"
 

@@ -2,8 +2,11 @@
 
 import argparse
 import json
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,20 @@ def test_every_command_has_an_example_that_parses(name, capsys):
 def test_the_page_of_commands_is_the_parser_s():
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert page == commands_page(parser()), "write it anew, as sim/reference.py says"
+
+
+# ---- completion
+
+
+@pytest.mark.parametrize(("line", "wanted"), [
+    ("launchid unc", {"uncertainty"}), ("launchid identify --sol", {"--solver"}),
+    ("launchid identify v.csv --solver ", {"stls", "sr3", "ssr", "lasso"})])
+def test_the_shell_is_told_what_could_come_next(line, wanted, tmp_path):
+    pytest.importorskip("argcomplete")
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n",
+             "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "told")}
+    subprocess.run([sys.executable, "-m", "sim"], cwd=ROOT, env=os.environ | asked, check=True, timeout=60)
+    assert {word.strip() for word in (tmp_path / "told").read_text().splitlines()} == wanted
 
 
 # ---- effects

@@ -17,7 +17,8 @@ from . import (
     reproduce,
     simulate,
     uncertainty,
+    watch,
 )
 
 COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, campaign, convert,
-            effects)
+            watch, effects)

@@ -1,0 +1,52 @@
+"""launchid watch"""
+
+import argparse
+from typing import Any
+
+from launchid_core import NOISE_LEVELS
+
+from ..terminal import say
+from ..words import NOMINAL_HELP, add_command
+from .talk import check_outputs, tell
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "watch", "follow a growing log, or samples off a socket, on a page of this machine",
+                      "launchid watch flight.csv --nominal vega_like --http 8642")
+    sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",
+                     help="a CSV log that grows, a pipe, - for standard input, or rows sent to a port of 127.0.0.1 "
+                          "(0: any free one)")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", required=True, help=f"what is believed: {NOMINAL_HELP}")
+    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S",
+                     help="between samples [s] (default: the median step of the first 64 rows)")
+    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+                     help="the nominal's noise levels are a prior (estimated) or exact (declared) (default "
+                          "%(default)s)")
+    sub.add_argument("--http", type=int, default=0, metavar="PORT",
+                     help="of the page on 127.0.0.1 (default %(default)s: any free one, which is said)")
+    sub.add_argument("--once", action="store_true",
+                     help="end with the file's last row, the TCP sender, or an empty datagram (default: with "
+                          "Ctrl-C alone)")
+    sub.add_argument("--json", metavar="PATH|-", help="write the answer at the end as JSON too, as identify's; -: JSON "
+                                                      "alone, on stdout (default: none)")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid watch"""
+    from ..errors import UsageError
+    from ..nominal import load_nominal
+    from ..watch.sources import open_source
+    if not 0 <= args.http < 1 << 16:
+        raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
+    nominal = load_nominal(args.nominal)
+    source = open_source(args.source, args.once)
+    check_outputs(args.json)
+    from ..watch.session import watch
+    made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise, http=args.http, say=say)
+    tell(made, args.json)
+    if made.interrupted:
+        raise KeyboardInterrupt

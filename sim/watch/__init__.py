@@ -1,0 +1,9 @@
+"""A log, or samples off a socket, followed while they come, on a page of one's own machine.
+
+The way of a row:
+
+    source -> lines -> log of the rows that came -> estimator -> live (fixed size) -> message -> page
+
+All up to `live` is one thread, the main one.  The page's threads only read `live`, whose parts are replaced or appended
+to and never changed in place: there is no lock, nobody waits for a browser.
+"""

@@ -1,0 +1,73 @@
+"""What is shown, in fixed memory: written by the follower alone, read by any thread without a lock.
+
+A list here only grows until it is replaced by a new one, and everything else is replaced: what a reader took stays as
+it was.
+"""
+
+from typing import Any, NamedTuple
+
+Row = tuple[Any, ...]
+
+MOST_POINTS = 1500   # of the tracked estimate: more than a page has pixels for
+MOST_WINDOWS = 600
+POINT = ("t", "a6", "a6_std", "k1", "k1_std", "wind", "wind_std", "delta_a6", "delta_a6_std", "delta_k1",
+         "delta_k1_std")
+WINDOW = ("t_start", "t_end", "status", "a6", "a6_std", "k1", "k1_std")
+
+
+class Series:
+    """Rows over the whole time in a list of at most `most`: when it is full every other row goes, and of what comes
+    only one of `stride` is kept from then on."""
+
+    def __init__(self, most: int) -> None:
+        self.most, self.stride, self._offered = most, 1, 0
+        self.rows: list[Row] = []
+
+    def is_due(self) -> bool:
+        """Will the next row be kept."""
+        return self._offered % self.stride == 0
+
+    def add(self, row: Row | None) -> None:
+        """The next row; None where `is_due` said no."""
+        if self.is_due() and row is not None:
+            self.rows.append(row)
+        self._offered += 1
+        if len(self.rows) >= self.most:
+            self.rows = self.rows[::2]  # another list: who reads the old one goes on reading it
+            self.stride *= 2
+
+
+class Live:
+    """All that a page is told.
+
+    head      what does not change while rows come: names, units, the nominal
+    now       the latest numbers
+    revision  of all this: grows with every change
+    """
+
+    def __init__(self, head: dict[str, Any]) -> None:
+        self.head = head
+        self.now: dict[str, Any] = {"state": "waiting"}
+        self.points, self.windows = Series(MOST_POINTS), Series(MOST_WINDOWS)
+        self.changes: list[dict[str, Any]] = []
+        self.revision = 0
+
+
+class Seen(NamedTuple):
+    """How far a page has been told."""
+
+    head: dict[str, Any]
+    points: list[Row]
+    windows: list[Row]
+    n_points: int
+    n_windows: int
+
+
+def message(live: Live, seen: Seen | None) -> tuple[dict[str, Any], Seen]:
+    """What a page has not been told yet: everything (`head` is among it) at first and where a list was thinned."""
+    head, points, windows = live.head, live.points.rows, live.windows.rows
+    now = Seen(head, points, windows, len(points), len(windows))
+    told = {"now": live.now, "changes": live.changes}
+    if seen is None or seen.head is not head or seen.points is not points or seen.windows is not windows:
+        return {"head": head, "points": points[:now.n_points], "windows": windows[:now.n_windows], **told}, now
+    return {"points": points[seen.n_points:now.n_points], "windows": windows[seen.n_windows:now.n_windows], **told}, now

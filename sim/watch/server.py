@@ -1,0 +1,153 @@
+"""The page and what it is told, on the loopback, in threads that only read.
+
+    /        the page
+    /events  server-sent events: everything at first, then what is new, at most 20 times a second
+    /state   everything once, as JSON
+
+A browser that does not read is told everything it missed in one message when it does, and is let go after PATIENCE.
+"""
+
+import base64
+import hashlib
+import json
+import re
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from .live import Live, message
+from .sources import LOOPBACK
+
+FRAME = 0.05        # s between messages at least: 20 a second
+ALIVE = 2.0         # s without news after which a page is told that there is none
+PATIENCE = 10.0     # s that a browser may leave unread, or a request unfinished
+MOST_PAGES = 16     # at a time
+FAREWELL = 1.0      # s that pages are given to hear of the end
+
+PAGE = (Path(__file__).parent / "page.html").read_bytes()
+
+
+def _hash(tag: str) -> str:
+    """What a browser compares the page's one <script> or <style> with: no other is run."""
+    (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), PAGE, re.DOTALL)
+    return f"'sha256-{base64.b64encode(hashlib.sha256(inside).digest()).decode()}'"
+
+
+HEADERS = {
+    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": f"default-src 'none'; script-src {_hash('script')}; style-src {_hash('style')}; "
+                               "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
+                               "frame-ancestors 'none'"}
+
+
+class Server(ThreadingHTTPServer):
+    """Serves `live` until it is closed."""
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, live: Live, port: int) -> None:
+        """UsageError if the port is taken; 0: any free one."""
+        try:
+            super().__init__((LOOPBACK, port), Handler)
+        except OSError as error:
+            raise UsageError(f"--http {port}: cannot listen there ({error.strerror}); expected a free port") from None
+        self.live = live
+        self.pages = threading.BoundedSemaphore(MOST_PAGES)
+        self.telling: set[int] = set()  # threads with a page
+        threading.Thread(target=self.serve_forever, args=(FRAME,), daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        return f"http://{LOOPBACK}:{self.server_address[1]}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes is no fault."""
+
+    def end(self) -> None:
+        """After the last `live`: pages hear of it, or not, and nobody is heard any more."""
+        until = time.monotonic() + FAREWELL
+        while self.telling and time.monotonic() < until:
+            time.sleep(0.5 * FRAME)
+        self.shutdown()
+        self.server_close()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One request."""
+
+    server: Server
+    server_version, sys_version = "launchid", ""
+    timeout = PATIENCE
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Not said."""
+
+    def do_HEAD(self) -> None:
+        self._answer(with_body=False)
+
+    def do_GET(self) -> None:
+        self._answer(with_body=True)
+
+    def _answer(self, with_body: bool) -> None:
+        host = self.headers.get("Host", "").rpartition(":")[0] or self.headers.get("Host", "")
+        path = self.path.partition("?")[0]
+        if host not in (LOOPBACK, "localhost"):  # a page from elsewhere, whose name was turned to this address
+            self._whole(403, "text/plain; charset=utf-8", b"not this host's name\n", with_body)
+        elif path == "/":
+            self._whole(200, "text/html; charset=utf-8", PAGE, with_body)
+        elif path == "/state":
+            self._whole(200, "application/json", _json(message(self.server.live, None)[0]), with_body)
+        elif path == "/events":
+            self._events(with_body)
+        else:
+            self._whole(404, "text/plain; charset=utf-8", b"expected /, /events or /state\n", with_body)
+
+    def _head(self, status: int, kind: str, **more: str) -> None:
+        self.send_response(status)
+        for name, value in {"Content-Type": kind, **HEADERS, **more}.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _whole(self, status: int, kind: str, body: bytes, with_body: bool) -> None:
+        self._head(status, kind, **{"Content-Length": str(len(body))})
+        if with_body:
+            self.wfile.write(body)
+
+    def _events(self, with_body: bool) -> None:
+        if not self.server.pages.acquire(blocking=False):
+            self._whole(503, "text/plain; charset=utf-8", b"as many pages are open as there may be\n", with_body)
+            return
+        self.server.telling.add(threading.get_ident())
+        try:
+            self._head(200, "text/event-stream")
+            if with_body:
+                self._tell()
+        finally:
+            self.server.telling.discard(threading.get_ident())
+            self.server.pages.release()
+
+    def _tell(self) -> None:
+        live, seen, revision, told = self.server.live, None, -1, 0.0
+        self.wfile.write(b"retry: 1000\n\n")
+        while True:
+            clock = time.monotonic()
+            if revision != live.revision or clock - told > ALIVE:
+                revision = live.revision  # before it is read: what comes meanwhile is told again
+                news, seen = message(live, seen)
+                self.wfile.write(b"data: " + _json(news) + b"\n\n")
+                told = clock
+                if news["now"]["state"] == "ended":
+                    return
+            time.sleep(FRAME)
+
+
+def _json(of: dict[str, Any]) -> bytes:
+    """With how long ago [s] the last row came, as no page has this clock."""
+    now = {name: value for name, value in of["now"].items() if name != "clock"}
+    if "clock" in of["now"]:
+        now["idle"] = round(time.monotonic() - of["now"]["clock"], 1)
+    return json.dumps(of | {"now": now}, separators=(",", ":"), allow_nan=False).encode()

@@ -1,0 +1,193 @@
+"""Where rows come from, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
+
+A piece may end anywhere in a line.  b"": nothing new for IDLE; None: what follows is another stream.
+"""
+
+import os
+import select
+import socket
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from typing import Protocol
+
+from ..errors import InputError, UsageError
+from ..files import reads
+from ..log import STANDARD_INPUT, locate_log
+
+LOOPBACK = "127.0.0.1"   # the only address that anything here is bound to
+IDLE = 0.05              # s, between looks for something new: as often as a page is told
+PIECE = 1 << 16          # bytes at most: about a thousand rows, a few milliseconds of the estimator's time
+DATAGRAM = 1 << 16       # bytes: longer than any
+DATAGRAMS = 256          # in a piece at most
+BACKLOG = 1 << 22        # bytes that the system is asked to keep of UDP while the estimator is busy
+
+Pieces = Iterator[bytes | None]
+
+
+class Source(Protocol):
+    """What can be followed."""
+
+    name: str
+
+    def pieces(self) -> Pieces:
+        """Until the source ends."""
+
+
+def open_source(text: str, once: bool) -> Source:
+    """FILE, `-`, udp:PORT or tcp:PORT; UsageError, InputError in one line for what cannot be followed.
+
+    once  it ends: a file with its last row, TCP with its first sender, UDP with an empty datagram
+    """
+    kind, _, port = text.partition(":")
+    if kind in ("udp", "tcp"):
+        bound = _bound(text, kind, port)
+        return Udp(bound, once) if kind == "udp" else Tcp(bound, once)
+    if text == STANDARD_INPUT:
+        if sys.stdin is None:
+            raise InputError("-: standard input is closed; expected a CSV log there")
+        reads(sys.stdin.fileno())
+        return Pipe(text, sys.stdin.fileno())
+    path = locate_log(text)
+    try:
+        found = os.stat(path)
+        if stat.S_ISFIFO(found.st_mode):
+            reads(path)
+            return Pipe(text, os.open(path, os.O_RDONLY))
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{text}: neither a file nor a pipe; expected a CSV log, udp:PORT or tcp:PORT")
+        reads(path)
+        return File(text, str(path), once)
+    except OSError as error:
+        raise InputError(f"{text}: cannot be read ({error.strerror}); expected a CSV log, udp:PORT or "
+                         "tcp:PORT") from None
+
+
+def _bound(text: str, kind: str, port: str) -> socket.socket:
+    if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
+        raise UsageError(f"{text}: expected {kind}:PORT with a port of 0 (any free one) to 65535")
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
+    try:
+        if kind == "tcp":
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((LOOPBACK, int(port)))
+    except OSError as error:
+        made.close()
+        raise UsageError(f"{text}: cannot listen there ({error.strerror}); expected a free port, 0 takes any") from None
+    return made
+
+
+class File:
+    """A regular file, followed as `tail -F` does: what is appended, and the new one when it was replaced or cut."""
+
+    def __init__(self, name: str, path: str, once: bool) -> None:
+        """OSError if it cannot be opened."""
+        self.name, self._path, self._once = name, path, once
+        self._file = open(path, "rb")
+
+    def pieces(self) -> Pieces:
+        try:
+            while True:
+                if piece := self._file.read(PIECE):
+                    yield piece
+                elif self._once:
+                    yield b"\n"  # a last line without its end counts, as it does when a whole log is read
+                    return
+                else:
+                    time.sleep(IDLE)
+                    yield None if self._turn() else b""
+        except OSError as error:
+            raise InputError(f"{self.name}: cannot be read ({error.strerror})") from None
+        finally:
+            self._file.close()
+
+    def _turn(self) -> bool:
+        """To the file that stands there now, if it is another or was cut."""
+        try:
+            found = os.stat(self._path)
+            if found.st_size >= self._file.tell() and os.path.samestat(found, os.fstat(self._file.fileno())):
+                return False
+            another = open(self._path, "rb")
+        except OSError:
+            return False  # none for the moment: the next one is waited for
+        self._file.close()
+        self._file = another
+        return True
+
+
+class Pipe:
+    """Standard input or a FIFO: it ends when its writers have gone."""
+
+    def __init__(self, name: str, number: int) -> None:
+        self.name, self._number = name, number
+
+    def pieces(self) -> Pieces:
+        while True:
+            if not select.select([self._number], [], [], IDLE)[0]:
+                yield b""
+            elif piece := os.read(self._number, PIECE):
+                yield piece
+            else:
+                yield b"\n"
+                return
+
+
+class Udp:
+    """Datagrams with one row each, or several lines."""
+
+    def __init__(self, bound: socket.socket, once: bool) -> None:
+        self._socket, self._once = bound, once
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BACKLOG)
+        bound.setblocking(False)
+        self.name = f"udp:{bound.getsockname()[1]}"
+
+    def pieces(self) -> Pieces:
+        with self._socket:
+            while True:
+                select.select([self._socket], [], [], IDLE)
+                lines = list(self._waiting())
+                yield b"".join(line + b"\n" for line in lines)
+                if self._once and b"" in lines:
+                    return
+
+    def _waiting(self) -> Iterator[bytes]:
+        for _ in range(DATAGRAMS):
+            try:
+                yield self._socket.recv(DATAGRAM)
+            except BlockingIOError:
+                return
+
+
+class Tcp:
+    """Lines of one sender at a time; the next is heard when it has gone."""
+
+    def __init__(self, bound: socket.socket, once: bool) -> None:
+        self._socket, self._once = bound, once
+        bound.listen(1)
+        self.name = f"tcp:{bound.getsockname()[1]}"
+
+    def pieces(self) -> Pieces:
+        with self._socket:
+            while True:
+                if not select.select([self._socket], [], [], IDLE)[0]:
+                    yield b""
+                    continue
+                with self._socket.accept()[0] as sender:
+                    yield from self._sent(sender)
+                yield None
+                if self._once:
+                    return
+
+    def _sent(self, sender: socket.socket) -> Iterator[bytes]:
+        while True:
+            if not select.select([sender], [], [], IDLE)[0]:
+                yield b""
+                continue
+            try:
+                piece = sender.recv(PIECE)
+            except ConnectionError:
+                return
+            if not piece:
+                return
+            yield piece
