@@ -14,6 +14,8 @@ To add an effect: its kernel, its branch below, its row in EFFECTS.
 
 import math
 
+import numpy as np
+
 from ..vehicle.kernels import inner, kernel
 from .actuator import LONGEST_DELAY
 from .table import CODE, P0, Cause, Parameter
@@ -57,6 +59,13 @@ def biased(bias, value):
 def scaled(scale, value):
     """scale value: the gyro's scale factor."""
     return scale * value
+
+
+def nulls(fx: np.ndarray) -> tuple[float, float, float]:
+    """What attitude [rad], gyro [rad/s] and nozzle sensor [rad] read of nothing: their biases."""
+    attitude, rate, angle = (float(fx[fx[:, CODE] == code, P0].sum())
+                             for code in (ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_SENSOR_BIAS))
+    return attitude, rate, angle
 
 
 # ---- the place: fx (n, N_COLUMNS) inout, its rows of the table

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...effects import Effect, plant
+from ...effects import Effect, plant, sensor
 from ...flight import packed
 from ...vehicle import step as st
 from ..data.record import BETA, THETA, THETA_DOT, Record
@@ -51,8 +51,11 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     counter = np.zeros(st.N_COUNTERS, np.int64)
     counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY]] = record.first_step, record.tick, record.every
     state = np.zeros(st.N_STATE)
-    state[st.THETA], state[st.THETA_DOT] = _first(record.z[:, THETA]), _first(record.z[:, THETA_DOT])
-    state[st.BETA] = _first(record.z[:, BETA]) if np.isfinite(record.z[:, BETA]).any() else record.commands[0]
+    nulls = sensor.nulls(table.sensor)  # a bias is in the first row as in all: the vehicle is not where it seems to be
+    state[st.THETA] = _first(record.z[:, THETA]) - nulls[0]
+    state[st.THETA_DOT] = _first(record.z[:, THETA_DOT]) - nulls[1]
+    state[st.BETA] = _first(record.z[:, BETA]) - nulls[2] if np.isfinite(record.z[:, BETA]).any() \
+        else record.commands[0]
     late = len(table.sensor) > 0
     drift = record.nominal.drift if not record.path_is_known else None
     drifting = np.zeros((2, 0))

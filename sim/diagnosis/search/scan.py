@@ -7,7 +7,7 @@ come from a periodogram weighted by the model's own response to an acceleration.
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..causes import Cause, Hypothesis, Start, Values
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import RESOLVED, Fit
+from .onsets import sharpest
 from .pulses import gusts, losses, moments
 
 IMPULSE_SPACING = 4.0   # s: a corrected model forgets an impulse within it
@@ -77,11 +78,14 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
             continue
         if hypothesis.start in BEGINNING:
             gain, values = BEGINNING[hypothesis.start](problem, base, project.basis, project.rest)
-            if gain > 0.0:
-                found.append(Candidate(hypothesis, _inside(hypothesis, values), gain))
+            tries = [Candidate(hypothesis, _inside(hypothesis, values), gain)]
+            if hypothesis.start is not Start.PULSE:
+                sharp = [(t,) for t in sharpest(problem, base, hypothesis.start is Start.ONSET)]
+                tries += _proportional(problem, base, project, hypothesis, sharp)
+            found += [max(tries, key=lambda candidate: candidate.gain)] if gain > 0.0 else []
             continue
         tries = _sized(problem, base, project, hypothesis) if hypothesis.sizes else \
-            _proportional(problem, base, project, hypothesis)
+            _proportional(problem, base, project, hypothesis, hypothesis.shapes(problem.record))
         best = max(tries, key=lambda candidate: candidate.gain, default=None)
         if best is not None and best.gain > 0.0:
             found.append(best)
@@ -102,9 +106,10 @@ def response(problem: Problem, base: Fit, project: Projector, hypothesis: Hypoth
     return (problem.residual(with_effect(base, cause)) - project.residual) / step
 
 
-def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
+def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis,
+                  shapes: Sequence[Values]) -> list[Candidate]:
     size, tries = hypothesis.free[0], []
-    for shape in hypothesis.shapes(problem.record):
+    for shape in shapes:
         whole = response(problem, base, project, hypothesis, shape)
         change = project.out(whole)
         energy = float(change @ change)
