@@ -171,6 +171,11 @@ class Hypothesis:
         return CATALOGUE[self.cause].where
 
     @property
+    def is_timed(self) -> bool:
+        """Its times are fixed (`pinned`)."""
+        return any(name in TIMES for name, _ in self.fixed)
+
+    @property
     def is_line(self) -> bool:
         """A sine of any frequency, its free[1]."""
         return self.start is Start.LINE

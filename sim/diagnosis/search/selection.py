@@ -43,6 +43,8 @@ HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 TOLD_APART = 4.0      # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 PROMISING = 3.0       # nats after the penalty that a scan must promise
+OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
+BLOWN_UP = 1.4        # times the declared: weather that may have taken in what a cause does
 ROUNDS = 3            # of alternating between causes and noise levels at most
 ROUND_GAIN = 0.1      # nats that a round must bring to go on
 SWAPS = 4             # rounds of swapping a cause for a better one at most
@@ -293,7 +295,8 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
     under another filter are in another currency."""
     fits: list[tuple[Fit, float]] = []
     problem = Problem(record, start.fit.filter)
-    promising = [c for c in scan(problem, start.fit, allowed) if c.gain - penalty(record, c.hypothesis) > PROMISING]
+    promising = [c for c in scan(problem, start.fit, allowed)
+                 if _off_grid(c) * c.gain - penalty(record, c.hypothesis) > PROMISING]
     promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
     most = known or 0.0
     for candidate in promising[:TRIED]:
@@ -307,6 +310,11 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
     for fitted in _in_steps(problem, start.fit, allowed):
         fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
     return fits
+
+
+def _off_grid(candidate: Candidate) -> float:
+    """What a start on the grid of its shapes may promise over what it gains there."""
+    return OFF_GRID if candidate.hypothesis.is_mode else 1.0
 
 
 def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit]:
@@ -340,14 +348,15 @@ def quiet(model: Model) -> float:
 
 
 def _starts(record: Record, base: Model) -> list[Model]:
-    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise, or under
-    the weather of the log's quieter half, where it may have passed for weather."""
+    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise or for
+    the declared weather, or under the weather of the log's quieter half, where it may have passed for weather."""
     levels = np.maximum(declared(record), base.fit.filter.levels / FARTHEST)
-    calmer = quiet(base)
+    calmer, most = quiet(base), np.full(len(levels), WRONG_NOISE)
     for k, each in enumerate(record.world.levels, start=5):
+        most[k] = BLOWN_UP
         if each.is_sought:
-            levels[k] = base.fit.filter.levels[k] * calmer
-    if calmer > UNSTEADY and np.all(base.fit.filter.levels[:5] < WRONG_NOISE * levels[:5]):
+            levels[k], most[k] = base.fit.filter.levels[k] * calmer, math.inf
+    if calmer > UNSTEADY and np.all(base.fit.filter.levels < most * levels):
         return [base]
     filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
     fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)
