@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from sim.diagnosis.causes import HYPOTHESES
+from sim.diagnosis.judge.measure import Remainder
 from sim.diagnosis.report import page as report_module
 from sim.diagnosis.report import whiteness
 from sim.diagnosis.report.answer import report as json_of
@@ -33,9 +34,11 @@ PATIENCE = 30.0        # s for a browser to load a page
 LOADED = "the page is loaded"
 VOID = {"meta", "link", "img", "br", "hr"}
 ALWAYS = {"closed_loop.png", "innovations.png", "correlations.png", "spectra.png", "isolability.png"}
+REMAINING = "a disturbance of unknown shape at the plant explains 19 nats more"
 EXPECTED = {
     "consistent": ALWAYS,
     "explained": ALWAYS | {"ranking.png", "sizes.png"},
+    "dominant": ALWAYS | {"ranking.png", "sizes.png"},
     "unexplained": ALWAYS | {"ranking.png", "sizes.png", "disturbance.png"},
     "bad-data": {"faults.png"}}
 
@@ -64,7 +67,10 @@ def diagnoses() -> dict[str, Diagnosis]:
     loss = effect("control_loss", fraction=0.4, time=14.0)
     made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
             judged(("control_effectiveness",), effects=[loss]), judged((), in_degrees=True)]
-    return {each.verdict: each for each in made}
+    found = {each.verdict: each for each in made}
+    found["dominant"] = replace(found["explained"], verdict="dominant", remaining=(REMAINING,),
+                                remainder=Remainder(0.2, "plant", REMAINING))
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +154,7 @@ def test_the_json_is_the_commands_and_nothing_half_written_is_left(folders, diag
     assert json.loads((folders[verdict] / "verdict.json").read_text()) == json.loads(json.dumps(
         json_of(diagnoses[verdict])))
     assert [path.name for path in folders[verdict].iterdir() if path.name.startswith(".")] == []
-    assert (folders[verdict] / "extension.toml").exists() == (verdict == "explained")
+    assert (folders[verdict] / "extension.toml").exists() == (verdict in ("explained", "dominant"))
 
 
 def test_the_extension_reads_back(folders, diagnoses):

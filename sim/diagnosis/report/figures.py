@@ -40,7 +40,8 @@ SHOWN = 0.999          # of the innovations fit on their axes; the rest is cut, 
 SMOOTHING = 0.3        # s, of the reconstructed disturbance
 PARTITIONS = 20        # of the scatter's running median
 RANKED = 12            # hypotheses shown per step
-EXTENDED = {"explained": "extended", "unexplained": "with the nearest known causes"}
+EXTENDED = {"explained": "extended", "dominant": "extended", "consistent": "extended",
+            "unexplained": "with the nearest known causes"}
 PATCH = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
 MEASURED: dict[str, Any] = {"color": "0.72", "linewidth": 2.6, "linestyle": "-"}
 BEFORE: dict[str, Any] = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
