@@ -157,7 +157,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
         table = result.tables[0]
         t = 0.5 * (table[:, START] + table[:, END])
         for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
-            axis.plot(t, table[:, value], ".", color="0.25", markersize=3.0, zorder=3)
+            axis.plot(t, table[:, value], ".", color="0.6", markersize=4.5, zorder=1)
             floor = case.absolute / case.relative if case.absolute else 0.0
             relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
             error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)

@@ -18,8 +18,8 @@ import pytest
 from sim.diagnosis.causes import HYPOTHESES, RECORDS, Cause
 from sim.diagnosis.judge.limits import Isolability
 from sim.diagnosis.judge.measure import Remainder
+from sim.diagnosis.report import first_screen, whiteness
 from sim.diagnosis.report import page as report_module
-from sim.diagnosis.report import whiteness
 from sim.diagnosis.report.answer import report as json_of
 from sim.diagnosis.report.page import PICTURES, write_report
 from sim.diagnosis.report.words import INTERVAL, amount, headline, lines
@@ -210,6 +210,7 @@ def test_a_set_that_spans_places_says_so_and_gives_the_sizes(diagnoses):
                       selection=replace(made.selection, rivals=[[ranked, rival]]))
     assert headline(several).startswith("EXPLAINED (plant, sensor or environment): control_loss or gyro_bias or gust")
     assert "gyro_bias (rate 0.0123 rad/s" in "\n".join(lines(several))
+    assert "; or, as well, gyro_bias (rate 0.0123 rad/s" in first_screen.plain(several)
     assert headline(made).startswith("EXPLAINED (plant): control_loss")
 
 

@@ -247,8 +247,9 @@ def sizes(made: Diagnosis) -> Figure | None:
         axis.axhline(value, color="0.4", linestyle="--", linewidth=1.0)
         axis.errorbar(0.5 * (ends[1:] + ends[:-1]), size, INTERVAL * np.array(of.std), 0.5 * np.diff(ends), fmt="o",
                       color=AFTER["color"], markersize=4, linewidth=1.0, capsize=3, label="each part alone, 95 %")
-        axis.set_ylabel(f"{name} [{cause.units.get(name) or '-'}]", fontsize=9)
-        axis.set_title(f"{cause.cause}: chi-squared {of.chi_squared:.0f} (limit {CONSTANCY_LIMIT:.0f})", fontsize=9,
+        unit = (cause.units.get(name) or "-").replace(" per ", "\nper ")
+        axis.set_ylabel(f"{name}\n[{unit}]", fontsize=9 if "\n" not in unit else 7)
+        axis.set_title(f"{cause.label}: chi-squared {of.chi_squared:.0f} (limit {CONSTANCY_LIMIT:.0f})", fontsize=9,
                        loc="left")
     axes[0, 0].legend(fontsize=8, ncol=2, loc="lower right", bbox_to_anchor=(1.0, 0.99), frameon=False)
     axes[-1, 0].set_xlabel("t [s]")

@@ -7,6 +7,7 @@ import math
 
 from ..judge.constancy import CONSTANCY_LIMIT, SEGMENTS
 from ..judge.diagnosis import Diagnosis
+from ..judge.measure import NOISE
 from ..search.selection import needed
 from .markup import list_of, text
 from .words import ERROR, NATS, alternatives, predicts_better, sentence, worth, would_decide
@@ -46,7 +47,9 @@ def _cause_lines(made: Diagnosis) -> list[str]:
     if made.verdict == "consistent":
         return ["None is needed: what is measured less what is simulated is noise."]
     if made.causes:
-        return [f"<b>{text(each.label)}</b>: {text(sentence(each))}." for each in made.causes]
+        return [f"<b>{text(each.label)}</b>: {text(sentence(each))}"
+                + text(f"; or, as well, {' or '.join(alternatives(made, each))}" if each.rivals else "") + "."
+                for each in made.causes]
     near = ", ".join(f"{each.label}, {sentence(each)} ({each.evidence:.0f} nats)" for each in made.nearest)
     lines = ["None of the catalogue. " + text(f"The nearest, which is not the cause: {near}." if near else
                                               "No known cause comes near.")]
@@ -99,7 +102,7 @@ def _gain_line(made: Diagnosis) -> str:
         f"; attitude in closed loop {gain.closed_loop[0]:.2g} -> {gain.closed_loop[1]:.2g} rad rms"
     which = "" if made.causes else "With the nearest, which is not the cause: "
     return text(f"{which}Error of predicting 1 s ahead, as a share of the channel's change: {shares}{loop}. "
-                f"Held out ({gain.source}): {gain.nats:+.0f} nats.")
+                f"Held out (rows to which nothing was fitted, {gain.source}): {gain.nats:+.0f} nats.")
 
 
 def doubts(made: Diagnosis) -> list[str]:
@@ -118,7 +121,8 @@ def doubts(made: Diagnosis) -> list[str]:
              if NARROW * each.limit < each.gain <= each.limit]
     loud = [f"{name} {level['factor']:.3g}" for name, level in made.noise.items() if level["significant"]]
     if loud:
-        said.append(f"noise differs from the declared, by factors of: {', '.join(loud)} (no part of the verdict)")
+        said.append(f"noise differs from the declared, by factors of: {', '.join(loud)} "
+                    f"(beyond {NOISE:g} it forbids EXPLAINED)")
     missing = [word for name, word in CHANNEL_WORDS.items() if made.record and name not in made.record.channels]
     if missing:
         said.append(f"the log has no {' and no '.join(missing)}: what only it shows was not looked for")

@@ -20,6 +20,7 @@ from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
 from ..judge.limits import LOOK_ALIKE, Limit
+from ..judge.measure import NOISE
 from ..judge.user_gain import INTERVAL
 from ..model.noise import LEVELS, declared
 from ..search.selection import needed
@@ -165,11 +166,11 @@ def _ranking(made: Diagnosis) -> str:
             values = ", ".join([f"{name} {value}" for name, value in hypothesis.fixed] + [
                 f"{free.name} {amount(value, None, hypothesis.unit(free.name))}" for free, value in
                 zip(hypothesis.free, each.cause.values, strict=True)])
-            rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.1f}",
+            rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.0f}",
                          f"{least:.0f}", text(values)))
             chosen.append(place == 0 and each.evidence >= least)
     final = table(("in the model", "where", "evidence [nats]", "size, 95 %"), [
-        (text(each.cause), text(each.where), f"{each.evidence:.1f}", text(", ".join(
+        (text(each.label), text(each.where), f"{each.evidence:.0f}", text(", ".join(
             f"{name} {amount(value, each.std.get(name), each.units.get(name, ''))}"
             for name, value in each.values.items()))) for each in (*made.causes, *made.nearest)])
     note = "Bold: taken into the model at that step. Hypotheses that promised nothing at first sight are left out."
@@ -203,7 +204,8 @@ def _noise(made: Diagnosis) -> str:
         spread = "" if level["std"] is None else f" +- {INTERVAL * level['std']:.2g}"
         rows.append((text(name), f"{levels[name][0]:.3g} {levels[name][1]}", text(f"{level['factor']:.3g}{spread}"),
                      "differs" if level["significant"] else "as declared"))
-    return table(("noise of", "declared", "measured over declared, 95 %", "(no part of the verdict)"), rows)
+    return table(("noise of", "declared", "measured over declared, 95 %",
+                  f"(beyond {NOISE:g} it forbids EXPLAINED)"), rows)
 
 
 def _limits(made: Diagnosis) -> str:
