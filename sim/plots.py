@@ -20,7 +20,7 @@ from .files import atomic_path
 from .flight import dispersion, fly_whole, parameters
 
 DPI = 110
-GREYS = {-1: ("0.55", ":"), 0: ("0.0", "-"), 1: ("0.35", "--")}
+GREYS = {-1: ("0.0", ":"), 0: ("0.0", "-"), 1: ("0.0", "--")}
 UNIT = "1/s$^2$"
 EXACT = 1e-17           # an error of 0 on a logarithmic axis: below what a float can be off
 BELOW = 1e-4            # of the tolerance: where the errors' axis ends, smaller ones are counted
@@ -157,7 +157,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
         table = result.tables[0]
         t = 0.5 * (table[:, START] + table[:, END])
         for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
-            axis.plot(t, table[:, value], ".", color="0.6", markersize=4.5, zorder=1)
+            axis.plot(t, table[:, value], ".", color="0.75", markersize=5.0, zorder=1)
             floor = case.absolute / case.relative if case.absolute else 0.0
             relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
             error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)

@@ -185,6 +185,12 @@ def test_predictions_are_the_equations_solution():
         assert np.max(np.abs(each.own - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
 
 
+def test_too_few_predictions_have_no_fit():
+    few = rs.Predicted(1.0, *[np.linspace(1.0, 2.0, rs.FEWEST - 1)] * 5)
+    enough = rs.Predicted(1.0, *[np.linspace(1.0, 2.0, rs.FEWEST)] * 5)
+    assert np.isnan(few.fits).all() and enough.fits == (100.0, 100.0)
+
+
 def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):
     nominal = replace(load_nominal(built_in("constant")))
     nominal = replace(nominal, simulation=replace(nominal.simulation, duration=6.0))

@@ -24,6 +24,7 @@ DETERMINED = 3.0    # times the interval of the best quarter: a wider one does n
 USABLE = 0.5        # of the value, within which an interval says something of it
 KNOWN = 1.0         # of the range: a delta known to less does not set the scale
 SURE = 3.0          # standard deviations of its time, after which a change has happened
+MISSED = 1.5        # horizons from one prediction to the next, above which some are missing between
 FEW = 40            # predictions that are marked one by one
 WORDED = 2          # sudden changes of a parameter, up to which the legend gives their numbers
 PERIODS = 2         # of a test input's slowest sine that are drawn
@@ -277,15 +278,19 @@ def _whiteness_panel(axis: Any, found: Residuals) -> None:
 def _prediction_panel(axis: Any, of: Predicted) -> None:
     """The change of theta over a horizon, measured and predicted; of theta itself nothing could be seen."""
     base = of.measured - of.change
+    gaps = 1 + np.flatnonzero(np.diff(of.t) > MISSED * of.horizon)
+    t = np.insert(of.t, gaps, np.nan)  # which breaks the lines
     few = "o" if len(of.t) < FEW else None
-    axis.plot(of.t, of.change, color="0.72", linewidth=2.6, marker=few, label="measured")
+    axis.plot(t, np.insert(of.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
+              label=f"measured ({len(of.t)})")
     words = ("own window", "window before, which has not seen it")
     for value, fit, line, grey, word in zip((of.own, of.before), of.fits, ("-", "--"), ("0.0", "0.4"), words,
                                             strict=True):
-        if math.isfinite(fit):
-            axis.plot(of.t, value - base, line, color=grey, linewidth=0.9, marker=few, markersize=3,
-                      label=f"{word}: fit {fit:.0f} %")
-    seen = np.concatenate([of.change, (of.own - base)])
+        if np.isfinite(value).any():
+            said = f"fit {fit:.0f} %" if math.isfinite(fit) else "too few for a fit"
+            axis.plot(t, np.insert(value - base, gaps, np.nan), line, color=grey, linewidth=0.9, marker=few,
+                      markersize=3, label=f"{word}: {said}")
+    seen = np.concatenate([of.change, of.own - base])
     seen = seen[np.isfinite(seen)]
     if len(seen) and np.ptp(seen) > 0.0:
         axis.set_ylim(np.min(seen) - 0.1 * np.ptp(seen), np.max(seen) + 0.1 * np.ptp(seen))

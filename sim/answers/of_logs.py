@@ -157,7 +157,7 @@ class Diagnosed(Answer):
 
     def _figure(self) -> "Figure":
         from ..diagnosis.report.figures import DRAWN
-        for name in ("faults.png", "closed_loop.png", "innovations.png"):
+        for name in ("faults.png", "misfit.png", "closed_loop.png", "innovations.png"):
             if (name == "faults.png") == (self.made.verdict == "bad-data") and (figure := DRAWN[name](self.made)):
                 return figure
         return super()._figure()

@@ -28,6 +28,7 @@ HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
 LEAST = 1e-3     # 1/s^2: a parameter of the profile below it has no shape to speak of
 LAGS = 10
+FEWEST = 5       # predictions with a fit
 RIGID = {"theta", "beta"}
 THETA_DOT = 1    # column of the whitened residual
 
@@ -35,7 +36,7 @@ THETA_DOT = 1    # column of the whitened residual
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """Of one horizon: times [s] that were predicted for, theta measured and predicted [rad] (n,) there, by the window's
-    own estimate and by the one before (nan: there is none); and the fits [%], nan where nothing was predicted."""
+    own estimate and by the one before (nan: there is none); and the fits [%], nan of fewer than FEWEST."""
 
     horizon: float
     t: np.ndarray
@@ -133,7 +134,7 @@ def _ahead(of: Shaped, fitted: list[tuple[Estimate, float]], horizon: float) -> 
         assert own is not None
         estimate = own[0]
         at = rows.cut(estimate.t_start, estimate.t_end)
-        start = np.arange(at.start, at.stop - steps, steps)
+        start = np.arange(at.start, min(at.stop + 1, len(rows.t)) - steps, steps)  # to the next window's first row
         start = start[rows.t[start + steps] - rows.t[start] <= 1.5 * steps * period]  # no gap within
         if len(start):
             made = [_run(of, *each, start, steps) if each is not None else np.full(len(start), np.nan)
@@ -168,4 +169,6 @@ def _run(of: Shaped, estimate: Estimate, steady: float, start: np.ndarray, steps
 def _fit(error: np.ndarray, change: np.ndarray) -> float:
     seen = np.isfinite(error)
     scale = float(np.sum(change[seen]**2))
-    return 100.0 * (1.0 - float(np.sqrt(np.sum(error[seen]**2) / scale))) if scale > 0.0 else float("nan")
+    if np.count_nonzero(seen) < FEWEST or not scale > 0.0:
+        return float("nan")
+    return 100.0 * (1.0 - float(np.sqrt(np.sum(error[seen]**2) / scale)))
