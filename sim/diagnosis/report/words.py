@@ -1,6 +1,7 @@
 """A diagnosis in plain words, for the terminal and the report's first lines."""
 
 import math
+from collections.abc import Mapping
 
 from ...shown import with_std
 from ..causes import RECORDS, Cause, what_decides, what_is_like
@@ -59,6 +60,15 @@ def alternatives(made: Diagnosis, cause: Named) -> list[str]:
             if chosen.hypothesis.cause == cause.cause:
                 for each in ranking:
                     sizes.setdefault(each.cause.hypothesis.cause, values_words(each.cause, made.record.shift))
+    return _rivals(cause, sizes)
+
+
+def look_alikes(cause: Named) -> str:
+    """The same without a diagnosis, and so without sizes."""
+    return ", ".join(_rivals(cause, {}))
+
+
+def _rivals(cause: Named, sizes: Mapping[str, str]) -> list[str]:
     said = []
     for rival in cause.rivals:
         how = [words for words in (what_is_like(cause.cause, rival), sizes.get(rival)) if words]
