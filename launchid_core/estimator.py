@@ -90,13 +90,18 @@ class Estimator:
             raise RuntimeError(f"{call}: an update is running: one estimator belongs to one thread")
 
     def update(self, sample: Sample) -> Status:
-        """Take one sample (seven floats in the order of `Sample`); never raises for any float."""
+        """Take one sample (seven floats in the order of `Sample`); never raises for any float.
+
+        TypeError for what is no sample.
+        """
         if self._busy:
             self._parts.state.counts[rb.COUNT_FIRST] += 1  # Status.BUSY is the first counter
             return Status.BUSY
         self._busy = True
         try:
             code = self._step(*self._block, *self._options, *sample)
+        except TypeError:
+            raise TypeError(_no_sample(sample)) from None
         finally:
             self._busy = False
         return _STATUSES[code - rb.BUSY] if code != rb.RECOVERED else self._begin_anew(sample)
@@ -201,6 +206,13 @@ class Estimator:
     def nbytes(self) -> int:
         """Bytes of all arrays this estimator owns; constant after construction."""
         return sum(array.nbytes for array in self._block)
+
+
+def _no_sample(given: object) -> str:
+    """What `update` was given instead of a sample, in one line."""
+    names = ", ".join(Sample._fields)
+    count = f" of {len(given)}" if isinstance(given, tuple | list) else ""
+    return f"update: expected a Sample, {len(Sample._fields)} floats ({names}); got {type(given).__name__}{count}"
 
 
 def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:

@@ -4,6 +4,8 @@ The detector is the diagnosis' own (`sim.diagnosis.data`), which sees a unit or 
 the vehicle could tell (beta and its command both reversed) `plant_check` sees.
 """
 
+import numpy as np
+
 from .diagnosis.data.check import check
 from .diagnosis.data.fault import Fault
 from .errors import InputError
@@ -13,6 +15,8 @@ from .plant_check import plant_faults
 from .sections import Sensors
 
 COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity
+FEWEST_IDEAL = 20       # rows
+EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
 MASKED = "; these rows are left out"          # by the diagnosis; an estimator judges each row by itself
 
 
@@ -51,3 +55,24 @@ def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, 
         return ()
     return (f"{nominal.vehicle.path or nominal.path}: the profile ends at {nominal.vehicle.t[-1]:g} s, {what} at "
             f"{last:g} s: a6 and k1 are held from there on",)
+
+
+def ideal_note(log: Log) -> tuple[str, ...]:
+    """That a log is the truth without sensors, if it is: theta_dot is the integral of theta_ddot, and theta that of
+    theta_dot, to far less than any sensor's noise.
+
+    Limitation: at rows as far apart as the controller's period the trapezium is not as exact, and nothing is said.
+    """
+    known = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.theta_dot) & np.isfinite(log.theta_ddot)
+    if np.count_nonzero(known) < FEWEST_IDEAL:
+        return ()
+    t, x, v, a = (column[known] for column in (log.t, log.theta, log.theta_dot, log.theta_ddot))
+    h = np.diff(t)
+    for of, slope, curvature in ((v, a, None), (x, v, a)):
+        bend = 0.0 if curvature is None else h**2 / 12.0 * np.diff(curvature)  # of the trapezium, to the fifth order
+        step = np.diff(of)
+        off = step - (0.5 * h * (slope[1:] + slope[:-1]) - bend)
+        if not np.median(np.abs(off)) < EXACT * np.sqrt(np.mean(step**2)):
+            return ()
+    return (f"{log.path}: theta, theta_dot and theta_ddot are each other's integrals without noise: this looks like "
+            "the simulator's ideal suite, the truth and not what sensors measure; declared noises do not apply to it",)

@@ -20,6 +20,7 @@ from .shown import slow_hint, with_std
 __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
+IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
                 "LEVEL_CLAMP": "noise levels' steps cut short", "STUCK": "windows with a sensor that stood still",
                 "WRAP": "jumps of theta across +-pi undone"}
@@ -205,13 +206,14 @@ def table(result: dict[str, Any]) -> str:
         return f"{with_std(of[name], of[f'{name}_std']):>20}"
 
     for w in result["windows"]:
-        terms = ", ".join(f"{term} {value:.4g}" for term, value in w["terms"].items())
+        terms = ", ".join(term if term in IN_COLUMNS else f"{term} {value:.4g}" for term, value in w["terms"].items())
         pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])
     for c in result.get("changes", []):
-        lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {c['before']:.4g} -> "
-                     f"{c['after']:.4g} (size {with_std(c['size'], c['size_std'])})")
+        before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
+        lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
+                     f"(size {with_std(c['size'], c['size_std'])})")
     if "why" in result:
         lines.append(result["why"])
     samples = result["samples"]

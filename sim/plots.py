@@ -20,8 +20,10 @@ from .files import atomic_path
 from .flight import dispersion, fly_whole, parameters
 
 DPI = 110
-GREYS = {-1: ("0.55", ":"), 0: ("0.0", "-"), 1: ("0.35", "--")}
+GREYS = {-1: ("0.0", ":"), 0: ("0.0", "-"), 1: ("0.0", "--")}
 UNIT = "1/s$^2$"
+EXACT = 1e-17           # an error of 0 on a logarithmic axis: below what a float can be off
+BELOW = 1e-4            # of the tolerance: where the errors' axis ends, smaller ones are counted
 METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is left out
     ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 
@@ -46,9 +48,9 @@ def save(figure: Figure, path: str | Path) -> None:
 
 def panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:
     """Axes below each other with one abscissa, of a figure that no window shows by itself."""
-    figure = Figure(figsize=(9, 0.8 + height * rows))
+    figure = Figure(figsize=(9, 0.8 + height * rows), layout="constrained")
     axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
-    figure.suptitle(title, fontsize=11, y=0.94)
+    figure.suptitle(title, fontsize=11)
     for axis in axes:
         axis.grid(True, color="0.85", linewidth=0.6)
     return figure, axes
@@ -125,6 +127,20 @@ def steps_figure(results: list[Result]) -> Figure:
     return figure
 
 
+def _error_scale(axis: Any, tolerance: float) -> None:
+    """A logarithmic ordinate of readable length around the tolerance; what is below it is marked and counted."""
+    t, error = (np.concatenate([line.get_data()[k] for line in axis.lines if line.get_marker() == "."]) for k in (0, 1))
+    least, most = tolerance * BELOW, max(10.0 * tolerance, 1.5 * float(np.nanmax(error)))
+    axis.set_yscale("log")
+    axis.set_ylim(least, most)
+    under = error < least
+    if under.any():
+        axis.plot(t[under], np.full(np.count_nonzero(under), least), "v", color="0.25", markersize=2.5, clip_on=False)
+        axis.text(0.005, 0.06, f"{np.count_nonzero(under)} of {len(error)} windows below {least:.0e}, the median of "
+                  f"them {np.median(error[under]):.0e}", transform=axis.transAxes, fontsize=7,
+                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8})
+
+
 def windows_figure(name: str, results: list[Result], title: str) -> Figure:
     """Figures 3, 4, 6, 8: estimates of all seeds over the truth, and the error with its tolerance band."""
     case = CASES[name]
@@ -141,15 +157,14 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
         table = result.tables[0]
         t = 0.5 * (table[:, START] + table[:, END])
         for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
-            axis.plot(t, table[:, value], ".", color="0.25", markersize=2.0)
+            axis.plot(t, table[:, value], ".", color="0.75", markersize=5.0, zorder=1)
             floor = case.absolute / case.relative if case.absolute else 0.0
             relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
-            error.plot(t, np.maximum(np.abs(relative), 1e-17), ".", color="0.25", markersize=2.0)
+            error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)
     for axis, label in ((axes[2], "a6"), (axes[3], "k1")):
-        axis.set_yscale("log")
         axis.axhline(case.relative, color="0.0", linestyle="--", linewidth=1.0)
-        axis.text(end, case.relative * 1.6, f"{100 * case.relative:g} %", ha="right", fontsize=8)
-        axis.set_ylim(1e-17, 10)
+        axis.text(end, case.relative * 1.3, f"{100 * case.relative:g} %", ha="right", fontsize=8)
+        _error_scale(axis, case.relative)
         axis.set_ylabel(f"|error| of {label}\n(relative)", fontsize=8)
     for axis, label in ((axes[0], "a6"), (axes[1], "k1")):
         low, high = axis.get_ylim()
@@ -158,7 +173,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
             axis.set_ylim(middle - 0.1 * abs(middle), middle + 0.1 * abs(middle))
         axis.ticklabel_format(useOffset=False)
         axis.set_ylabel(f"{label} [{UNIT}]")
-    axes[0].legend(fontsize=8, loc="best")
+    axes[0].legend(fontsize=8, ncol=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
     axes[3].set_xlabel("flight time [s]   (dots: every window of every seed, 1 kHz, ideal suite)")
     return figure
 
@@ -178,7 +193,7 @@ def profile_figure(title: str, with_range: bool) -> Figure:
             high = parameters(dispersed, t, *dispersion(dispersed, 1, 1))[k]
             axis.fill_between(t, low, high, facecolor=grey, alpha=0.5, label=label, edgecolor="0.2", linewidth=0.5)
         axis.set_ylabel(f"{('a6', 'k1')[k]} [{UNIT}]")
-    axes[0].legend(fontsize=8)
+    axes[0].legend(fontsize=8, ncol=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
     axes[1].set_xlabel("flight time [s]")
     return figure
 

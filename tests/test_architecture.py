@@ -17,6 +17,7 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
 NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/figures.py",  # figures
+           "sim/diagnosis/report/canvas.py", "sim/diagnosis/report/misfit.py",
            "sim/answers/answer.py", "sim/answers/figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
 FORMATS = {"sim/convert/readers.py"}  # of other people's logs

@@ -15,11 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.diagnosis.causes import HYPOTHESES
+from sim.diagnosis.causes import HYPOTHESES, RECORDS, Cause
+from sim.diagnosis.judge.limits import Isolability
+from sim.diagnosis.judge.measure import Remainder
+from sim.diagnosis.report import first_screen, whiteness
 from sim.diagnosis.report import page as report_module
-from sim.diagnosis.report import whiteness
 from sim.diagnosis.report.answer import report as json_of
 from sim.diagnosis.report.page import PICTURES, write_report
+from sim.diagnosis.report.words import INTERVAL, amount, headline, lines
 from sim.diagnosis.verdict import Diagnosis, diagnose
 from sim.effects import effect
 from sim.errors import InputError
@@ -32,10 +35,12 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 PATIENCE = 30.0        # s for a browser to load a page
 LOADED = "the page is loaded"
 VOID = {"meta", "link", "img", "br", "hr"}
-ALWAYS = {"closed_loop.png", "innovations.png", "correlations.png", "spectra.png", "isolability.png"}
+ALWAYS = {"misfit.png", "closed_loop.png", "innovations.png", "correlations.png", "spectra.png", "isolability.png"}
+REMAINING = "a disturbance of unknown shape at the plant explains 19 nats more"
 EXPECTED = {
     "consistent": ALWAYS,
     "explained": ALWAYS | {"ranking.png", "sizes.png"},
+    "dominant": ALWAYS | {"ranking.png", "sizes.png"},
     "unexplained": ALWAYS | {"ranking.png", "sizes.png", "disturbance.png"},
     "bad-data": {"faults.png"}}
 
@@ -64,7 +69,10 @@ def diagnoses() -> dict[str, Diagnosis]:
     loss = effect("control_loss", fraction=0.4, time=14.0)
     made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
             judged(("control_effectiveness",), effects=[loss]), judged((), in_degrees=True)]
-    return {each.verdict: each for each in made}
+    found = {each.verdict: each for each in made}
+    found["dominant"] = replace(found["explained"], verdict="dominant", remaining=(REMAINING,),
+                                remainder=Remainder(0.2, "plant", REMAINING))
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +156,7 @@ def test_the_json_is_the_commands_and_nothing_half_written_is_left(folders, diag
     assert json.loads((folders[verdict] / "verdict.json").read_text()) == json.loads(json.dumps(
         json_of(diagnoses[verdict])))
     assert [path.name for path in folders[verdict].iterdir() if path.name.startswith(".")] == []
-    assert (folders[verdict] / "extension.toml").exists() == (verdict == "explained")
+    assert (folders[verdict] / "extension.toml").exists() == (verdict in ("explained", "dominant"))
 
 
 def test_the_extension_reads_back(folders, diagnoses):
@@ -172,6 +180,54 @@ def test_the_first_lines_say_verdict_cause_size_and_doubt(folders, diagnoses):
     for verdict, said in words.items():
         for term in ("Doubts", "nats", "held out", "constancy", "NRMSE", "tolerance", "launchid diagnose"):
             assert term in said, f"{verdict}: {term}"
+
+
+def test_the_page_opens_with_plain_words_and_the_picture_of_the_misfit(folders):
+    for verdict in ("explained", "dominant", "unexplained", "consistent"):
+        html = (folders[verdict] / "report.html").read_text(encoding="utf-8")
+        assert html.index('class="plain"') < html.index("Measured against predicted") < html.index("<dl>"), verdict
+    said = " ".join(read(folders["dominant"]).words.split())
+    first = said[:said.index("Measured against predicted")]
+    for words in ("k1 drops by 0.", "what remains is at the plant: " + REMAINING, "the log-likelihood rises"):
+        assert words in first
+
+
+def test_what_predicts_no_better_is_neither_drawn_nor_numbered(diagnoses):
+    figures = pytest.importorskip("sim.diagnosis.report.misfit", reason="matplotlib is not installed: no figures")
+    made = diagnoses["explained"]
+    before, after = (np.nanmean(each.error[:, 1]**2) for each in figures.predicted(made))
+    assert after < 0.5 * before, "the loss of control is in the one and not in the other"
+    worse = replace(made, verdict="unexplained", causes=(), nearest=made.causes, gain=replace(made.gain, nats=-5.0))
+    assert [each.label for each in figures.predicted(worse)] == ["nominal"]
+    assert not any("->" in line for line in lines(worse)) and "no better" in "\n".join(lines(worse))
+
+
+def test_a_set_that_spans_places_says_so_and_gives_the_sizes(diagnoses):
+    made = diagnoses["explained"]
+    cause, ranked = made.causes[0], made.selection.rivals[0][0]
+    rival = replace(ranked, cause=Cause(RECORDS["gyro_bias"], (0.0123456,)))
+    several = replace(made, causes=(replace(cause, rivals=("gyro_bias", "gust")),),
+                      selection=replace(made.selection, rivals=[[ranked, rival]]))
+    assert headline(several).startswith("EXPLAINED (plant, sensor or environment): control_loss or gyro_bias or gust")
+    assert "gyro_bias (rate 0.0123 rad/s" in "\n".join(lines(several))
+    assert "; or, as well, gyro_bias (rate 0.0123 rad/s" in first_screen.plain(several)
+    assert headline(made).startswith("EXPLAINED (plant): control_loss")
+
+
+def test_a_size_has_the_digits_of_its_deviation():
+    assert amount(4.5253, 1.6 / INTERVAL, "1/s") == "4.5 +- 1.6 1/s"
+    assert amount(20.4234, 1.0 / INTERVAL, "") == "20.4 +- 1.0"
+    assert amount(0.123456, None, "") == "0.123"
+
+
+def test_only_what_looks_alike_is_in_the_matrix(diagnoses):
+    figures = pytest.importorskip("sim.diagnosis.report.figures", reason="matplotlib is not installed: no figures")
+    names = tuple("abcdefgh")
+    products = np.eye(8)
+    products[2, 5] = products[5, 2] = 0.97
+    figure = figures.isolability(replace(diagnoses["explained"], isolability=Isolability(names, products)))
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["c", "f"]
+    assert figures.isolability(replace(diagnoses["explained"], isolability=Isolability(names, np.eye(8)))) is None
 
 
 def test_the_same_diagnosis_gives_the_same_bytes(folders, diagnoses, tmp_path):

@@ -1,7 +1,7 @@
 """What every result can do."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,16 +34,7 @@ class Answer:
 
     def plot(self, path: str | Path | None = None) -> "Figure":
         """The answer as a matplotlib figure, written to a .png, .svg or .pdf if there is a path."""
-        try:
-            from ..plots import check_suffix, save
-            if path is not None:
-                check_suffix(path)
-            figure = self._figure()
-        except ModuleNotFoundError as error:
-            raise extra_needed(error) from None
-        if path is not None:
-            save(figure, path)
-        return figure
+        return drawn(self._figure, path)
 
     def to_frame(self) -> Any:
         """The columns as a pandas DataFrame."""
@@ -61,6 +52,20 @@ class Answer:
         first, *rest = self.summary().splitlines()
         return (f"<p><b>{escape(first)}</b></p>{html_table(self.columns())}"
                 f"<details><summary>as text</summary><pre>{escape(chr(10).join(rest))}</pre></details>")
+
+
+def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
+    """A figure, written if there is a path; UsageError for a path that is no picture's, and without matplotlib."""
+    try:
+        from ..plots import check_suffix, save
+        if path is not None:
+            check_suffix(path)
+        figure = make()
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None
+    if path is not None:
+        save(figure, path)
+    return figure
 
 
 def flat(rows: Sequence[dict[str, Any]], prefix: str = "") -> Columns:

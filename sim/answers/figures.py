@@ -1,5 +1,6 @@
 """The answers, drawn: axes with units, what is determined decides the scale, readable in grey."""
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,17 @@ from ..log import Log
 from ..nominal import Nominal
 from ..plan import Plan
 from ..plots import UNIT, panels
+from ..shown import with_std
+from .residuals import APART, INCREMENT, Predicted, Residuals
 
 INTERVAL = 1.96     # standard deviations: 95 %
-DETERMINED = 3.0    # times the median interval: a wider one does not set the scale
+DETERMINED = 3.0    # times the interval of the best quarter: a wider one does not set the scale, unless
+USABLE = 0.5        # of the value, within which an interval says something of it
+KNOWN = 1.0         # of the range: a delta known to less does not set the scale
+SURE = 3.0          # standard deviations of its time, after which a change has happened
+MISSED = 1.5        # horizons from one prediction to the next, above which some are missing between
+FEW = 40            # predictions that are marked one by one
+WORDED = 2          # sudden changes of a parameter, up to which the legend gives their numbers
 PERIODS = 2         # of a test input's slowest sine that are drawn
 MOST_DELTA = 2.5    # of the range that the uncertainty level's axis shows: beyond it out is out
 
@@ -32,7 +41,8 @@ def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> No
         axis.axhline(-edge, color="0.4", linestyle=line, linewidth=0.9)
     axis.plot(t, delta, color="0.0", linewidth=1.3, label="delta")
     axis.plot(t[out], delta[out], "x", color="0.0", markersize=4, label="out: another factor at play")
-    limit = min(max(1.3, 1.15 * float(np.max(np.abs(delta), initial=0.0))), MOST_DELTA)
+    known = half <= KNOWN
+    limit = min(max(1.3, 1.15 * float(np.max(np.abs(delta[known]), initial=0.0))), MOST_DELTA)
     axis.set_ylim(-limit, limit)
     _mark_edges(axis, t, delta, np.zeros(len(t)), -limit, limit)
     axis.set_ylabel(f"delta of {name} [-]")
@@ -62,8 +72,8 @@ def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) ->
         margin = 0.08 * float(np.ptp(shown))
         axis.set_ylim(float(np.min(shown)) - margin, float(np.max(shown)) + margin)
         axis.set_ylabel(f"{name} [{UNIT}]")
-    for axis, columns in ((axes[0], 6), (axes[2], 4)):
-        axis.legend(fontsize=7, ncol=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+    for axis, columns in ((axes[0], 4), (axes[1], 4), (axes[2], 4)):
+        _legend(axis, columns, axes[:2] if axis is axes[0] else [axis] if axis is axes[2] else [])
     axes[3].set_xlabel("t [s]")
     return figure
 
@@ -75,11 +85,18 @@ def _numbers(windows: list[dict[str, Any]], name: str) -> np.ndarray:
     return np.array([math.nan if w[name] is None else w[name] for w in windows], dtype=float)
 
 
-def _scale(value: np.ndarray, half: np.ndarray, beside: list[np.ndarray]) -> tuple[float, float]:
-    """The ordinate's range: what is determined, with its intervals, and what is drawn beside it."""
+def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Which estimates set the scale: those whose 95 % interval is among the narrow ones, or narrow beside the value."""
     known = np.isfinite(value) & np.isfinite(half)
     if known.any():
-        known &= half <= DETERMINED * np.nanmedian(half[known])
+        narrow = DETERMINED * float(np.quantile(half[known], 0.25, method="lower"))
+        known &= (half <= narrow) | (half <= USABLE * np.abs(value))
+    return known
+
+
+def _scale(value: np.ndarray, half: np.ndarray, beside: list[np.ndarray]) -> tuple[float, float]:
+    """The ordinate's range: what is determined, with its intervals, and what is drawn beside it."""
+    known = _determined(value, half)
     drawn = np.concatenate([value[known] - half[known], value[known] + half[known], *beside])
     drawn = drawn[np.isfinite(drawn)]
     if len(drawn) == 0:
@@ -101,64 +118,184 @@ def _mark_edges(axis: Any, t: np.ndarray, value: np.ndarray, half: np.ndarray, l
                           markersize=4, clip_on=False, zorder=5, label=words)
 
 
-def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str) -> list[np.ndarray]:
-    """The tracked estimate with its 95 % band, where there is one; what was drawn."""
+def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str, breaks: list[float]) -> list[np.ndarray]:
+    """The tracked estimate with its 95 % band, where there is one, broken [s] where it jumps; what was drawn."""
     rows = [(w["t_end"], w["tracked"][name], INTERVAL * w["tracked"][f"{name}_std"])
-            for w in windows if w.get("tracked") and w["tracked"]["valid"]]
+            for w in windows if w.get("tracked") and w["tracked"]["valid"] and w["tracked"][name] is not None
+            and w["tracked"][f"{name}_std"]]
     if not rows:
         return []
-    t, value, half = np.array(rows, dtype=float).T
+    t, value, half = np.array(sorted([*rows, *((at, math.nan, math.nan) for at in breaks)],
+                                     key=lambda row: row[0]), dtype=float).T
     axis.fill_between(t, value - half, value + half, color="0.78", label="tracked, 95 % interval")
     axis.plot(t, value, color="0.35", linewidth=1.0)
     return [value]
 
 
-def _draw_changes(axis: Any, changes: list[dict[str, Any]], name: str) -> None:
-    """Sudden changes as lines, with the interval of their time."""
+def _draw_changes(axis: Any, changes: list[dict[str, Any]]) -> None:
+    """Sudden changes as lines, with the interval of their time; few of them with their numbers."""
     for change in changes:
-        if change["parameter"] == name:
-            half = INTERVAL * change["t_std"]
-            axis.axvspan(change["t"] - half, change["t"] + half, color="0.6", linewidth=0)
-            axis.axvline(change["t"], color="0.0", linestyle="-.", linewidth=1.0, label="sudden change")
+        half = INTERVAL * change["t_std"]
+        label = "sudden change" if len(changes) > WORDED else \
+            f"sudden change at {with_std(change['t'], change['t_std'])} s, size " \
+            f"{with_std(change['size'], change['size_std'])}"
+        axis.axvspan(change["t"] - half, change["t"] + half, color="0.6", linewidth=0)
+        axis.axvline(change["t"], color="0.0", linestyle="-.", linewidth=1.0, label=label)
 
 
-def _legend(axis: Any, columns: int = 4) -> None:
-    """Above the axes, each label once."""
-    entries = dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    axis.legend(entries.values(), entries.keys(), fontsize=7, ncol=columns, loc="lower left",
-                bbox_to_anchor=(0.0, 1.0), frameon=False)
+def _draw_refused(axis: Any, windows: list[dict[str, Any]]) -> None:
+    """Windows that say nothing, hatched, with their status."""
+    for status, group in itertools.groupby(windows, key=lambda w: None if w["valid"] else w["status"]):
+        of = list(group)
+        if status is not None:
+            axis.axvspan(of[0]["t_start"], of[-1]["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//",
+                         linewidth=0, zorder=0, label="refused, with the reason")
+            axis.text(0.5 * (of[0]["t_start"] + of[-1]["t_end"]), 0.05, status, ha="center", fontsize=6, color="0.25",
+                      transform=axis.get_xaxis_transform(), clip_on=True)
+
+
+def _legend(axis: Any, columns: int = 3, of: list[Any] | None = None) -> None:
+    """Above the axes, each label of theirs, or of several axes, once."""
+    entries = {label: handle for each in ([axis] if of is None else of)
+               for handle, label in zip(*each.get_legend_handles_labels(), strict=True)}
+    if entries:
+        axis.legend(entries.values(), entries.keys(), fontsize=7, ncol=columns, loc="lower left",
+                    bbox_to_anchor=(0.0, 1.0), frameon=False)
+
+
+def _parameter_panel(axis: Any, name: str, log: Log, report: dict[str, Any], nominal: Nominal | None) -> None:
+    """One parameter window by window, tracked, of the nominal, with its bound and its changes."""
+    windows = report["windows"]
+    t = np.array([0.5 * (w["t_start"] + w["t_end"]) for w in windows])
+    width = np.array([0.5 * (w["t_end"] - w["t_start"]) for w in windows])
+    value, half = _numbers(windows, name), INTERVAL * _numbers(windows, f"{name}_std")
+    changes = [change for change in report.get("changes", []) if change["parameter"] == name]
+    beside = _draw_tracked(axis, windows, name, [change["t"] + SURE * change["t_std"] for change in changes])
+    if nominal is not None:
+        fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
+        beside.append(nominal.vehicle.at(fine)[name == "k1"])
+        axis.plot(fine, beside[-1], "--", color="0.5", label="nominal")
+    seen, bound = np.isfinite(value), INTERVAL * _numbers(windows, f"{name}_bound")
+    if seen.any():
+        axis.errorbar(t[seen], value[seen], xerr=width[seen], yerr=np.nan_to_num(half[seen]), fmt="o", color="0.1",
+                      markersize=3, linewidth=0.8, label="window, 95 % interval")
+    bounded = seen & np.isfinite(bound)
+    if bounded.any():
+        axis.errorbar(t[bounded], value[bounded], yerr=bound[bounded], fmt="none", ecolor="0.45", elinewidth=0,
+                      capsize=4, label="Cramer-Rao bound of it, 95 %")
+    _draw_changes(axis, changes)
+    _draw_refused(axis, windows)
+    low, high = _scale(value, half, beside)
+    axis.set_ylim(low, high)
+    _mark_edges(axis, t, value, half, low, high)
+    axis.set_ylabel(f"{name} [{UNIT}]")
+    _legend(axis)
+
+
+def _has_wind(windows: list[dict[str, Any]]) -> bool:
+    return any(w["wind_std"] for w in windows)
+
+
+def _wind_panel(axis: Any, windows: list[dict[str, Any]]) -> None:
+    """All of the wind angle at the windows' ends, and tracked."""
+    t = np.array([w["t_end"] for w in windows])
+    value, half = _numbers(windows, "wind"), INTERVAL * _numbers(windows, "wind_std")
+    beside = _draw_tracked(axis, windows, "wind", [])
+    seen = np.isfinite(value)
+    axis.errorbar(t[seen], value[seen], yerr=np.nan_to_num(half[seen]), fmt="o", color="0.1", markersize=3,
+                  linewidth=0.8, label="at the window's end, 95 % interval")
+    low, high = _scale(value, half, beside)
+    axis.set_ylim(low, high)
+    _mark_edges(axis, t, value, half, low, high)
+    axis.set_ylabel("wind [rad]")
+    _legend(axis)
 
 
 def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None) -> Figure:
-    """Estimates of a log with their 95 % intervals, the nominal beside them, and the signals below.
+    """Estimates of a log with their 95 % intervals, the nominal beside them, wind where there is any, the signals.
 
-    report  the identify JSON: what it refuses is not drawn
+    report  the identify JSON: what it refuses is hatched
     """
     windows = report["windows"]
-    figure, axes = panels(4, f"{Path(log.path).name}: identified parameters", 1.7)
-    t = np.array([0.5 * (w["t_start"] + w["t_end"]) for w in windows])
-    width = np.array([0.5 * (w["t_end"] - w["t_start"]) for w in windows])
-    at_bound = " (from the Cramer-Rao bound)" if any(w["a6_bound"] is not None for w in windows) else ""
-    fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
-    for axis, name in ((axes[0], "a6"), (axes[1], "k1")):
-        value, half = _numbers(windows, name), INTERVAL * _numbers(windows, f"{name}_std")
-        beside = _draw_tracked(axis, windows, name)
-        if nominal is not None:
-            beside.append(nominal.vehicle.at(fine)[name == "k1"])
-            axis.plot(fine, beside[-1], "--", color="0.5", label="nominal")
-        axis.errorbar(t, value, xerr=width, yerr=np.nan_to_num(half), fmt="o", color="0.1", markersize=3,
-                      linewidth=0.8, label=f"window, 95 % interval{at_bound}")
-        _draw_changes(axis, report.get("changes", []), name)
-        low, high = _scale(value, half, beside)
-        axis.set_ylim(low, high)
-        _mark_edges(axis, t, value, half, low, high)
-        axis.set_ylabel(f"{name} [{UNIT}]")
-        _legend(axis)
-    for axis, name in ((axes[2], "theta"), (axes[3], "beta")):
+    windy = int(_has_wind(windows))
+    figure, axes = panels(4 + windy, f"{Path(log.path).name}: identified parameters", 1.7)
+    for axis, name in zip(axes, ("a6", "k1"), strict=False):
+        _parameter_panel(axis, name, log, report, nominal)
+    if windy:
+        _wind_panel(axes[2], windows)
+    for axis, name in zip(axes[2 + windy:], ("theta", "beta"), strict=True):
         axis.plot(log.t, getattr(log, name), color="0.1", linewidth=0.8)
         axis.set_ylabel(f"{name} [rad]")
-    axes[3].set_xlabel("t [s]")
+    axes[-1].set_xlabel("t [s]" + (f"\n{report['why']}" if "why" in report else ""))
     return figure
+
+
+def residual_figure(log: Log, found: Residuals, windows: list[dict[str, Any]]) -> Figure:
+    """What identified windows leave over time, whether that is random, and predictions over horizons.
+
+    windows  of the identify JSON: refused ones are hatched
+    """
+    count = len(found.predicted)
+    figure = Figure(figsize=(9, 3.4 + 1.6 * count), layout="constrained")
+    air = "\nwind is in no prediction: it is part of what is left" if _has_wind(windows) else ""
+    figure.suptitle(f"{Path(log.path).name}: residuals and predictions of the identified windows{air}", fontsize=11)
+    grid = figure.add_gridspec(1 + count, 2, width_ratios=[2.0, 1.0])
+    over, white = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+    ahead = [figure.add_subplot(grid[1 + k, :], sharex=over) for k in range(count)]
+    over.plot(found.t, found.residual, ".", color="0.1", markersize=1.5)
+    rms = float(np.sqrt(np.mean(found.residual**2))) if len(found.residual) else math.nan
+    over.set_title(f"mean acceleration left over {INCREMENT:g} s: {rms:.2g} rad/s$^2$ rms", fontsize=8, loc="left")
+    over.set_ylabel("residual [rad/s$^2$]", fontsize=8)
+    _draw_refused(over, windows)
+    over.set_xlabel("t [s]", fontsize=8)
+    _whiteness_panel(white, found)
+    for axis, each in zip(ahead, found.predicted, strict=True):
+        _prediction_panel(axis, each)
+    ahead[-1].set_xlabel("t [s]")
+    for axis in (over, white, *ahead):
+        axis.grid(True, color="0.85", linewidth=0.6)
+        axis.tick_params(labelsize=8)
+    return figure
+
+
+def _whiteness_panel(axis: Any, found: Residuals) -> None:
+    if found.correlation is None:
+        axis.text(0.5, 0.5, "too few rows for a correlation", ha="center", fontsize=8, transform=axis.transAxes)
+        return
+    values, band = found.correlation.values, found.correlation.band
+    lags = APART * INCREMENT * (1 + np.arange(len(values)))
+    axis.axhspan(-band, band, color="0.88")
+    axis.vlines(lags, 0.0, values, color="0.1")
+    axis.plot(lags, values, "o", color="0.1", markersize=3)
+    axis.axhline(0.0, color="0.4", linewidth=0.6)
+    out = int(np.count_nonzero(np.abs(values) > band))
+    axis.set_title(f"autocorrelation: {out} of {len(values)} beyond 99 % of white", fontsize=8, loc="left")
+    axis.set_ylim(-1.0, 1.0)
+    axis.set_xlim(0.0, lags[-1] + lags[0])
+    axis.set_xlabel("lag [s]", fontsize=8)
+
+
+def _prediction_panel(axis: Any, of: Predicted) -> None:
+    """The change of theta over a horizon, measured and predicted; of theta itself nothing could be seen."""
+    base = of.measured - of.change
+    gaps = 1 + np.flatnonzero(np.diff(of.t) > MISSED * of.horizon)
+    t = np.insert(of.t, gaps, np.nan)  # which breaks the lines
+    few = "o" if len(of.t) < FEW else None
+    axis.plot(t, np.insert(of.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
+              label=f"measured ({len(of.t)})")
+    words = ("own window", "window before, which has not seen it")
+    for value, fit, line, grey, word in zip((of.own, of.before), of.fits, ("-", "--"), ("0.0", "0.4"), words,
+                                            strict=True):
+        if np.isfinite(value).any():
+            said = f"fit {fit:.0f} %" if math.isfinite(fit) else "too few for a fit"
+            axis.plot(t, np.insert(value - base, gaps, np.nan), line, color=grey, linewidth=0.9, marker=few,
+                      markersize=3, label=f"{word}: {said}")
+    seen = np.concatenate([of.change, of.own - base])
+    seen = seen[np.isfinite(seen)]
+    if len(seen) and np.ptp(seen) > 0.0:
+        axis.set_ylim(np.min(seen) - 0.1 * np.ptp(seen), np.max(seen) + 0.1 * np.ptp(seen))
+    axis.set_ylabel(f"theta's change\nin {of.horizon:g} s [rad]", fontsize=8)
+    _legend(axis)
 
 
 # ---- flights, inputs, ranges

@@ -9,7 +9,7 @@ import numpy as np
 
 from launchid_core import Config, Estimate
 
-from ..checked import data_warnings, profile_note
+from ..checked import data_warnings, ideal_note, profile_note
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
@@ -19,7 +19,8 @@ from ..identify import log_config, report, run, table
 from ..log import Log
 from ..nominal import Nominal, write_nominal
 from ..uncertainty import greybox, level
-from .answer import Answer, Columns, flat
+from .answer import Answer, Columns, drawn, flat
+from .residuals import residuals
 
 if TYPE_CHECKING:
     from .answer import Figure
@@ -53,6 +54,16 @@ class Identification(Answer):
         from .figures import identify_figure
         return identify_figure(self.log, self.report, self.nominal)
 
+    def residuals(self, path: str | Path | None = None) -> "Figure":
+        """What the windows leave, whether it is white, and what they predict over horizons; needs theta_dot."""
+        found = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
+
+        def figure() -> "Figure":
+            from .figures import residual_figure
+            return residual_figure(self.log, found, self.report["windows"])
+
+        return drawn(figure, path)
+
 
 def _too_short(log: Log, window: float) -> str:
     t = log.t[np.isfinite(log.t)]
@@ -68,7 +79,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
-    said = data_warnings(log, nominal, strict)
+    said = data_warnings(log, nominal, strict) + ideal_note(log)
     config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
@@ -146,7 +157,7 @@ class Diagnosed(Answer):
 
     def _figure(self) -> "Figure":
         from ..diagnosis.report.figures import DRAWN
-        for name in ("faults.png", "closed_loop.png", "innovations.png"):
+        for name in ("faults.png", "misfit.png", "closed_loop.png", "innovations.png"):
             if (name == "faults.png") == (self.made.verdict == "bad-data") and (figure := DRAWN[name](self.made)):
                 return figure
         return super()._figure()
@@ -169,7 +180,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     if strict:
         data_warnings(log, nominal, strict)
     made = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)
-    return Diagnosed(made, diagnosis_report(made))
+    return Diagnosed(made, diagnosis_report(made), ideal_note(log))
 
 
 # ---- fit-lft

@@ -22,6 +22,9 @@ def add(commands: Any) -> None:
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
+    sub.add_argument("--resid", metavar="PATH",
+                     help="draw what the windows leave, whether it is white, and their predictions 0.1, 0.5 and 1 s "
+                          "ahead, with their fits, into a .png, .svg or .pdf; needs theta_dot (default: none)")
     sub.set_defaults(run=run)
 
 
@@ -30,8 +33,12 @@ def run(args: argparse.Namespace) -> None:
     from ..nominal import load_nominal
     log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal) if args.nominal else None
-    check_outputs(args.json, args.plot)
+    check_outputs(args.json, args.plot, args.resid)
     check_plot(args.plot)
+    check_plot(args.resid)
     from ..answers.of_logs import identify
-    tell(identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
-                  strict=args.strict, **choices(args)), args.json, args.plot)
+    made = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
+                    strict=args.strict, **choices(args))
+    if args.resid:
+        made.residuals(args.resid)
+    tell(made, args.json, args.plot)

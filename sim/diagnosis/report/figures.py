@@ -7,7 +7,6 @@ of the extended model, so that levels fitted large to swallow a misfit do not hi
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -29,22 +28,18 @@ from ..search.fit import Fit
 from ..search.proposal import acceleration
 from ..search.selection import as_simulated, needed
 from .answer import NEARLY_ALIKE
+from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, PATCH, SYMBOLS, UNITS, axes_of, legend_above, mark_times
+from .misfit import misfit
 from .whiteness import chance_level, correlations, spectrum, strongest
+from .words import predicts_better
 
 __all__ = ["DRAWN", "save"]
 
-UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
-SYMBOLS = {"theta": "attitude theta", "theta_dot": "rate theta_dot", "beta": "nozzle beta"}
 BAND = 3.0             # standard deviations of an innovation: 99.7 % stay within
 SHOWN = 0.999          # of the innovations fit on their axes; the rest is cut, so that one spike does not flatten them
 SMOOTHING = 0.3        # s, of the reconstructed disturbance
 PARTITIONS = 20        # of the scatter's running median
 RANKED = 12            # hypotheses shown per step
-EXTENDED = {"explained": "extended", "unexplained": "with the nearest known causes"}
-PATCH = {"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8}
-MEASURED: dict[str, Any] = {"color": "0.72", "linewidth": 2.6, "linestyle": "-"}
-BEFORE: dict[str, Any] = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
-AFTER: dict[str, Any] = {"color": "#12355b", "linewidth": 1.0, "linestyle": "-"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,34 +55,12 @@ def judged(made: Diagnosis) -> list[Judged]:
     """The nominal, and the model with its causes where it has any."""
     assert made.selection is not None
     fit = made.selection.model.fit
-    if not fit.causes:
+    if not fit.causes or not predicts_better(made):
+        fit = made.selection.nominal.fit
         return [Judged("nominal", fit.innovations, fit.whitened)]
     white, e, _, _ = Problem(fit.record, fit.filter).white(replace(fit.point, effects=()))
     return [Judged("before: nominal", e, white),
             Judged(f"after: {EXTENDED[made.verdict]}", fit.innovations, fit.whitened)]
-
-
-def _axes(rows: int, columns: int, size: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained", **options)
-    for axis in axes.flat:
-        axis.grid(True, color="0.88", linewidth=0.6)
-        axis.tick_params(labelsize=8)
-    return figure, axes
-
-
-def _legend_above(figure: Figure, axis: Any) -> None:
-    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", ncol=3, fontsize=8, frameon=False)
-
-
-def _mark_times(axis: Any, made: Diagnosis) -> None:
-    """When causes begin and end, for those that do."""
-    for cause in (*made.causes, *made.nearest):
-        start, duration = (cause.values.get(name) for name in ("time", "duration"))
-        times = [] if start is None else [start] if duration is None else [start, float(start) + float(duration)]
-        for time, word in zip(times, (cause.cause, "ends"), strict=False):
-            axis.axvline(float(time), color="0.0", linestyle="-.", linewidth=0.9)
-            axis.annotate(word, (float(time), 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
-                          textcoords="offset points", fontsize=7, bbox=PATCH)
 
 
 # ---- the closed loop
@@ -114,11 +87,11 @@ def closed_loop(made: Diagnosis) -> Figure | None:
     effects = made.selection.model.fit.point.effects if made.extension is None else \
         made.extension.effects[len(made.nominal.effects):]
     flights = [("nominal", BEFORE, _flown(record, ()))]
-    if effects:
+    if effects and predicts_better(made):
         flights.append((EXTENDED[made.verdict], AFTER, _flown(record, effects)))
     if flights[0][2] is None:
         return None
-    figure, axes = _axes(3, 1, (9.4, 6.4), sharex=True)
+    figure, axes = axes_of(3, 1, (9.4, 6.4), sharex=True)
     for axis, column, name in ((axes[0, 0], THETA, "theta"), (axes[1, 0], BETA, "beta")):
         if np.isfinite(record.z[:, column]).any():
             axis.plot(record.t, record.z[:, column], label="measured", **MEASURED)
@@ -137,7 +110,7 @@ def closed_loop(made: Diagnosis) -> Figure | None:
     for axis in axes[:, 0]:
         if axis is not axes[1, 0]:
             axis.legend(fontsize=8, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 0.99), frameon=False)
-        _mark_times(axis, made)
+        mark_times(axis, made)
     return figure
 
 
@@ -150,7 +123,7 @@ def innovation_bands(made: Diagnosis) -> Figure:
     assert record is not None and made.selection is not None
     band = BAND * np.sqrt(np.sum(made.selection.model.fit.filter.low**2, axis=2))
     channels = [CHANNELS.index(name) for name in record.channels]
-    figure, axes = _axes(len(channels), len(models), (9.4, 1.0 + 1.6 * len(channels)), sharex=True, sharey="row")
+    figure, axes = axes_of(len(channels), len(models), (9.4, 1.0 + 1.6 * len(channels)), sharex=True, sharey="row")
     t = record.t + record.shift
     for row, k in enumerate(channels):
         seen = np.concatenate([np.abs(m.e[np.isfinite(m.e[:, k]), k]) for m in models])
@@ -164,7 +137,7 @@ def innovation_bands(made: Diagnosis) -> Figure:
             outside = float(np.mean(np.abs(model.e[inside, k]) > band[inside, k]))
             axis.set_title(f"{model.label}: {100 * outside:.1f} % outside", fontsize=8, loc="left")
             axis.set_ylim(-top, top)
-            _mark_times(axis, made)
+            mark_times(axis, made)
         axes[row, 0].set_ylabel(f"{CHANNELS[k]}\n[{UNITS[CHANNELS[k]]}]", fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
@@ -177,7 +150,7 @@ def whiteness(made: Diagnosis) -> Figure:
     models = judged(made)
     found = [correlations(model.white) for model in models]
     size = math.isqrt(len(found[0]))
-    figure, axes = _axes(size, size, (9.4, 1.0 + 1.75 * size), sharex=True, sharey=True)
+    figure, axes = axes_of(size, size, (9.4, 1.0 + 1.75 * size), sharex=True, sharey=True)
     lags = (1 + np.arange(len(found[0][0].values))) * made.record.period
     for k, axis in enumerate(axes.flat):
         band = found[-1][k].band
@@ -193,7 +166,7 @@ def whiteness(made: Diagnosis) -> Figure:
     for k in range(size):
         axes[-1, k].set_xlabel("lag [s]")
         axes[k, 0].set_ylabel("correlation [-]", fontsize=8)
-    _legend_above(figure, axes[0, 0])
+    legend_above(figure, axes[0, 0])
     return figure
 
 
@@ -205,7 +178,7 @@ def spectra(made: Diagnosis) -> Figure:
     assert made.record is not None
     record, models = made.record, judged(made)
     channels = [CHANNELS.index(name) for name in record.channels]
-    figure, axes = _axes(len(channels), 1, (9.4, 1.0 + 1.9 * len(channels)), sharex=True)
+    figure, axes = axes_of(len(channels), 1, (9.4, 1.0 + 1.9 * len(channels)), sharex=True)
     for row, k in enumerate(channels):
         axis = axes[row, 0]
         for model in models:
@@ -223,7 +196,7 @@ def spectra(made: Diagnosis) -> Figure:
         axis.margins(y=0.18)
         axis.yaxis.set_minor_formatter(NullFormatter())
     axes[-1, 0].set_xlabel("frequency [Hz]")
-    _legend_above(figure, axes[0, 0])
+    legend_above(figure, axes[0, 0])
     return figure
 
 
@@ -237,7 +210,7 @@ def ranking(made: Diagnosis) -> Figure | None:
     if not steps:
         return None
     heights = [max(len(step), 2) for step in steps]
-    figure, axes = _axes(len(steps), 1, (9.4, 0.7 * len(steps) + 0.27 * sum(heights)), height_ratios=heights)
+    figure, axes = axes_of(len(steps), 1, (9.4, 0.7 * len(steps) + 0.27 * sum(heights)), height_ratios=heights)
     for k, (axis, step) in enumerate(zip(axes[:, 0], steps, strict=True)):
         least = needed(made.threshold, k)
         place = -np.arange(len(step))
@@ -263,7 +236,7 @@ def sizes(made: Diagnosis) -> Figure | None:
     named = [cause for cause in (*made.causes, *made.nearest) if cause.constancy is not None]
     if not named:
         return None
-    figure, axes = _axes(len(named), 1, (9.4, 0.8 + 1.9 * len(named)), sharex=True)
+    figure, axes = axes_of(len(named), 1, (9.4, 0.8 + 1.9 * len(named)), sharex=True)
     for axis, cause in zip(axes[:, 0], named, strict=True):
         of = cause.constancy
         assert of is not None
@@ -274,8 +247,9 @@ def sizes(made: Diagnosis) -> Figure | None:
         axis.axhline(value, color="0.4", linestyle="--", linewidth=1.0)
         axis.errorbar(0.5 * (ends[1:] + ends[:-1]), size, INTERVAL * np.array(of.std), 0.5 * np.diff(ends), fmt="o",
                       color=AFTER["color"], markersize=4, linewidth=1.0, capsize=3, label="each part alone, 95 %")
-        axis.set_ylabel(f"{name} [{cause.units.get(name) or '-'}]", fontsize=9)
-        axis.set_title(f"{cause.cause}: chi-squared {of.chi_squared:.0f} (limit {CONSTANCY_LIMIT:.0f})", fontsize=9,
+        unit = (cause.units.get(name) or "-").replace(" per ", "\nper ")
+        axis.set_ylabel(f"{name}\n[{unit}]", fontsize=9 if "\n" not in unit else 7)
+        axis.set_title(f"{cause.label}: chi-squared {of.chi_squared:.0f} (limit {CONSTANCY_LIMIT:.0f})", fontsize=9,
                        loc="left")
     axes[0, 0].legend(fontsize=8, ncol=2, loc="lower right", bbox_to_anchor=(1.0, 0.99), frameon=False)
     axes[-1, 0].set_xlabel("t [s]")
@@ -283,18 +257,22 @@ def sizes(made: Diagnosis) -> Figure | None:
 
 
 def isolability(made: Diagnosis) -> Figure | None:
-    """How alike the responses of the causes are in this log."""
-    if (table := made.isolability) is None or not table.names:
+    """How alike the responses of the causes are in this log: of those that are like another; None if none is."""
+    if (table := made.isolability) is None:
         return None
-    n = len(table.names)
-    figure, axes = _axes(1, 1, (9.4, 8.2))
+    alike = (table.cosine >= NEARLY_ALIKE) & ~np.eye(len(table.names), dtype=bool)
+    kept = np.flatnonzero(alike.any(axis=1))
+    if len(kept) == 0:
+        return None
+    n, names, cosine = len(kept), [table.names[k] for k in kept], table.cosine[np.ix_(kept, kept)]
+    figure, axes = axes_of(1, 1, (min(9.4, 3.4 + 0.5 * n), min(8.2, 2.2 + 0.42 * n)))
     axis = axes[0, 0]
     axis.grid(False)
-    image = axis.imshow(table.cosine, cmap="Greys", vmin=0.0, vmax=1.0)
-    axis.set_xticks(range(n), table.names, rotation=60, ha="right", fontsize=7.5)
-    axis.set_yticks(range(n), table.names, fontsize=7.5)
-    for a, b in np.argwhere((table.cosine >= NEARLY_ALIKE) & ~np.eye(n, dtype=bool)):
-        axis.text(b, a, f"{table.cosine[a, b]:.2f}", color="white", ha="center", va="center", fontsize=6)
+    image = axis.imshow(cosine, cmap="Greys", vmin=0.0, vmax=1.0)
+    axis.set_xticks(range(n), names, rotation=60, ha="right", fontsize=7.5)
+    axis.set_yticks(range(n), names, fontsize=7.5)
+    for a, b in np.argwhere(alike[np.ix_(kept, kept)]):
+        axis.text(b, a, f"{cosine[a, b]:.2f}", color="white", ha="center", va="center", fontsize=7)
     figure.colorbar(image, ax=axis, shrink=0.8).set_label("|cosine| of the responses [-]: 1 cannot be told apart",
                                                           fontsize=9)
     return figure
@@ -352,7 +330,7 @@ def faults(made: Diagnosis) -> Figure | None:
     columns = [name for name in (*CHANNELS, "beta_cmd", "theta_ref") if np.isfinite(getattr(log, name)).any()]
     if made.verdict != "bad-data" or not columns or fair.sum() < 2:
         return None
-    figure, axes = _axes(len(columns), 1, (9.4, 0.8 + 1.3 * len(columns)), sharex=True)
+    figure, axes = axes_of(len(columns), 1, (9.4, 0.8 + 1.3 * len(columns)), sharex=True)
     for axis, name in zip(axes[:, 0], columns, strict=True):
         axis.plot(log.t[fair], getattr(log, name)[fair], color="0.25", linewidth=0.8)
         axis.set_ylabel(f"{name}\n[{UNITS.get(name, 'rad')}]", fontsize=9)
@@ -366,6 +344,6 @@ def faults(made: Diagnosis) -> Figure | None:
 
 
 DRAWN: dict[str, Callable[[Diagnosis], Figure | None]] = {
-    "faults.png": faults, "closed_loop.png": closed_loop, "innovations.png": innovation_bands,
+    "faults.png": faults, "misfit.png": misfit, "closed_loop.png": closed_loop, "innovations.png": innovation_bands,
     "correlations.png": whiteness, "spectra.png": spectra, "ranking.png": ranking, "sizes.png": sizes,
     "disturbance.png": disturbance, "isolability.png": isolability}

@@ -1,14 +1,12 @@
 """The report of a diagnosis: one page that needs no network, the verdict as JSON, the extended nominal, the figures.
 
-The first screen holds verdict, cause, evidence, gain and doubts; what follows is what they rest on.  Figures need
-matplotlib; without it the page says so and has everything else.
+The first screen holds the verdict in plain words and the picture of the misfit (`first_screen`); what follows is what
+they rest on.  Figures need matplotlib; without it the page says so and has everything else.
 """
 
 import base64
 import json
 import math
-from collections.abc import Iterable, Sequence
-from html import escape
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -19,21 +17,20 @@ from ...files import remove, write_text
 from ...nominal import write_nominal
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
-from ..judge.constancy import CONSTANCY_LIMIT, SEGMENTS
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
 from ..judge.limits import LOOK_ALIKE, Limit
+from ..judge.measure import NOISE
 from ..judge.user_gain import INTERVAL
 from ..model.noise import LEVELS, declared
 from ..search.selection import needed
+from . import first_screen as first
 from .answer import NEARLY_ALIKE
-from .words import ANGULAR, amount, headline, look_alikes, sentence, would_decide
+from .markup import table, text
+from .words import ANGULAR, amount, headline
 
-NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word
-THIN = 2.0             # times the evidence needed: less is worth a word
 WORLD_UNITS = {TURBULENCE: "rad", WALK: "rad/sqrt(s)", SLOW_MOMENT: "rad/s^2"}
 NOISE_UNITS = ("rad", "rad/s", "rad", "rad", "rad/s^2")
-CHANNEL_WORDS = {"theta": "attitude sensor", "theta_dot": "gyro", "beta": "nozzle sensor"}
 COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
            "bad-data": "#7f1d1d"}
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
@@ -41,8 +38,13 @@ NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[
 TEMPLATE = Path(__file__).with_name("template.html")
 
 Drawn = list[tuple[str, bytes]]   # files of the figures and their PNG
+FIRST = "misfit.png"
 PICTURES = {  # file: heading, and how to read it
     "faults.png": ("The log as it is", "Hatched: where the data check found fault."),
+    FIRST: ("Measured against predicted",
+        "Each prediction runs free for 1 s from the state as known at its start. Grey: measured; dashed: as simulated; "
+        "solid: with the causes (where there is one line only, nothing known predicts better). Drawn from the fit to "
+        "the whole log; Gain below is measured on rows held out."),
     "closed_loop.png": ("Flight and simulation, in closed loop",
         "The simulation flies the log's reference, without noise. Grey: measured; dashed: the nominal; solid: "
         "with the causes."),
@@ -62,7 +64,8 @@ PICTURES = {  # file: heading, and how to read it
         "Angular acceleration that the filter had to add, smoothed over 0.3 s, and what it goes with (line: "
         "running median)."),
     "isolability.png": ("Which causes look alike in this log",
-        "|cosine| between what the causes would do to this log. Black: no size tells them apart.")}
+        "|cosine| between what the causes would do to this log, of those that are like another one (0.9 and more, "
+        "numbers). Black: no size tells them apart.")}
 
 GLOSSARY = (
     ("a6, k1", "the vehicle in pitch: theta_ddot = a6 theta + k1 beta; aerodynamic instability and control "
@@ -125,121 +128,20 @@ def page(made: Diagnosis, drawn: Drawn | None) -> str:
                    for k, (title, body) in enumerate(parts))
     return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         headline=text(headline(made)), colour=COLOURS[made.verdict], log=text(Path(made.log.path).name),
-        nominal=text(made.nominal.name), first_screen=_first_screen(made), links=links, sections=body)
+        nominal=text(made.nominal.name), first_screen=first_screen(made, drawn),
+        links=links, sections=body)
 
 
-def text(words: object) -> str:
-    """Words as HTML."""
-    return escape(str(words)).replace("+-", "&plusmn;").replace("-&gt;", "&rarr;")
+def first_screen(made: Diagnosis, drawn: Drawn | None) -> str:
+    """The verdict in plain words, the picture of the misfit, what the verdict rests on."""
+    picture = "".join(_figure(*each) for each in drawn or () if each[0] == FIRST)
+    return first.plain(made) + picture + first.rows(made)
 
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], chosen: Sequence[bool] = ()) -> str:
-    """A table of cells that are HTML already; '' without rows. `chosen` rows are set off."""
-    marks = ['<tr class="chosen">' if mark else "<tr>" for mark in chosen]
-    body = [f"{marks[k] if k < len(marks) else '<tr>'}{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
-            for k, row in enumerate(rows)]
-    top = "".join(f"<th>{text(cell)}</th>" for cell in head)
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{''.join(body)}</tbody></table>\n" if body else ""
-
-
-def _list(items: Sequence[str]) -> str:
-    """One as it is, more as a list; HTML in and out."""
-    return items[0] if len(items) == 1 else f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
-
-
-def _first_screen(made: Diagnosis) -> str:
-    rows = [("Faults" if made.verdict == "bad-data" else "Cause", _cause_lines(made))]
-    if made.verdict != "bad-data":
-        rows += [("Cannot be told from", _alike_lines(made)), ("Evidence", [text(x) for x in evidence(made)]),
-                 ("Gain", [_gain_line(made)])]
-    rows.append(("Doubts", [text(doubt) for doubt in doubts(made)]))
-    return "<dl>" + "".join(f"<dt>{name}</dt><dd>{_list(lines)}</dd>" for name, lines in rows if lines) + "</dl>"
-
-
-def _cause_lines(made: Diagnosis) -> list[str]:
-    if made.verdict == "bad-data":
-        return [text(fault.message) for fault in made.data.faults]
-    if made.verdict == "consistent":
-        return ["None is needed: what is measured less what is simulated is noise."]
-    if made.causes:
-        return [f'<span class="size"><b>{text(each.cause)}</b> ({text(each.where)}): {text(sentence(each))}.</span>'
-                for each in made.causes]
-    near = ", ".join(f"{each.cause} ({each.evidence:.0f} nats)" for each in made.nearest)
-    lines = ["None of the catalogue. " + text(f"The nearest, which is not the cause: {near}." if near else
-                                              "No known cause comes near.")]
-    return lines + ([f"Proposal: {text(made.proposal)}"] if made.proposal is not None else [])
-
-
-def _alike_lines(made: Diagnosis) -> list[str]:
-    """The set that a cause belongs to, and what would decide."""
-    lines = []
-    for each in made.causes:
-        if each.rivals:
-            decides = would_decide(each)
-            lines.append(f"<b>{text(each.cause)}</b> from {text(look_alikes(each))} in this log; "
-                         + text(f"what would decide: {' or '.join(decides)}." if decides else
-                                "a log with other manoeuvres might decide."))
-    return lines or (["Nothing: every other cause explains the log clearly worse."] if made.causes else [])
-
-
-def evidence(made: Diagnosis) -> list[str]:
-    """What the verdict rests on, a line each."""
-    worst = max(made.left, key=lambda each: each.gain / each.limit, default=None)
-    left = "" if worst is None else f"A disturbance {worst.words} explains {worst.gain:.1f} nats more (limit " \
-                                    f"{worst.limit:.0f})."
-    if made.verdict == "consistent":
-        tried = [step[0] for step in made.selection.rankings if step] if made.selection is not None else []
-        best = f"The best, {tried[0].cause.hypothesis.cause}, reached {tried[0].evidence:.1f}." if tried else ""
-        return [f"No hypothesis reached the {made.threshold:.0f} nats needed. {best} {left}".replace("  ", " ")]
-    lines: list[str] = []
-    for each in made.causes or made.nearest:
-        least = needed(made.threshold, len(lines))
-        same = f" ({least:.0f} needed); its size over {SEGMENTS} parts of the log: chi-squared " \
-               f"{each.constancy.chi_squared:.0f}, limit {CONSTANCY_LIMIT:.0f}" if each.constancy is not None else ""
-        lines.append(f"{'' if made.causes else 'nearest, '}{each.cause}: {each.evidence:.0f} nats{same}.")
-    return [*lines, left] if left else lines
-
-
-def _gain_line(made: Diagnosis) -> str:
-    gain = made.gain
-    if gain is None:
-        return "None to measure: the model was not extended." if made.verdict == "consistent" else \
-            "Not measured: there is no extended model to measure."
-    shares = ", ".join(f"{channel} {before:.3g} -> {after:.3g}" for channel, (before, after) in gain.nrmse[1.0].items()
-                       if math.isfinite(before + after)) or "not measurable"
-    loop = "" if gain.closed_loop is None else \
-        f"; attitude in closed loop {gain.closed_loop[0]:.2g} -> {gain.closed_loop[1]:.2g} rad rms"
-    which = "" if made.causes else "With the nearest, which is not the cause: "
-    return text(f"{which}Error of predicting 1 s ahead, as a share of the channel's change: {shares}{loop}. "
-                f"Held out ({gain.source}): {gain.nats:+.0f} nats.")
-
-
-def doubts(made: Diagnosis) -> list[str]:
-    """What speaks against the verdict or bounds it; never empty."""
-    if made.verdict == "bad-data":
-        return ["Nothing about the vehicle is concluded from a log with faults."]
-    said = list(made.doubts)
-    for k, each in enumerate(made.causes):
-        least = needed(made.threshold, k)
-        if each.evidence < THIN * least:
-            said.append(f"{each.cause}: little evidence, {each.evidence:.0f} nats, {least:.0f} needed")
-        if each.constancy is not None and NARROW * CONSTANCY_LIMIT < each.constancy.chi_squared <= CONSTANCY_LIMIT:
-            said.append(f"{each.cause}: its size varies along the log more than most true causes' "
-                        f"(chi-squared {each.constancy.chi_squared:.0f}, limit {CONSTANCY_LIMIT:.0f})")
-    said += [f"something small may be left at the {each.disturbance.place}, {each.words}" for each in made.left[:1]
-             if NARROW * each.limit < each.gain <= each.limit]
-    loud = [f"{name} {level['factor']:.2g}" for name, level in made.noise.items() if level["significant"]]
-    if loud:
-        said.append(f"noise differs from the declared, by factors of: {', '.join(loud)} (no part of the verdict)")
-    missing = [word for name, word in CHANNEL_WORDS.items() if made.record and name not in made.record.channels]
-    if missing:
-        said.append(f"the log has no {' and no '.join(missing)}: what only it shows was not looked for")
-    return said or ["None of the tests failed or came near its limit. Causes smaller than the limits below "
-                    "cannot be excluded."]
 
 
 def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
-    pictures = "".join(_figure(*each) for each in drawn) if drawn is not None else f"<p>{text(NO_FIGURES)}</p>"
+    pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(
+        _figure(*each) for each in drawn if each[0] != FIRST)
     terms = table(("term", "meaning"), [(f"<b>{text(name)}</b>", meaning) for name, meaning in GLOSSARY])
     data = [("Data check", _data(made)), ("Controller check", f"<p>{text(_controller(made))}</p>")]
     if made.verdict == "bad-data":
@@ -264,11 +166,11 @@ def _ranking(made: Diagnosis) -> str:
             values = ", ".join([f"{name} {value}" for name, value in hypothesis.fixed] + [
                 f"{free.name} {amount(value, None, hypothesis.unit(free.name))}" for free, value in
                 zip(hypothesis.free, each.cause.values, strict=True)])
-            rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.1f}",
+            rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.0f}",
                          f"{least:.0f}", text(values)))
             chosen.append(place == 0 and each.evidence >= least)
     final = table(("in the model", "where", "evidence [nats]", "size, 95 %"), [
-        (text(each.cause), text(each.where), f"{each.evidence:.1f}", text(", ".join(
+        (text(each.label), text(each.where), f"{each.evidence:.0f}", text(", ".join(
             f"{name} {amount(value, each.std.get(name), each.units.get(name, ''))}"
             for name, value in each.values.items()))) for each in (*made.causes, *made.nearest)])
     note = "Bold: taken into the model at that step. Hypotheses that promised nothing at first sight are left out."
@@ -280,7 +182,7 @@ def _gain(gain: Gain | None) -> str:
     if gain is None:
         return ""
     channels = [name for name in CHANNELS if any(name in row for row in gain.nrmse.values())]
-    rows = [(channel, *(f"{row[channel][0]:.4f} &rarr; {row[channel][1]:.4f}".replace("nan", "-")
+    rows = [(channel, *(f"{row[channel][0]:.3g} &rarr; {row[channel][1]:.3g}".replace("nan", "-")
                         if channel in row else "" for row in gain.nrmse.values())) for channel in channels]
     loop = "" if gain.closed_loop is None else \
         f" Attitude error in closed loop: {gain.closed_loop[0]:.3g} &rarr; {gain.closed_loop[1]:.3g} rad rms."
@@ -302,7 +204,8 @@ def _noise(made: Diagnosis) -> str:
         spread = "" if level["std"] is None else f" +- {INTERVAL * level['std']:.2g}"
         rows.append((text(name), f"{levels[name][0]:.3g} {levels[name][1]}", text(f"{level['factor']:.3g}{spread}"),
                      "differs" if level["significant"] else "as declared"))
-    return table(("noise of", "declared", "measured over declared, 95 %", "(no part of the verdict)"), rows)
+    return table(("noise of", "declared", "measured over declared, 95 %",
+                  f"(beyond {NOISE:g} it forbids EXPLAINED)"), rows)
 
 
 def _limits(made: Diagnosis) -> str:

@@ -1,24 +1,33 @@
 """A diagnosis in plain words, for the terminal and the report's first lines."""
 
 import math
+from collections.abc import Mapping
 
-from ..causes import what_decides, what_is_like
+from ...shown import with_std
+from ..causes import RECORDS, Cause, what_decides, what_is_like
 from ..judge.diagnosis import Diagnosis
+from ..judge.gain import HORIZONS
 from ..judge.named import Named
 from ..judge.user_gain import INTERVAL
 
 ANGULAR = ("rad", "rad/s", "rad/s^2")
+ALONE = 3              # digits of a value whose standard deviation nobody made
+NOTHING = 0.005        # of the error: rounded to percent, none
+NATS = ": by so much the log-likelihood rises with it; 3 nats are odds of 20 to 1"
+ERROR = f"error: the square of predicting {HORIZONS[-1]:g} s ahead, beyond noise, on rows held out, to which " \
+        "nothing was fitted"
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
-    """A value with its 95 % half-width; angles in degrees too, a frequency in Hz."""
+    """A value with its 95 % half-width, to two digits of that; angles in degrees too, a frequency in Hz."""
     if isinstance(value, str):
         return value
-    spread = "" if not std or not math.isfinite(std) else f" +- {INTERVAL * std:.2g}"
+    half = None if not std or not math.isfinite(std) else INTERVAL * std
+    shown = with_std(value, half) if half else f"{value:.{ALONE}g}"
     if unit == "rad/s" and hertz:
-        return f"{value:.4g}{spread} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
+        return f"{shown} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
     degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in ANGULAR and value else ""
-    return f"{value:.4g}{spread}{' ' + unit if unit else ''}{degrees}"
+    return f"{shown}{' ' + unit if unit else ''}{degrees}"
 
 
 def sentence(cause: Named) -> str:
@@ -30,15 +39,59 @@ def sentence(cause: Named) -> str:
     return cause.record.meaning(cause.values).format(**values) + (f", gradually: {steps}" if steps else "")
 
 
+def values_words(cause: Cause, shift: float) -> str:
+    """The values of a ranked cause, without their standard deviations, which are not made for what is not chosen.
+
+    shift  [s] of the record's clock
+    """
+    of = cause.hypothesis
+    said = [f"{name} {value}" for name, value in of.fixed]
+    for free, value in zip(of.free, cause.values, strict=True):
+        at = value + shift if free.name == "time" else value
+        said.append(f"{free.name} {amount(at, None, of.unit(free.name), free.name == 'frequency')}")
+    return ", ".join(said)
+
+
+def alternatives(made: Diagnosis, cause: Named) -> list[str]:
+    """What the log cannot tell a cause from: in which form where the catalogue's own is not like it, and its size."""
+    sizes: dict[str, str] = {}
+    if made.selection is not None and made.record is not None:
+        for chosen, ranking in zip(made.selection.model.causes, made.selection.rivals, strict=False):
+            if chosen.hypothesis.cause == cause.cause:
+                for each in ranking:
+                    sizes.setdefault(each.cause.hypothesis.cause, values_words(each.cause, made.record.shift))
+    return _rivals(cause, sizes)
+
+
 def look_alikes(cause: Named) -> str:
-    """What the log cannot tell a cause from; in which form, where the catalogue's own is not like it."""
-    like = {rival: what_is_like(cause.cause, rival) for rival in cause.rivals}
-    return ", ".join(rival if how is None else f"{rival} ({how})" for rival, how in like.items())
+    """The same without a diagnosis, and so without sizes."""
+    return ", ".join(_rivals(cause, {}))
+
+
+def _rivals(cause: Named, sizes: Mapping[str, str]) -> list[str]:
+    said = []
+    for rival in cause.rivals:
+        how = [words for words in (what_is_like(cause.cause, rival), sizes.get(rival)) if words]
+        said.append(rival + (f" ({'; '.join(how)})" if how else ""))
+    return said
 
 
 def would_decide(cause: Named) -> list[str]:
     """Measurements that would tell a cause from its look-alikes."""
     return what_decides(cause.cause, cause.rivals)
+
+
+def places(made: Diagnosis) -> str:
+    """Where the causes may be: a set that spans places names them all."""
+    sets = [list(dict.fromkeys((cause.where, *(RECORDS[rival].where for rival in cause.rivals))))
+            for cause in made.causes]
+    return " and ".join(dict.fromkeys(", ".join(of[:-1]) + " or " + of[-1] if len(of) > 1 else of[0] for of in sets))
+
+
+def predicts_better(made: Diagnosis) -> bool:
+    """The model with its causes is better than the nominal on rows that nothing was fitted to; else it is not shown."""
+    gain = made.gain
+    return gain is not None and gain.nats > 0.0 and (gain.share is None or gain.share < 1.0)
 
 
 def headline(made: Diagnosis) -> str:
@@ -51,10 +104,30 @@ def headline(made: Diagnosis) -> str:
         return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
     causes = " and ".join(" or ".join((cause.label, *cause.rivals)) for cause in made.causes)
     if made.verdict == "dominant":
-        assert made.remainder is not None
-        return f"DOMINANT ({made.where}): {causes}; {100 * made.remainder.share:.0f} % of the error remain, at the " \
-               f"{made.remainder.where}: {made.remainder.words}."
-    return f"EXPLAINED ({made.where}): {causes}."
+        share = made.gain.share if made.gain is not None else None
+        rest = "not all is explained" if share is None else \
+            f"{100.0 * (1.0 - share):.0f} % of the error explained, {100.0 * share:.0f} % remain"
+        return f"DOMINANT ({places(made)}): {causes}; {rest}."
+    return f"EXPLAINED ({places(made)}): {causes}."
+
+
+def worth(made: Diagnosis) -> str | None:
+    """How much of the error the causes explain, what remains and where; None without causes."""
+    if not made.causes:
+        return None
+    gain, rest = made.gain, made.remainder
+    if gain is None:
+        said = "what they take away was not measured"
+    elif gain.share is None:
+        said = f"over {HORIZONS[-1]:g} s the predictions were within noise before: there is no error that they could " \
+               "take away"
+    elif gain.share < NOTHING:
+        said = "the whole error is explained"
+    else:
+        said = f"{100.0 * (1.0 - gain.share):.0f} % of the error is explained, {100.0 * gain.share:.0f} % remain"
+    if made.verdict != "dominant" or rest is None:
+        return f"{said}."
+    return f"{said}; what remains is at the {rest.where}: {rest.words}."
 
 
 def lines(made: Diagnosis) -> list[str]:
@@ -66,20 +139,24 @@ def lines(made: Diagnosis) -> list[str]:
     if made.is_cut_short:
         said.append(f"  the search was ended after its time ({made.nominal.diagnosis.time_limit:g} s, [diagnosis] "
                     "time_limit): the best answer so far")
-    for cause in made.causes:
-        said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats)")
+    for k, cause in enumerate(made.causes):
+        said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats{'' if k else NATS})")
         if cause.where == "controller" and made.controller is not None and made.controller.time_constant is not None:
             said.append(f"    and the time constant of its derivative is {made.controller.time_constant:.4g} s")
         if cause.rivals:
             decides = would_decide(cause)
-            said.append(f"    this log cannot tell it from {look_alikes(cause)}"
+            said.append(f"    this log cannot tell it from {', '.join(alternatives(made, cause))}"
                         + (f"; what would: {' or '.join(decides)}" if decides else ""))
     said += [f"  no cause, the nominal leaves so much open: {cause.label}: {sentence(cause)}" for cause in made.open]
+    explains = worth(made)
+    if explains is not None:
+        said.append(f"  {explains}" + ("" if made.gain is None or made.gain.share is None else f" ({ERROR})"))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     if made.verdict == "dominant":
         said += [f"  not all: {reason}" for reason in made.remaining]
-    for cause in made.nearest:
-        said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats")
+    for k, cause in enumerate(made.nearest):
+        said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats"
+                    f"{'' if k else NATS}")
     if made.proposal is not None:
         said.append(f"  proposal: {made.proposal}")
     said += _gain_lines(made) + _ranking_lines(made) + _noise_lines(made) + _limit_lines(made)
@@ -90,10 +167,14 @@ def _gain_lines(made: Diagnosis) -> list[str]:
     gain = made.gain
     if gain is None:
         return []
-    said = [f"gain on {gain.source} (nothing fitted to them): {gain.nats:.0f} nats; prediction error over its change,",
+    if not predicts_better(made):
+        return [f"gain on {gain.source} (nothing fitted to them): none; with the nearest causes the predictions are no "
+                "better, so they are not shown"]
+    said = [f"gain on {gain.source} (nothing fitted to them): {gain.nats:.0f} nats; prediction error over its change "
+            "(0: perfect, 1: no better than no change),",
             f"  {'horizon':>8}  " + "  ".join(f"{channel:>22}" for channel in gain.nrmse[1.0])]
     for horizon, row in gain.nrmse.items():
-        said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.4f} -> {after:<9.4f}"
+        said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.3g} -> {after:<9.3g}"
                                                        for before, after in row.values()))
     if made.user is not None:
         said.append("  a6, k1 by the on-board estimator, flights of the extension, RMS error (95 % intervals hold): "
@@ -111,9 +192,8 @@ def _ranking_lines(made: Diagnosis) -> list[str]:
         return []
     said = [f"ranking (nats of evidence after the penalty; {made.threshold:.0f} needed)"]
     for each in made.selection.rankings[0]:
-        values = ", ".join(f"{free.name} {value:.4g}" for free, value in
-                           zip(each.cause.hypothesis.free, each.cause.values, strict=True))
-        said.append(f"  {each.cause.hypothesis.cause:<24}{each.evidence:>10.1f}  {values}")
+        values = values_words(each.cause, 0.0 if made.record is None else made.record.shift)
+        said.append(f"  {each.cause.hypothesis.cause:<24}{each.evidence:>10.0f}  {values}")
     return said
 
 
