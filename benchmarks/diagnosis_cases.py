@@ -30,7 +30,7 @@ from hidden.build import SUBSTEP  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
 from sim.diagnosis.data.record import Record  # noqa: E402
-from sim.diagnosis.judge.gain import HORIZONS, SPACING, held_out, long_folds  # noqa: E402
+from sim.diagnosis.judge.gain import LONGEST, SPACING, held_out, long_folds  # noqa: E402
 from sim.diagnosis.model.nuisance import Problem  # noqa: E402
 from sim.diagnosis.report.answer import report  # noqa: E402
 from sim.diagnosis.search.fit import fit  # noqa: E402
@@ -313,7 +313,7 @@ def change_rms(record: Record) -> float:
     ahead = max(1, round(HORIZON / record.period))
     spacing = max(1, round(SPACING / record.period))
     theta = record.z[:, 0]
-    starts = spacing * np.arange(math.ceil((record.rows - max(1, round(max(HORIZONS) / record.period))) / spacing))
+    starts = spacing * np.arange(math.ceil((record.rows - max(1, round(LONGEST / record.period))) / spacing))
     starts = starts[starts + ahead < record.rows]
     changes = []
     for mask in long_folds(record):

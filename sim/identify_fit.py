@@ -219,6 +219,28 @@ def bent(rows: Rows, estimates: list[Estimate]) -> list[bool]:
     return [each and min(others) < STRAIGHT * straight for each in asked]
 
 
+def misplaced(rows: Rows, estimates: list[Estimate], lead: dict[str, float] | None) -> list[bool]:
+    """Of each window, whether the delay of beta moves its a6 or k1 by more than SURE of their standard deviations: the
+    numbers are then those of another input."""
+    if lead is None or not abs(lead["value"]) > SURE * lead["std"]:
+        return [False] * len(estimates)
+    late = np.interp(rows.t - lead["value"], rows.t, rows.beta)
+    return [e.valid and _moves(rows, e, late) for e in estimates]
+
+
+def _moves(rows: Rows, estimate: Estimate, late: np.ndarray) -> bool:
+    """Another beta gives other coefficients."""
+    at, terms = rows.cut(estimate.t_start, estimate.t_end), active_terms(estimate)
+    found = []
+    for beta in (rows.beta, late):
+        _, _, y, phi = increments(rows, at, terms, beta)
+        if len(y) <= len(terms):
+            return False
+        found.append(np.linalg.lstsq(phi, y, rcond=None)[0])
+    by = dict(zip(terms, np.abs(found[1] - found[0]).tolist(), strict=True))
+    return any(by.get(term, 0.0) > SURE * std for term, std in (("theta", estimate.a6_std), ("beta", estimate.k1_std)))
+
+
 def squares(rows: Rows, at: slice, terms: tuple[str, ...]) -> float:
     """What the terms leave of the increments of some rows."""
     _, _, y, phi = increments(rows, at, terms, rows.beta)
@@ -256,8 +278,9 @@ def judge(log: Log, config: Config, estimates: list[Estimate],
         return estimates, [dataclasses.replace(fit, whiteness=each.whiteness if math.isfinite(each.whiteness) else None)
                            for fit, each in zip(fits, estimates, strict=True)]
     late = lead is not None and lead["value"] + SURE * lead["std"] < -SAME_TIME * config.sample_period
-    wrong = [late or vain or curved or (fit.upper is not None and fit.upper < 0.0)
-             for vain, curved, fit in zip(placebo(rows, estimates), bent(rows, estimates), fits, strict=True)]
+    wrong = [late or vain or curved or moved or (fit.upper is not None and fit.upper < 0.0)
+             for vain, curved, moved, fit in zip(placebo(rows, estimates), bent(rows, estimates),
+                                                 misplaced(rows, estimates, lead), fits, strict=True)]
     return [refused(e) if no and e.valid else e for e, no in zip(estimates, wrong, strict=True)], fits
 
 

@@ -185,7 +185,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found and made.catalogue and not foreign and _place(made) in FREE:
+    if found and made.catalogue and not (foreign or made.record.is_late) and _place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
         found = _with_fewer(made, measure, found, say)

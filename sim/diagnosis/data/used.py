@@ -71,7 +71,10 @@ def thinned(record: Record, every: int) -> Record:
     commands = record.commands[begin // record.tick:]
     if held > 1:  # one tick a command then
         commands = commands[::held]
-    return replace(record, z=record.z[kept], reference=record.reference[kept], at=record.at[kept] - begin,
+    at = record.at[kept] - begin
+    ticks = len(at) * (record.every * every // (record.tick * held))   # as many as the last row would hold, too
+    commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
+    return replace(record, z=record.z[kept], reference=record.reference[kept], at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * held,
                    commands=commands, logged=None if record.logged is None else record.logged[kept], held=1,
                    held_phase=0, thinned=record.thinned * every)

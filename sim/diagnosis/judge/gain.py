@@ -21,7 +21,9 @@ from ..search.scan import scan
 from ..search.selection import Model
 from .closed_loop import closed_loop_errors, rms
 
-HORIZONS = (0.1, 0.5, 1.0)   # s
+LONGEST = 1.0          # s of a prediction
+SHORTER = (0.1, 0.5, 1.0)  # of the longest
+GROWTH = 3.0           # time constants of an unstable vehicle in the longest: an error of its state grows e^3-fold
 LONG = 1.25            # s left out at a time: a prediction over 1 s fits in
 SHORT = 0.1            # s
 FOLDS_SEED = 11
@@ -38,7 +40,8 @@ class Gain:
     """Held-out quality of the nominal and of the extended model.
 
     log_likelihood  per row, (nominal, extended);  nats: their difference over the whole log
-    nrmse           horizon -> channel -> (nominal, extended): RMS prediction error over the RMS change of the channel
+    nrmse           horizon [s], the longest last -> channel -> (nominal, extended): RMS prediction error over the RMS
+                    change of the channel
     squared         channel -> mean square of the errors over the longest horizon of nominal and extended model, and
                     what noise alone would give each [of the channel's unit]
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
@@ -53,6 +56,11 @@ class Gain:
     closed_loop: tuple[float, float] | None
     source: str
     horizons: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def longest(self) -> float:
+        """[s] the horizon by which causes are judged"""
+        return max(self.nrmse)
 
     @property
     def is_left(self) -> bool:
@@ -84,6 +92,14 @@ class Trained:
     filter: Filter
 
 
+def spans(record: Record) -> tuple[float, ...]:
+    """[s] of the predictions, the longest last: over longer ones a vehicle that is fast unstable shows nothing but the
+    error of its state at their beginning."""
+    fastest = math.sqrt(max(float(np.max(record.a6)), 0.0))
+    longest = min(LONGEST, GROWTH / fastest) if fastest > 0.0 else LONGEST
+    return tuple(float(f"{share * longest:.2g}") for share in SHORTER)
+
+
 def short_folds(record: Record) -> list[np.ndarray]:
     """Two masks (n,) bool of rows to fit to, the rest of each left out, for likelihoods: each row is predicted from
     all before it, so blocks may be short.  When a cause begins is not fitted anew: in weather a tenth of a second tells
@@ -113,15 +129,21 @@ def trained(record: Record, causes: Sequence[Cause], start: Filter, mask: np.nda
     values given, whichever these rows prefer."""
     problem = Problem(record, start, mask)
     given = fit(problem, causes, np.zeros(DEVIATIONS))
+    if record.is_late:
+        return Trained(*_judged(record, given, start, mask))
     fitted = fit(problem, (), np.zeros(DEVIATIONS), iterations=0)
     for cause in causes:
         candidates = scan(problem, fitted, (cause.hypothesis,)) if not cause.hypothesis.is_timed else ()
         best = Cause(candidates[0].hypothesis, candidates[0].values) if candidates else cause
         if candidates or cause.hypothesis.is_timed:
             fitted = fit(problem, (*fitted.causes, best), fitted.delta)
-    fitted = min(fitted, given, key=lambda each: each.cost)
-    fitted, start = _levelled(record, fitted, start, mask)
-    return Trained(fitted.point, start)
+    return Trained(*_judged(record, min(fitted, given, key=lambda each: each.cost), start, mask))
+
+
+def _judged(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None) -> tuple[Point, Filter]:
+    """A fit's model with its own noise levels."""
+    fitted, filt = _levelled(record, fitted, start, mask)
+    return fitted.point, filt
 
 
 def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
@@ -199,7 +221,7 @@ def _noise(record: Record, of: Trained) -> np.ndarray:
     as far as the log does not show less."""
     levels = of.filter.levels.copy()
     levels[:5] = np.minimum(levels[:5], NOISIEST * declared(record)[:5])
-    ahead = max(1, round(HORIZONS[-1] / record.period))
+    ahead = max(1, round(spans(record)[-1] / record.period))
     refilter = Refilter(record, dynamics(record, of.point), record.z)
     return refilter.horizon_variances(levels, max(1, round(SPACING / record.period)), ahead)
 
@@ -235,14 +257,15 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
             rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Prediction errors (models, s, h, 3) whose whole horizon lies in rows left out and which begin when the filter has
     settled, and the channels' changes (s, h, 3)."""
-    made = np.stack([prediction_errors(of, each.filter, each.point, HORIZONS, SPACING)
+    over = spans(records[0])
+    made = np.stack([prediction_errors(of, each.filter, each.point, over, SPACING)
                      for of, each in zip(records, models, strict=True)])
     record = records[0]
     spacing = max(1, round(SPACING / record.period))
     starts = spacing * np.arange(made.shape[1])
     change = np.full(made.shape[1:], math.nan)
     settled = starts * record.period >= settling(record)
-    for h, horizon in enumerate(HORIZONS):
+    for h, horizon in enumerate(over):
         ahead = max(1, round(horizon / record.period))
         inside = starts + ahead < record.rows
         whole = np.zeros(len(starts), bool)
@@ -259,7 +282,8 @@ def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, 
     """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3)"""
     errors, changes, noise = of
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
-    for h, horizon in enumerate(HORIZONS):
+    over = spans(record)
+    for h, horizon in enumerate(over):
         nrmse[horizon] = {}
         for c, channel in enumerate(CHANNELS):
             scale = rms(changes[:, h, c])
@@ -271,6 +295,6 @@ def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, 
         if channel in record.channels and seen.any():
             made = [float(np.mean(x)) for x in (*(errors[:, seen, -1, c]**2), *noise[:, seen, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
-            horizons[channel] = max(1.0, float(seen.sum()) * SPACING / HORIZONS[-1])
+            horizons[channel] = max(1.0, float(seen.sum()) * SPACING / over[-1])
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
                 squared, closed_loop, source, horizons)

@@ -100,9 +100,10 @@ def _gain_json(gain: Gain | None) -> dict[str, Any] | None:
         return None
     table = {f"{horizon:g}": {channel: {"before": number(b), "after": number(a)} for channel, (b, a) in row.items()}
              for horizon, row in gain.nrmse.items()}
-    first = gain.nrmse[1.0].get("theta", (math.nan, math.nan))
-    return {"horizon": 1.0, "held_out": True, "channels": table["1"], "before": number(first[0]),
-            "after": number(first[1]), "horizons": table, "nats": number(gain.nats), "source": gain.source,
+    first = gain.nrmse[gain.longest].get("theta", (math.nan, math.nan))
+    return {"horizon": gain.longest, "held_out": True, "channels": table[f"{gain.longest:g}"],
+            "before": number(first[0]), "after": number(first[1]), "horizons": table, "nats": number(gain.nats),
+            "source": gain.source,
             "log_likelihood_per_row": {"before": number(gain.log_likelihood[0]),
                                        "after": number(gain.log_likelihood[1])},
             "closed_loop": None if gain.closed_loop is None else

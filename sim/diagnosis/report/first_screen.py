@@ -10,7 +10,7 @@ from ..judge.diagnosis import Diagnosis
 from ..judge.measure import NOISE
 from ..search.selection import needed
 from .markup import list_of, text
-from .words import ERROR, NATS, alternatives, predicts_better, sentence, worth, would_decide
+from .words import NATS, alternatives, error_words, predicts_better, sentence, worth, would_decide
 
 NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word
 THIN = 2.0              # times the evidence needed: less is worth a word
@@ -23,7 +23,7 @@ def plain(made: Diagnosis) -> str:
     explains = worth(made)
     if explains is not None:
         said.append(f"<b>{text(explains[0].upper() + explains[1:])}</b>")
-    terms = [] if made.gain is None or made.gain.share is None or explains is None else [f"{ERROR}."]
+    terms = [] if made.gain is None or made.gain.share is None or explains is None else [f"{error_words(made.gain)}."]
     terms += [f"Nats{NATS}."] if any(" nats" in line for line in said) else []
     note = f'<p class="note">{text(" ".join(terms).capitalize())}</p>' if terms else ""
     return f'<div class="plain">{"".join(f"<p>{line}</p>" for line in said)}{note}</div>'
@@ -96,13 +96,13 @@ def _gain_line(made: Diagnosis) -> str:
     if not predicts_better(made):
         return text("None: with the nearest causes the predictions are no better, so they are not shown. Held out "
                     f"({gain.source}).")
-    shares = ", ".join(f"{channel} {before:.3g} -> {after:.3g}" for channel, (before, after) in gain.nrmse[1.0].items()
-                       if math.isfinite(before + after)) or "not measurable"
+    shares = ", ".join(f"{channel} {before:.3g} -> {after:.3g}" for channel, (before, after)
+                       in gain.nrmse[gain.longest].items() if math.isfinite(before + after)) or "not measurable"
     loop = "" if gain.closed_loop is None else \
         f"; attitude in closed loop {gain.closed_loop[0]:.2g} -> {gain.closed_loop[1]:.2g} rad rms"
     which = "" if made.causes else "With the nearest, which is not the cause: "
-    return text(f"{which}Error of predicting 1 s ahead, as a share of the channel's change: {shares}{loop}. "
-                f"Held out (rows to which nothing was fitted, {gain.source}): {gain.nats:+.0f} nats.")
+    return text(f"{which}Error of predicting {gain.longest:g} s ahead, as a share of the channel's change: {shares}"
+                f"{loop}. Held out (rows to which nothing was fitted, {gain.source}): {gain.nats:+.0f} nats.")
 
 
 def doubts(made: Diagnosis) -> list[str]:

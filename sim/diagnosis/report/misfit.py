@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 from ..data.record import CHANNELS
 from ..judge.closed_loop import rms
 from ..judge.diagnosis import Diagnosis
-from ..judge.gain import HORIZONS, SETTLED, SPACING, Trained, within
+from ..judge.gain import SETTLED, SPACING, Trained, spans, within
 from ..model.point import prediction_errors
 from ..search.selection import Model
 from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, SYMBOLS, UNITS, axes_of, mark_times
 from .words import predicts_better
-
-HORIZON = HORIZONS[-1]  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ def predicted(made: Diagnosis) -> list[Predicted]:
 def _errors(model: Model, is_nominal: bool = False) -> np.ndarray:
     record, own = model.fit.record, Trained(model.fit.point, model.fit.filter)
     own = within(record, own, None) if is_nominal else own
-    return prediction_errors(record, own.filter, own.point, (HORIZON,), SPACING)[:, 0]
+    return prediction_errors(record, own.filter, own.point, (spans(record)[-1],), SPACING)[:, 0]
 
 
 def misfit(made: Diagnosis) -> Figure | None:
@@ -51,7 +49,7 @@ def misfit(made: Diagnosis) -> Figure | None:
     if made.selection is None or made.record is None:
         return None
     models, record = predicted(made), made.record
-    rows, ahead = max(1, round(SPACING / record.period)), max(1, round(HORIZON / record.period))
+    rows, ahead = max(1, round(SPACING / record.period)), max(1, round(spans(record)[-1] / record.period))
     start = rows * np.arange(len(models[0].error))
     inside = (start + ahead < record.rows) & (start * record.period >= min(SETTLED, 0.25 * record.rows * record.period))
     start = start[inside]
@@ -71,7 +69,7 @@ def misfit(made: Diagnosis) -> Figure | None:
         style = BEFORE if model is models[0] else AFTER
         above.plot(t, change[:, k] - error[:, k], label=f"predicted, {model.label}", **style)
         below.plot(t, error[:, k], label=f"{model.label}: {rms(error[:, k]):.2g} {unit} rms", **style)
-    above.set_ylabel(f"change of {name}\nin {HORIZON:g} s [{unit}]", fontsize=9)
+    above.set_ylabel(f"change of {name}\nin {spans(record)[-1]:g} s [{unit}]", fontsize=9)
     below.set_ylabel(f"measured less\npredicted [{unit}]", fontsize=9)
     below.set_xlabel(f"t [s]   ({SYMBOLS[name]})")
     for axis in (above, below):

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from ...shown import with_std
 from ..causes import RECORDS, Cause, what_decides, what_is_like
 from ..judge.diagnosis import Diagnosis
-from ..judge.gain import HORIZONS
+from ..judge.gain import Gain
 from ..judge.named import Named
 from ..judge.user_gain import INTERVAL
 
@@ -14,8 +14,11 @@ ANGULAR = ("rad", "rad/s", "rad/s^2")
 ALONE = 3              # digits of a value whose standard deviation nobody made
 NOTHING = 0.005        # of the error: rounded to percent, none
 NATS = ": by so much the log-likelihood rises with it; 3 nats are odds of 20 to 1"
-ERROR = f"error: the square of predicting {HORIZONS[-1]:g} s ahead, beyond noise, on rows held out, to which " \
-        "nothing was fitted"
+
+def error_words(gain: Gain) -> str:
+    """What is called the error."""
+    return f"error: the square of predicting {gain.longest:g} s ahead, beyond noise, on rows held out, to which " \
+           "nothing was fitted"
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
@@ -119,7 +122,7 @@ def worth(made: Diagnosis) -> str | None:
     if gain is None:
         said = "what they take away was not measured"
     elif gain.share is None:
-        said = f"over {HORIZONS[-1]:g} s the predictions were within noise before: there is no error that they could " \
+        said = f"over {gain.longest:g} s the predictions were within noise before: there is no error that they could " \
                "take away"
     elif gain.share < NOTHING:
         said = "the whole error is explained"
@@ -150,7 +153,8 @@ def lines(made: Diagnosis) -> list[str]:
     said += [f"  no cause, the nominal leaves so much open: {cause.label}: {sentence(cause)}" for cause in made.open]
     explains = worth(made)
     if explains is not None:
-        said.append(f"  {explains}" + ("" if made.gain is None or made.gain.share is None else f" ({ERROR})"))
+        gain = made.gain
+        said.append(f"  {explains}" + ("" if gain is None or gain.share is None else f" ({error_words(gain)})"))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     if made.verdict == "dominant":
         said += [f"  not all: {reason}" for reason in made.remaining]
@@ -172,7 +176,7 @@ def _gain_lines(made: Diagnosis) -> list[str]:
                 "better, so they are not shown"]
     said = [f"gain on {gain.source} (nothing fitted to them): {gain.nats:.0f} nats; prediction error over its change "
             "(0: perfect, 1: no better than no change),",
-            f"  {'horizon':>8}  " + "  ".join(f"{channel:>22}" for channel in gain.nrmse[1.0])]
+            f"  {'horizon':>8}  " + "  ".join(f"{channel:>22}" for channel in gain.nrmse[gain.longest])]
     for horizon, row in gain.nrmse.items():
         said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.3g} -> {after:<9.3g}"
                                                        for before, after in row.values()))

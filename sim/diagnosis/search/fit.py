@@ -18,6 +18,7 @@ from ..model.nuisance import DEVIATION_STEPS, Problem, within_sign
 from ..model.point import DEVIATIONS, Point
 
 ITERATIONS = 12
+LATE = 2               # iterations when the time for the search is over: the judge begins where the search ended
 SMALL_GAIN = 0.02      # nats that a further step must promise; and of what it promised, the part it must keep
 FIRST_DAMPING = 1e-4   # of the curvature
 LEAST_DAMPING = 1e-9
@@ -132,6 +133,8 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     cost, damping = 0.5 * float(r @ r), FIRST_DAMPING
     jacobian = slopes_at(problem, causes, delta, r)
     for iteration in range(1, iterations + 1):
+        if iteration > LATE and problem.record.is_late:
+            break
         hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
         scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian)) + 1e-300
         promised = -0.5 * float(slope @ _step(hessian, LEAST_DAMPING * scale, slope))
