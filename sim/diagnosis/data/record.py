@@ -27,6 +27,8 @@ from .world import CALM, World, world_of
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
 SERVO_STEP = 0.2         # rad a step, of the servo
+FAST_SERVO = 300.0       # rad/s: of a faster one, which stands for none, only where it ends counts
+FAST_STEP = 0.6          # rad a step of it: exact to 1e-3 of its transient, which is over within 10 ms
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
 CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
@@ -138,9 +140,13 @@ class Record:
         return self.input != "beta"
 
 
-def integration_step(period: float, tick: float, frequency: float) -> float:
-    """The longest step [s] that divides both periods and resolves the servo's frequency [rad/s]."""
-    longest = min(LONGEST_STEP, SERVO_STEP / frequency)
+def longest_step(frequency: float) -> float:
+    """[s] that resolves a servo [rad/s] and the vehicle."""
+    return min(LONGEST_STEP, (FAST_STEP if frequency > FAST_SERVO else SERVO_STEP) / frequency)
+
+
+def integration_step(period: float, tick: float, longest: float) -> float:
+    """The longest step [s], at most `longest`, that divides both periods."""
     for parts in range(max(1, math.ceil(period / longest - 1e-9)), 200):
         step = period / parts
         ratio = tick / step
@@ -207,13 +213,14 @@ def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int,
     if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
             abs(period / tick_period - round(period / tick_period)) > 1e-6:
         tick_period = period
-    servo = nominal.actuator.frequency if nominal.actuator is not None else SERVO_STEP * DIRECT_PARTS / period
+    longest = longest_step(nominal.actuator.frequency) if nominal.actuator is not None \
+        else min(LONGEST_STEP, period / DIRECT_PARTS)
     if jittered:
-        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, servo)
+        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, longest)
         step = min(step, period / JITTER_STEPS)
         tick = round(period / JITTER_TICKS / step)
         return step, JITTER_TICKS * tick, tick, JITTER_TICKS
-    step = integration_step(period, tick_period, servo)
+    step = integration_step(period, tick_period, longest)
     return step, round(period / step), round(tick_period / step), 1
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...nominal import Nominal
 from .check import DataCheck
-from .record import LONGEST_STEP, SERVO_STEP, Record
+from .record import Record, longest_step
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 NEARLY = 1.0 + 1e-9    # of the longest step: rounding
@@ -82,7 +82,7 @@ def thinned(record: Record, every: int) -> Record:
 
 def coarser(record: Record) -> Record:
     """The longest integration step that still resolves the servo and meets every row and tick."""
-    longest = min(LONGEST_STEP, SERVO_STEP / record.actuator.frequency)
+    longest = longest_step(record.actuator.frequency)
     whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
     times = max(m for m in range(1, whole + 1) if whole % m == 0 and (m == 1 or m * record.step < longest * NEARLY))
     return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
