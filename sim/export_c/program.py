@@ -12,7 +12,7 @@ import numpy as np
 
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
-from .kinds import ABSENT, FLOAT, Kind, Struct, literal, struct_of
+from .kinds import ABSENT, FLOAT, Kind, Struct, array_types, literal, struct_of
 from .unit import PACKAGE, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
@@ -117,9 +117,18 @@ class _Program:
         for module, name in OWN_CONSTANT.findall(own):
             self.unit.constant(f"{PACKAGE}.{module.lower()}", name, _of_module(module.lower(), name))
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
-        return "\n".join([
-            _template("common.c", {}), f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",
+        body = "\n".join([
+            f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",
             "/* ---- choices */\n", self._constants(), "/* ---- kernels */\n", self.unit.source(), own])
+        common = _template("common.c", {"arrays": array_types(body)}).split("\n\n")
+        whole = "\n".join([*common, body])
+        return "\n".join(["\n\n".join(part for part in common if not _is_spare(part, whole)), body])
+
+
+def _is_spare(part: str, source: str) -> bool:
+    """Whether a part of the source defines a function that is not called."""
+    made = re.match(r"(?:/\*[^*]*\*/\n)?static inline \w+ (\w+)", part)
+    return made is not None and len(re.findall(rf"\b{made[1]}\(", source)) < 2
 
 
 def _arguments(function: Any) -> Iterator[str]:
@@ -142,7 +151,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):
-            numbers = [literal(x) for x in each.ravel()] or ["0"]  # C has no empty array
+            numbers = [literal(x) for x in each.ravel()] or [literal(each.dtype.type(0))]  # C has no empty array
             rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
             lines.append(f"{space}.{name} = {{{f',{chr(10)}{space}    '.join(rows)}}}")
         else:
