@@ -24,6 +24,7 @@ WARNINGS = ("-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion"
             "-Werror")
 STRICT = ("-std=c99", *WARNINGS, "-ffp-contract=off")
 NAN = math.nan
+SHARED = Path(__file__).parent
 
 
 def built(folder: Path, config: Config, *flags: str) -> Path:
@@ -36,10 +37,14 @@ def built(folder: Path, config: Config, *flags: str) -> Path:
     return program
 
 
+def as_text(samples: list[Sample]) -> str:
+    """As the port's programs read them."""
+    return "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
+
+
 def replayed(program: Path, samples: list[Sample]) -> list[str]:
     """What the port answers."""
-    text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
-    done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=True)
+    done = subprocess.run([str(program)], input=as_text(samples), capture_output=True, text=True, check=True)
     assert done.stderr == ""
     return done.stdout.splitlines()
 

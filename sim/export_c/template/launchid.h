@@ -11,6 +11,7 @@
 #define LAUNCHID_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #define LAUNCHID_WINDOW $window        /* s */
@@ -130,6 +131,24 @@ typedef struct {
 
 launchid_notes launchid_state_notes(const launchid_state *state);
 
+/* ---- a state as bytes, to go on from after a restart with the same bits: those of the Python estimator's `save` */
+
+#define LAUNCHID_SAVED_BYTES $saved_bytes
+
+/* Answer of `launchid_restore`; the state is as it was unless it is 0. */
+typedef enum {
+    LAUNCHID_RESTORED = 0,
+    LAUNCHID_SAVED_NOT_WHOLE = 1,       /* another number of bytes */
+    LAUNCHID_SAVED_FOREIGN = 2,         /* of something else, another version, another configuration */
+    LAUNCHID_SAVED_DAMAGED = 3,         /* its checksum does not fit */
+    LAUNCHID_SAVED_NOT_NOW = 4          /* an update is running */
+} launchid_restored;
+
+/* false, and nothing written, while an update runs. */
+bool launchid_state_save(const launchid_state *state, uint8_t saved[LAUNCHID_SAVED_BYTES]);
+
+launchid_restored launchid_state_restore(launchid_state *state, const uint8_t saved[], size_t bytes);
+
 /* ---- the same for an estimator in one place */
 
 static inline void launchid_reset(launchid_estimator *e) { launchid_state_reset(&e->state); }
@@ -152,6 +171,16 @@ static inline int64_t launchid_get_changes(launchid_estimator *e, launchid_chang
 static inline bool launchid_get_level(launchid_estimator *e, launchid_level *a6, launchid_level *k1)
 {
     return launchid_state_level(&e->state, &e->work, a6, k1);
+}
+
+static inline bool launchid_save(const launchid_estimator *e, uint8_t saved[LAUNCHID_SAVED_BYTES])
+{
+    return launchid_state_save(&e->state, saved);
+}
+
+static inline launchid_restored launchid_restore(launchid_estimator *e, const uint8_t saved[], size_t bytes)
+{
+    return launchid_state_restore(&e->state, saved, bytes);
 }
 
 static inline int64_t launchid_count(const launchid_estimator *e, launchid_status status)
