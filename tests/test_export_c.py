@@ -25,6 +25,8 @@ from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 NAN = math.nan
+FILES = ("Makefile", "README.md", "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
+         "target.ld", "vectors.h")
 
 
 def bits(x: float) -> str:
@@ -148,8 +150,8 @@ def test_the_port_needs_nothing_but_mathematics(tmp_path):
                        cwd=tmp_path, check=True)
         listed = subprocess.run(["nm", "-u", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
         wanted = {line.split()[-1].lstrip("_") for line in listed.stdout.splitlines()}
-        assert wanted <= {"memset", "memcpy", "memmove", "sqrt", "exp", "log", "sin", "cos", "erfc", "copysign",
-                          "floor", "llabs", "GLOBAL_OFFSET_TABLE_"}
+        assert wanted <= {"memset", "memcpy", "memmove", "memcmp", "sqrt", "exp", "log", "sin", "cos", "erfc",
+                          "copysign", "floor", "llabs", "GLOBAL_OFFSET_TABLE_"}
 
 
 @needs_compiler
@@ -333,7 +335,7 @@ static int64_t _own_copy(double x_given, Matrix m)
 def test_the_command_writes_a_port_that_compiles(tmp_path, capsys):
     out = tmp_path / "deep" / "port"
     assert main(["export-c", "constant", "--out", str(out), "--window", "5"]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["launchid.c", "launchid.h", "replay.c"]
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and "-ffp-contract=off" in said.err
     subprocess.run([str(CC), *STRICT, "replay.c", "launchid.c", "-lm", "-o", "replay"], cwd=out, check=True)

@@ -12,12 +12,14 @@ import numpy as np
 
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
+from .expressions import FUNCTIONS
 from .kinds import ABSENT, FLOAT, Kind, Struct, array_types, literal, struct_of
 from .unit import PACKAGE, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
 BYTES_A_LINE = 20
+STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|PREDICTOR)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 
@@ -25,7 +27,10 @@ FIXED, STATE, WORK = "fixed", "state", "work"
 def c_files(config: Config) -> dict[str, str]:
     """File name -> text of an estimator with this configuration.  Nothing is compiled for it."""
     program = _Program(config, port_of(config))
-    return {"launchid.h": program.header(), "launchid.c": program.source(), "replay.c": template("replay.c", {})}
+    header, source = program.header(), program.source()
+    functions = sorted(name for name in FUNCTIONS if re.search(rf"\b{name}\(", source))
+    return {"launchid.h": header, "launchid.c": source, "replay.c": template("replay.c", {}),
+            "README.md": template("README.md", program.sizes() | {"functions": ", ".join(functions)})}
 
 
 def template(name: str, values: dict[str, object]) -> str:
@@ -91,14 +96,9 @@ class _Program:
 
     def header(self) -> str:
         """launchid.h"""
-        config = self.config
-        return template("launchid.h", {
-            "formulation": config.formulation, "library": ", ".join(config.terms),
-            "state_bytes": self._bytes(STATE) + 8,  # `busy`, padded
-            "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
-            "window": literal(config.window), "period": literal(config.sample_period), "terms": len(config.terms),
-            "saved_bytes": self.port.saved_bytes,
-            "max_changes": _of_module("changes", "MAX_EVENTS"), "statuses": _enumeration(Status),
+        return template("launchid.h", self.sizes() | {
+            "terms": len(self.config.terms), "max_changes": _of_module("changes", "MAX_EVENTS"),
+            "statuses": _enumeration(Status),
             "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),
             "state": self._members(STATE), "work": self._members(WORK),
             **{f"edge_{k}": literal(edge) for k, edge in enumerate(EDGES)}})
@@ -117,6 +117,16 @@ class _Program:
         saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, state->{path}, {n}U);\n"
                                    for path, n, kind in kinds) for does in ("put", "take"))
         return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores}
+
+    def sizes(self) -> dict[str, object]:
+        """What the configuration is, and how large."""
+        config = self.config
+        return {"formulation": config.formulation, "library": ", ".join(config.terms),
+                "window": literal(config.window), "period": literal(config.sample_period),
+                "state_bytes": self._bytes(STATE) + 8,  # `busy`, padded
+                "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
+                "saved_bytes": self.port.saved_bytes, "stack_bytes": STACK_LIMIT,
+                "largest": max(array.size for name, part in self.there.items() for _, array in _arrays(part, name))}
 
     def _members(self, kind: str) -> str:
         return "\n".join(f"    {self.unit.struct(self.structs[name])} {name};" for name in self._of(kind))

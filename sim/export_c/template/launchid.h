@@ -5,7 +5,7 @@
 
    What persists is a `launchid_state`, scratch a `launchid_work`, both owned by the caller, who may place them in
    different memory.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset,
-   memcpy and memmove are called.  One state belongs to one thread. */
+   memcpy, memmove and memcmp are called.  One state belongs to one thread. */
 
 #ifndef LAUNCHID_H
 #define LAUNCHID_H
