@@ -36,11 +36,11 @@ static int refused(void)
             return wrong("a flipped bit was not refused");
         }
     }
-    other.state.busy = true;
+    other.state.busy = LAUNCHID_BUSY_MARK;
     if (launchid_restore(&other, saved, sizeof saved) != LAUNCHID_SAVED_NOT_NOW || launchid_save(&other, again)) {
         return wrong("saved or restored within an update");
     }
-    other.state.busy = false;
+    other.state.busy = 0;
     return memcmp(&before, &other, sizeof other) == 0 ? EXIT_SUCCESS : wrong("a refused restore changed the state");
 }
 
@@ -60,7 +60,7 @@ int main(int argc, char **argv)
                 return wrong("cannot write");
             }
             memset(&other, 0x5A, sizeof other);
-            other.state.busy = false;
+            other.state.busy = 0;
             if (launchid_restore(&other, saved, sizeof saved) != LAUNCHID_RESTORED) {
                 return wrong("not restored");
             }

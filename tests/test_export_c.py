@@ -25,7 +25,8 @@ from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 NAN = math.nan
-FILES = ("Makefile", "README.md", "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
+FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",
+         "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
          "target.ld", "vectors.h")
 
 

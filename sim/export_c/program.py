@@ -123,7 +123,7 @@ class _Program:
         config = self.config
         return {"formulation": config.formulation, "library": ", ".join(config.terms),
                 "window": literal(config.window), "period": literal(config.sample_period),
-                "state_bytes": self._bytes(STATE) + 8,  # `busy`, padded
+                "state_bytes": self._bytes(STATE) + 8,  # `busy`
                 "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
                 "saved_bytes": self.port.saved_bytes, "stack_bytes": STACK_LIMIT,
                 "largest": max(array.size for name, part in self.there.items() for _, array in _arrays(part, name))}

@@ -7,11 +7,11 @@ $initial}
 
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
-    if (state->busy) {
+    if (state->busy == LAUNCHID_BUSY_MARK) {
         state->state.counts[RING_COUNT_FIRST]++;
         return LAUNCHID_BUSY;
     }
-    state->busy = true;
+    state->busy = LAUNCHID_BUSY_MARK;
     int64_t code = $update;
     if (code == RING_RECOVERED) {
         int64_t kept[RING_N_STATUS];
@@ -22,7 +22,7 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
         code = RING_RECOVERED;
         state->state.counts[(RING_COUNT_FIRST + RING_RECOVERED) - RING_BUSY]++;
     }
-    state->busy = false;
+    state->busy = 0;
     return (launchid_status)code;
 }
 

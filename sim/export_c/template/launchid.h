@@ -86,10 +86,12 @@ typedef struct {
    persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c). */
 
 $structs
+#define LAUNCHID_BUSY_MARK INT64_C(0x5AA5C33C0FF09669)
+
 /* What persists between samples. */
 typedef struct {
 $state
-    bool busy;
+    int64_t busy;                       /* LAUNCHID_BUSY_MARK within an update: no single flipped bit makes it so */
 } launchid_state;
 
 /* Scratch: meaningless between calls; several estimators that never run at once may share it. */

@@ -80,7 +80,7 @@ static size_t take_numbers(const uint8_t saved[], size_t at, double numbers[], s
 
 bool launchid_state_save(const launchid_state *state, uint8_t saved[LAUNCHID_SAVED_BYTES])
 {
-    if (state->busy) {
+    if (state->busy == LAUNCHID_BUSY_MARK) {
         return false;
     }
     size_t at = sizeof preface;
@@ -95,7 +95,7 @@ $saves    uint32_t crc = checksum(saved, at);
 
 launchid_restored launchid_state_restore(launchid_state *state, const uint8_t saved[], size_t bytes)
 {
-    if (state->busy) {
+    if (state->busy == LAUNCHID_BUSY_MARK) {
         return LAUNCHID_SAVED_NOT_NOW;
     }
     if (bytes != (size_t)LAUNCHID_SAVED_BYTES) {
