@@ -135,7 +135,7 @@ launchid_notes launchid_state_notes(const launchid_state *state);
 
 /* ---- a state as bytes, to go on from after a restart with the same bits: those of the Python estimator's `save` */
 
-#define LAUNCHID_SAVED_BYTES $saved_bytes
+#define LAUNCHID_SAVED_BYTES ${saved_bytes}U
 
 /* Answer of `launchid_restore`; the state is as it was unless it is 0. */
 typedef enum {
