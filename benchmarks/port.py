@@ -1,12 +1,15 @@
-"""The C port beside the Python estimator on one flight: time of an update, memory, code.
+"""The C port beside the Python estimator on one flight: time of an update, memory, code; and on emulated targets.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--flags -O2]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--flags -O2] [--targets-only]
 
 Every sample's least time over the repeats (the machine may be shared); the longest are those that close a block or a
-window.  Python's include the call from the interpreter.
+window.  Python's include the call from the interpreter.  The second table needs arm-none-eabi-gcc and qemu-system-arm:
+instructions are counted by an emulator that knows no cache and no wait state, and are no bound on time.
 """
 
 import argparse
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -14,9 +17,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+from port_stack import graph_of
 
 from launchid_core import Config, Estimator, Sample
+from sim.export_c.kit import exported
 from sim.export_c.program import c_files
+from sim.export_c.vectors import flown
 from sim.flight import fly
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -24,6 +30,12 @@ from sim.nominal import load_nominal
 HERE = Path(__file__).parent
 NOMINAL = "constant"
 SEED = 1
+ARM = "arm-none-eabi-gcc"
+TARGETS = {  # name -> compiler, flags, the exported Makefile's target
+    "this machine": ("gcc", [], ""),
+    "Cortex-M7, doubles in hardware": (ARM, ["-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"], "check-m7"),
+    "Cortex-M4F, doubles in software": (ARM, ["-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"],
+                                        "check-m4")}
 
 
 def configs() -> dict[str, Config]:
@@ -69,7 +81,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--flags", nargs="+", default=["-O2"])
+    parser.add_argument("--targets-only", action="store_true", help="without the times on this machine")
     args = parser.parse_args()
+    if not args.targets_only:
+        print_times(args)
+    print_targets()
+    return 0
+
+
+def print_times(args: argparse.Namespace) -> None:
+    """Of an update on this machine."""
     samples = list(fly(load_nominal(NOMINAL), seed=SEED))
     print(f"{NOMINAL}, seed {SEED}, {len(samples)} samples at 100 Hz, windows of 1 s, cc {' '.join(args.flags)}; "
           "us an update: mean, longest")
@@ -80,7 +101,38 @@ def main() -> int:
         port /= 1e3
         print(f"| {name} | {port.mean():.2f}, {port.max():.1f} | {ours.mean():.2f}, {ours.max():.1f} "
               f"| {ours.mean() / port.mean():.1f} | {struct} | {code} |")
-    return 0
+
+
+def print_targets() -> None:
+    """Code, memory, stack and instructions on the targets, and whether the bits are Python's."""
+    nominal = load_nominal(NOMINAL)
+    print("\n| target, -O2 | | bits against Python's | code and constants, state, scratch, bytes "
+          "| stack of the deepest call: computed, seen | instructions an update: mean, longest |\n"
+          "|---|---|---|---|---|---|")
+    for target, (compiler, flags, check) in TARGETS.items():
+        if shutil.which(compiler) is None or (check and shutil.which("qemu-system-arm") is None):
+            print(f"| {target} | no {compiler} or no qemu-system-arm here | | | | |")
+            continue
+        for name, config in configs().items():
+            with tempfile.TemporaryDirectory() as folder:
+                for file, text in exported(config, flown(nominal, config)).items():
+                    (Path(folder) / file).write_text(text, encoding="utf-8")
+                print(f"| {target} | {name} | {' | '.join(on_target(Path(folder), compiler, flags, check))} |")
+
+
+def on_target(folder: Path, compiler: str, flags: list[str], check: str) -> list[str]:
+    """The cells of a row."""
+    stack = graph_of(folder, compiler, ["-O2", *flags]).deepest()[0]
+    tool = compiler.replace("gcc", "size")
+    sizes = subprocess.run([tool, "stack.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
+    code = sum(map(int, sizes.splitlines()[1].split()[:2]))
+    memory = re.search(r"(\d+) bytes persist, (\d+) are scratch", (folder / "README.md").read_text(encoding="utf-8"))
+    assert memory is not None
+    said = subprocess.run(["make", "-s", check or "check"], cwd=folder, capture_output=True, text=True,
+                          check=False).stdout
+    seen = re.search(r"stack at most (\d+) bytes; (\d+) instructions, longest (\d+)", said)
+    return [said.splitlines()[-1], f"{code}, {memory[1]}, {memory[2]}", f"{stack}, {seen[1] if seen else '-'}",
+            f"{seen[2]}, {seen[3]}" if seen else "-"]
 
 
 if __name__ == "__main__":

@@ -50,14 +50,18 @@ def _layout(arrays: list[np.ndarray]) -> bytes:
     return hashlib.blake2b(words.encode(), digest_size=16).digest()
 
 
-def save(config: Config, parts: Parts) -> bytes:
-    """The state of an estimator with this configuration."""
+def preface(config: Config, parts: Parts) -> bytes:
+    """Header and choices: the same bytes in every saved state of this configuration, whatever the language."""
     arrays = list(state_arrays(parts))
     digests = b"".join(_digests(config).values())
     size = sum(array.size for array in arrays)
-    head = HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size)
-    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays)
-    whole = head + digests + words
+    return HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size) + digests
+
+
+def save(config: Config, parts: Parts) -> bytes:
+    """The state of an estimator with this configuration."""
+    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in state_arrays(parts))
+    whole = preface(config, parts) + words
     return whole + END.pack(zlib.crc32(whole))
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import re
-import shutil
 import struct
 import subprocess
 from pathlib import Path
@@ -13,44 +12,22 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ported import CC, CONFIGS, ROUGH, STRICT, built, filtered, flight, hostile, needs_compiler, replayed
 
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 from launchid_core.model import OFFSETS
 from sim.cli import main
-from sim.effects import from_text
 from sim.errors import InputError
 from sim.export_c.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
 from sim.export_c.program import c_files
 from sim.export_c.unit import Unit
-from sim.flight import fly
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
-from sim.sections import Drift, Offsets, Wind
-from sim.uncertainty.level import ranged_model
 
-CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler here")
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wno-sign-conversion", "-Wno-float-conversion",
-          "-Werror", "-ffp-contract=off")
 NAN = math.nan
-
-
-def built(folder: Path, config: Config, *flags: str) -> Path:
-    """The replay program of a configuration."""
-    for name, text in c_files(config).items():
-        (folder / name).write_text(text, encoding="utf-8")
-    program = folder / "replay"
-    subprocess.run([str(CC), *STRICT, *(flags or ("-O2",)), "replay.c", "launchid.c", "-lm", "-o", str(program)],
-                   cwd=folder, check=True)
-    return program
-
-
-def replayed(program: Path, samples: list[Sample]) -> list[str]:
-    """What the port answers."""
-    text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
-    done = subprocess.run([str(program)], input=text, capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-    return done.stdout.splitlines()
+FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",
+         "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
+         "target.ld", "vectors.h")
 
 
 def bits(x: float) -> str:
@@ -111,51 +88,6 @@ def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[li
     return wanted
 
 
-def filtered(name: str = "constant", ranged: bool = False, **choices) -> Config:
-    nominal = load_nominal(name)
-    model = ranged_model(nominal) if ranged else onboard_model(nominal)
-    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": "filtered", "model": model} | choices)
-
-
-ROUGH = {"wind": Wind(walk=0.005, turbulence=0.005),
-         "offsets": Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-4, nozzle_sensor_bias=1e-3,
-                            moment=1e-3),
-         "drift": Drift(np.zeros(1), np.array([0.03]), np.array([0.02]))}
-
-
-def rough(**choices) -> Config:
-    """Of the constant nominal in wind, with every offset and with drift."""
-    return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **ROUGH)), **choices)
-
-
-def regression(formulation: str, **choices) -> Config:
-    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
-                  | choices)
-
-
-CONFIGS = {
-    "filtered": filtered(window=5.0),
-    "filtered-vega": filtered("vega_like"),
-    "filtered-range": filtered(ranged=True),
-    "filtered-vega-range": filtered("vega_like", True, window=5.0),
-    "filtered-terms": filtered(library="quadratic", window=5.0),
-    "filtered-wind": rough(window=10.0),
-    "filtered-declared": filtered(noise="declared"),
-    "measured-stls": regression("measured", compression=3),
-    "difference-sr3": regression("difference", solver="sr3", compression=2),
-    "integral-ssr": regression("integral", solver="ssr", seed=7),
-    "integral-lasso": regression("integral", solver="lasso", compression=2),
-    "filtered-functions": filtered("greensite_cr826", library="theta,beta,sign(theta_dot),cos(theta),theta*beta"),
-    "lpv": regression("integral", library="lpv", window=0.3),
-}
-
-
-def flight(name: str = "constant", suite: str = "flight", **sections) -> list[Sample]:
-    """A flight that loses control efficiency on the way."""
-    lost = from_text("control_loss:fraction=0.4,time=20")
-    return list(fly(dataclasses.replace(load_nominal(name), **sections), seed=3, suite=suite, effects=[lost]))
-
-
 @needs_compiler
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_flight_gives_the_same_bits(name, tmp_path):
@@ -196,20 +128,6 @@ def test_every_optimisation_gives_the_same_bits(flags, tmp_path):
     assert said[-1][:3] == ["notes", "6", "2"] and int(said[-1][3]) > 0
 
 
-def hostile(seed: int, length: int = 600) -> list[Sample]:
-    """Samples with gaps, clocks set back, stamps repeated, infinities, missing and absurd values."""
-    rng = np.random.default_rng(seed)
-    t, samples = 0.0, []
-    for _ in range(length):
-        t += float(rng.choice([0.01, 0.01, 0.01, 0.01, 0.01, 0.0, 0.5, -0.01, -3.0, 1e-9], p=[.19] * 5 + [.01] * 5))
-        values = 0.05 * rng.standard_normal(5)
-        for k in range(5):
-            if rng.random() < 0.02:
-                values[k] = rng.choice([NAN, math.inf, -math.inf, 1e300, 0.0, -0.0, 1e-310])
-        samples.append(Sample(NAN if rng.random() < 0.005 else t, *values.tolist()))
-    return samples
-
-
 @needs_compiler
 @pytest.mark.parametrize("name", ["filtered-vega-range", "filtered-terms", "measured-stls", "integral-lasso"])
 def test_hostile_samples_give_the_same_bits_and_no_undefined_behaviour(name, tmp_path):
@@ -233,8 +151,8 @@ def test_the_port_needs_nothing_but_mathematics(tmp_path):
                        cwd=tmp_path, check=True)
         listed = subprocess.run(["nm", "-u", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
         wanted = {line.split()[-1].lstrip("_") for line in listed.stdout.splitlines()}
-        assert wanted <= {"memset", "memcpy", "memmove", "sqrt", "exp", "log", "sin", "cos", "erfc", "copysign",
-                          "floor", "llabs", "GLOBAL_OFFSET_TABLE_"}
+        assert wanted <= {"memset", "memcpy", "memmove", "memcmp", "sqrt", "exp", "log", "sin", "cos", "erfc",
+                          "copysign", "floor", "llabs", "GLOBAL_OFFSET_TABLE_"}
 
 
 @needs_compiler
@@ -292,7 +210,8 @@ def test_a_literal_keeps_its_bits(x):
 
 
 @pytest.mark.parametrize(("value", "text"), [(True, "true"), (2**31, "INT64_C(2147483648)"), (-5, "-5"),
-                                             (math.inf, "INFINITY"), (-math.inf, "-INFINITY"), (NAN, "NAN")])
+                                             (math.inf, "(double)INFINITY"), (-math.inf, "-(double)INFINITY"),
+                                             (NAN, "(double)NAN")])
 def test_literals_by_name(value, text):
     assert literal(value) == text
 
@@ -373,6 +292,43 @@ static Results0 _indices(Vector x, int64_t n)
 """
 
 
+def _own_copy(x, m):
+    """Rows: a // b, and a comment's end */ in it."""
+    k = 0
+    x += m[1, 0] if x < 0.0 and k == 0 else float(m.shape[0] + 1)
+    for k in range(2):
+        m[k, k + 1] = 0.0
+    if x > 0.0:
+        k = 1
+    elif x < -1.0:
+        k = 2
+    return int(x > 0.0) + k
+
+
+def test_c_as_misra_asks_for_it():
+    """An argument stays as it was given, a loop hides no other variable, nothing is added to 0 or taken once."""
+    assert Unit().kernel(_own_copy, [FLOAT, Array(FLOAT, 2)]).source() == """\
+/* Rows: a / / b, and a comment's end * / in it. */
+static int64_t _own_copy(double x_given, Matrix m)
+{
+    double x = x_given;
+    int64_t k = 0;
+    x += ((x < 0.0) && (k == 0)) ? m.p[m.m] : as_real(m.n + 1);
+    for (int64_t k1_ = 0; k1_ < 2; k1_++) {
+        m.p[(k1_ * m.m) + (k1_ + 1)] = 0.0;
+    }
+    if (x > 0.0) {
+        k = 1;
+    } else if (x < -1.0) {
+        k = 2;
+    } else {
+        /* nothing */
+    }
+    return counted(x > 0.0) + k;
+}
+"""
+
+
 # ---- the command
 
 
@@ -380,7 +336,7 @@ static Results0 _indices(Vector x, int64_t n)
 def test_the_command_writes_a_port_that_compiles(tmp_path, capsys):
     out = tmp_path / "deep" / "port"
     assert main(["export-c", "constant", "--out", str(out), "--window", "5"]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["launchid.c", "launchid.h", "replay.c"]
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1 and "-ffp-contract=off" in said.err
     subprocess.run([str(CC), *STRICT, "replay.c", "launchid.c", "-lm", "-o", "replay"], cwd=out, check=True)

@@ -12,7 +12,8 @@ from ..believed import onboard_model
 from ..checked import profile_note
 from ..effects import Effect, from_text
 from ..errors import UsageError
-from ..export_c.program import c_files
+from ..export_c.kit import exported
+from ..export_c.vectors import flown
 from ..files import make_folder, write_text
 from ..flight import Flight, fly_whole
 from ..log import Log, flown_log, write_flight
@@ -142,7 +143,7 @@ class Exported(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self, of: str = "C files") -> str:
-        return (f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay")
+        return f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off launchid.c; make check"
 
     def columns(self) -> Columns:
         return {"file": list(self.files), "lines": [text.count("\n") for text in self.files.values()]}
@@ -166,5 +167,5 @@ def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = No
                         formulation=formulation, model=model, **choices)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    files = c_files(config)
+    files = exported(config, flown(nominal, config))
     return Exported(files, config, {"files": list(files)})

@@ -12,7 +12,8 @@ def add(commands: Any) -> None:
     sub = add_command(commands, "export-c", "the estimator in C, for a flight computer: the same bits",
                       "launchid export-c constant --out port --window 5")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
-    sub.add_argument("--out", required=True, metavar="DIR", help="folder for launchid.h, launchid.c, replay.c")
+    sub.add_argument("--out", required=True, metavar="DIR",
+                     help="folder for launchid.c, launchid.h, replay vectors, README.md and the rest")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
                      help="length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="between samples [s] (default: the nominal's)")

@@ -1,11 +1,16 @@
 """Expressions of a kernel in C: the same operations in the same order, so the same bits.
 
 Nothing is contracted or reordered (compile with -ffp-contract=off); `min` and `max` keep Python's answer to a NaN,
-`%` and `//` its sign.
+`%` and `//` its sign.  Operators of different precedence stand in brackets, truth values are compared, not numbers, and
+casts of sums are calls, as MISRA C:2012 asks (12.1, 14.4, 10.8).
 """
 
 import ast
+import inspect
+import math
+import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 from .inference import SEALS, TESTS, Inference, indices, of_module, whole_number
@@ -13,6 +18,7 @@ from .kinds import (
     ABSENT,
     DIMENSIONS,
     FLOAT,
+    INTEGER,
     TRUTH,
     Array,
     Kind,
@@ -28,22 +34,60 @@ from .kinds import (
 ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
 SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
 COMPARISONS = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-CONSTANTS = {"inf": "INFINITY", "nan": "NAN"}
+CONSTANTS = {"inf": literal(math.inf), "nan": literal(math.nan)}
 FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "erfc", "floor", "copysign")
+CORE = "launchid_core"
 TAKEN = {"double", "int", "auto", "register", "long", "short", "signed", "default", "case", "y0", "y1", "yn", "j0",
          "j1", "jn", "gamma", "index", "time", "static", "const"}   # names that C has given away
 Code = tuple[str, int]
 
 
+@cache
+def _of_kernels() -> frozenset[str]:
+    """Names of the core's functions, which no variable may hide (MISRA C:2012, 5.3)."""
+    modules = [module for name, module in sorted(sys.modules.items()) if name.startswith(f"{CORE}.")]
+    return frozenset(name for module in modules for name, value in vars(module).items()
+                     if inspect.isfunction(getattr(value, "py_func", value)))
+
+
 def word(name: str) -> str:
     """A Python name in C."""
-    return f"{name}_" if name in TAKEN else name
+    return f"{name}_" if name in TAKEN or name in _of_kernels() else name
 
 
 def refuse_negative(node: ast.expr | None) -> None:
     """An index that is written negative counts from the end in Python."""
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         raise Untranslatable(f"{ast.unparse(node)}: expected no index from the end here")
+
+
+def _bracketed(code: str) -> str:
+    """In brackets, unless they are all around it already or there is no operator in it."""
+    depth = 0
+    for letter in code:
+        depth += (letter in "([{") - (letter in ")]}")
+        if letter == " " and depth == 0:
+            return f"({code})"
+    return code
+
+
+def times(code: str, extent: str) -> str:
+    """A product of an index, without what a factor 0 or 1 leaves out."""
+    if code in ("0", "1"):
+        return code if code == "0" else extent
+    return code if extent == "1" else f"{_bracketed(code)} * {extent}"
+
+
+def plus(code: str, more: str) -> str:
+    """A sum of indices, without a 0."""
+    if "0" in (code, more):
+        return more if code == "0" else code
+    return f"{_bracketed(code)} + {_bracketed(more)}"
+
+
+def address(pointer: str, offset: str) -> str:
+    """Of a number in an array."""
+    return pointer if offset == "0" else f"&{pointer}[{offset}]"
 
 
 class Expressions:
@@ -54,17 +98,44 @@ class Expressions:
 
     def __call__(self, node: ast.expr, tightness: int = 0) -> str:
         """C of an expression, in brackets if it binds less tightly."""
+        return self._bound(self._code(node), tightness)
+
+    def _code(self, node: ast.expr) -> Code:
         writer: Callable[[Any], Code] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if writer is None:
             raise Untranslatable(f"no C for {ast.unparse(node)}")
-        code, binds = writer(node)
-        return f"({code})" if binds < tightness else code
+        return writer(node)
+
+    @staticmethod
+    def _bound(code: Code, tightness: int) -> str:
+        """In brackets if it binds less tightly, or with another operator's precedence."""
+        text, binds = code
+        clear = binds >= UNARY or tightness == 0
+        return text if binds >= tightness and (clear or binds == tightness) else f"({text})"
 
     def turned(self, node: ast.expr, kind: Kind | None, tightness: int = 0) -> str:
         """C of an expression that becomes a double where this kind is one."""
-        if kind == FLOAT and self.kinds.of(node) != FLOAT:
-            code = f"(double){self(node, UNARY)}"
-            return f"({code})" if tightness > UNARY else code
+        of = self.kinds.of(node)
+        if kind != FLOAT or of == FLOAT:
+            return self(node, tightness)
+        if isinstance(node, ast.Constant):
+            return literal(float(node.value))  # type: ignore[arg-type]
+        return self._bound(self._cast("double", self._code(node), of), tightness)
+
+    @staticmethod
+    def _cast(c: str, code: Code, of: Kind) -> Code:
+        """What is no single value is given to a function first: a cast would widen the sum, not its terms."""
+        if of == TRUTH:
+            inner = f"counted({code[0]})"
+            return (inner, ATOM) if c == "int64_t" else (f"(double){inner}", UNARY)
+        if code[1] == ATOM:
+            return f"({c}){code[0]}", UNARY
+        return f"{'as_real' if c == 'double' else 'as_whole'}({code[0]})", ATOM
+
+    def truth(self, node: ast.expr, tightness: int = 0) -> str:
+        """C of a test: a count is compared with 0."""
+        if self.kinds.of(node) == INTEGER:
+            return self._bound((f"{self(node, UNARY)} != 0", EQUALITY), tightness)
         return self(node, tightness)
 
     def listed(self, nodes: Sequence[ast.expr]) -> str:
@@ -72,7 +143,8 @@ class Expressions:
         return ", ".join(self(node) for node in nodes)
 
     def _constant(self, node: ast.Constant) -> Code:
-        return literal(node.value), ATOM
+        code = literal(node.value)
+        return code, UNARY if code[0] in "-(" else ATOM
 
     def _name(self, node: ast.Name) -> Code:
         if node.id in self.kinds.names:
@@ -81,7 +153,7 @@ class Expressions:
 
     def _attribute(self, node: ast.Attribute) -> Code:
         if of_module(node):
-            return CONSTANTS[node.attr], ATOM
+            return CONSTANTS[node.attr], UNARY
         if self.kinds.of_neighbour(node):
             module = self.kinds.globals[node.value.id].__name__  # type: ignore[attr-defined]
             return self.unit.constant(module, node.attr, self.kinds.outside(node)), ATOM
@@ -103,8 +175,7 @@ class Expressions:
         kind = self.kinds.of(node)
         assert isinstance(kind, Array)
         if kind.extents:
-            pointer = self.member(node)
-            return f"({kind.element.c} *){pointer}" if kind.constant else pointer, [str(n) for n in kind.extents]
+            return self.member(node), [str(n) for n in kind.extents]
         base = self(node, ATOM)
         return f"{base}.p", [f"{base}.{d}" for d in DIMENSIONS[:kind.dimensions]]
 
@@ -121,38 +192,44 @@ class Expressions:
             raise Untranslatable(f"{ast.unparse(node)}: expected one of + - * / // %")
         symbol, tightness = SYMBOLS[type(node.op)]
         kind = self.kinds.of(node)
-        left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, tightness + 1)
+        left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, UNARY)
         return f"{left} {symbol} {right}", tightness
 
     def _unaryop(self, node: ast.UnaryOp) -> Code:
-        return ("!" if isinstance(node.op, ast.Not) else "-") + self(node.operand, UNARY + 1), UNARY
+        if isinstance(node.op, ast.Not):
+            return f"!{self.truth(node.operand, UNARY + 1)}", UNARY
+        return f"-{self(node.operand, UNARY + 1)}", UNARY
 
     def _compare(self, node: ast.Compare) -> Code:
         if isinstance(node.ops[0], ast.In):
             among = node.comparators[0]
             assert isinstance(among, ast.Tuple)
-            left = self(node.left, EQUALITY + 1)
-            return " || ".join(f"{left} == {self(each, EQUALITY + 1)}" for each in among.elts), OR
+            left = self(node.left, UNARY)
+            return " || ".join(f"({left} == {self(each, UNARY)})" for each in among.elts), OR
         parts, left_node = [], node.left
         for op, right_node in zip(node.ops, node.comparators, strict=True):
             if type(op) not in COMPARISONS:
                 raise Untranslatable(f"{ast.unparse(node)}: expected a comparison of numbers")
             symbol = COMPARISONS[type(op)]
-            tightness = (EQUALITY if symbol in ("==", "!=") else ORDER) + 1
             kind = join(self.kinds.of(left_node), self.kinds.of(right_node))
-            left, right = (self.turned(each, kind, tightness) for each in (left_node, right_node))
+            left, right = (self.turned(each, kind, UNARY) for each in (left_node, right_node))
             parts.append(f"{left} {symbol} {right}")
             left_node = right_node
-        return " && ".join(parts), EQUALITY if len(parts) == 1 else AND
+        return (parts[0], EQUALITY) if len(parts) == 1 else (" && ".join(f"({part})" for part in parts), AND)
 
     def _boolop(self, node: ast.BoolOp) -> Code:
         symbol, tightness = ("&&", AND) if isinstance(node.op, ast.And) else ("||", OR)
-        return f" {symbol} ".join(self(each, AND + 1) for each in node.values), tightness
+        return f" {symbol} ".join(self.truth(each, UNARY) for each in node.values), tightness
 
     def _ifexp(self, node: ast.IfExp) -> Code:
         kind = self.kinds.of(node)
-        this, that = (self.turned(each, kind, OR) for each in (node.body, node.orelse))
-        return f"{self(node.test, OR)} ? {this} : {that}", CHOICE
+        this, that = (self._branch(each, kind) for each in (node.body, node.orelse))
+        return f"{self.truth(node.test, UNARY)} ? {this} : {that}", CHOICE
+
+    def _branch(self, node: ast.expr, kind: Kind) -> str:
+        """A small number is as wide as what it becomes (MISRA C:2012, 10.6)."""
+        code = self.turned(node, kind, UNARY)
+        return f"(int64_t){code}" if kind == INTEGER and isinstance(node, ast.Constant) else code
 
     # ---- arrays
 
@@ -167,9 +244,11 @@ class Expressions:
             base = self.member(node.value) if kind.extents else f"{self(node.value, ATOM)}.p"
             return f"{base}[{self.offset(node)}]", ATOM
         pointer, extents = self.array(node.value)
-        rest = Array(kind.element, kind.dimensions - len(at))
-        inner, shape = " * ".join(extents[len(at):]), ", ".join(extents[len(at):])
-        return f"({rest.c}){{{pointer} + {self._bracketed(self.offset(node))} * {inner}, {shape}}}", ATOM
+        rest = Array(kind.element, kind.dimensions - len(at), constant=kind.constant)
+        begin = self.offset(node)
+        for extent in extents[len(at):]:
+            begin = times(begin, extent)
+        return f"({rest.c}){{{address(pointer, begin)}, {', '.join(extents[len(at):])}}}", ATOM
 
     def _of_several(self, value: ast.expr, at: ast.expr) -> str:
         if isinstance(value, ast.Attribute) and value.attr == "shape":
@@ -181,16 +260,11 @@ class Expressions:
             return f"{self(value)}.p[{self(at)}]"
         return f"{self(value, ATOM)}.v{whole_number(at)}"
 
-    @staticmethod
-    def _bracketed(code: str) -> str:
-        return code if code.replace("_", "").isalnum() else f"({code})"
-
     def offset(self, node: ast.Subscript) -> str:
         """Of an element, or of a row or layer in rows or layers, from the array's begin."""
-        (_, extents), code = self.array(node.value), ""
+        (_, extents), code = self.array(node.value), "0"
         for extent, each in zip(extents, indices(node), strict=False):
-            one = self._place(each, extent)
-            code = f"{self._bracketed(code)} * {extent} + {one}" if code else one
+            code = plus(times(code, extent), self._place(each, extent))
         return code
 
     def _place(self, at: ast.expr, extent: str) -> str:
@@ -217,9 +291,10 @@ class Expressions:
         end = extents[0] if high is None else self(high, SUM)
         if low is None:
             return pointer, end
+        begin = address(pointer, self(low, SUM))
         if isinstance(high, ast.BinOp) and isinstance(high.op, ast.Add) and ast.dump(high.left) == ast.dump(low):
-            return f"{pointer} + {self(low, SUM)}", self(high.right)
-        return f"{pointer} + {self(low, SUM)}", f"{end} - {self(low, PRODUCT)}"
+            return begin, self(high.right)
+        return begin, f"{end} - {self(low, UNARY)}"
 
     # ---- calls
 
@@ -228,7 +303,7 @@ class Expressions:
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self._reshaped(node, node.func.value), ATOM
         if name in TESTS:
-            return f"{name.removeprefix('np.')}({self.listed(node.args)})", ATOM
+            return f"{name.removeprefix('np.')}({self.listed(node.args)}) != 0", EQUALITY
         if isinstance(node.func, ast.Attribute) and of_module(node.func):
             if node.func.attr not in FUNCTIONS:
                 raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
@@ -236,7 +311,7 @@ class Expressions:
         if name in SEALS:
             return f"{name}({self.listed(node.args)})", ATOM
         if name in ("int", "float"):
-            return self._cast(node, "int64_t" if name == "int" else "double")
+            return self._converted(node.args[0], "int64_t" if name == "int" else "double")
         if name == "len":
             return self._length(node.args[0]), ATOM
         if name in ("abs", "min", "max"):
@@ -247,13 +322,13 @@ class Expressions:
         given = [each for each, kind in zip(node.args, kinds, strict=True) if kind != ABSENT]
         return f"{self.unit.kernel(called, kinds).name}({self.listed(given)})", ATOM
 
-    def _cast(self, node: ast.Call, c: str) -> Code:
-        argument = node.args[0]
+    def _converted(self, argument: ast.expr, c: str) -> Code:
         if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
-            return literal(float(argument.value)), ATOM
-        if self.kinds.of(argument) == TRUTH:  # C's tests promise no 1
-            return f"({c})({self(argument, EQUALITY + 1)} != 0)", UNARY
-        return f"({c}){self(argument, UNARY)}", UNARY
+            return literal(float(argument.value)), UNARY
+        of = self.kinds.of(argument)
+        if (of, c) in ((FLOAT, "double"), (INTEGER, "int64_t")):
+            return self._code(argument)
+        return self._cast(c, self._code(argument), of)
 
     def _length(self, node: ast.expr) -> str:
         if isinstance(node, ast.Name) and node.id not in self.kinds.names:

@@ -210,14 +210,14 @@ class Inference:
             if not isinstance(each, ast.Slice):
                 self.of(each)
         kept = kind.dimensions - sum(not isinstance(each, ast.Slice) for each in at)
-        return Array(kind.element, kept) if kept else kind.element
+        return Array(kind.element, kept, constant=kind.constant) if kept else kind.element
 
     def _of_call(self, node: ast.Call) -> Kind:
         name = ast.unparse(node.func)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             kind, shape = self.of(node.func.value), node.args[0]
             assert isinstance(kind, Array) and isinstance(shape, ast.Tuple)
-            return Array(kind.element, len(shape.elts))
+            return Array(kind.element, len(shape.elts), constant=kind.constant)
         if name in TESTS:
             return TRUTH
         if of_module(node.func) or name == "float":

@@ -6,19 +6,63 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .expressions import ORDER, SYMBOLS, Expressions, word
+from .expressions import SYMBOLS, UNARY, Expressions, word
 from .inference import Inference, indices
-from .kinds import ABSENT, DIMENSIONS, Array, Kind, Scalar, Several, Struct, Untranslatable, Whole
+from .kinds import (
+    ABSENT,
+    DIMENSIONS,
+    FLOAT,
+    INTEGER,
+    NOTHING,
+    TRUTH,
+    Array,
+    Kind,
+    Several,
+    Struct,
+    Untranslatable,
+    Whole,
+)
 from .scopes import first_assignments
 
 INDENT = "    "
+ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
+NOWHERE: dict[type, str] = {Struct: "NULL"}
 UNUSED = "_"
+GIVEN = "{}_given"     # an argument that the kernel changes: its own copy has the name
 
 
 def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
     """Names that these statements store or load."""
     return {each.id for node in nodes for each in ast.walk(node)
             if isinstance(each, ast.Name) and isinstance(each.ctx, context)}
+
+
+def typed(c: str, name: str) -> str:
+    """A declaration: the star of a pointer stands at the name."""
+    return f"{c}{name}" if c.endswith("*") else f"{c} {name}"
+
+
+def comment_of(about: str | None) -> str:
+    """A docstring as a comment."""
+    if not about:
+        return ""
+    lines = about.replace("//", "/ /").replace("/*", "/ *").replace("*/", "* /").split("\n")
+    return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
+
+
+def rename_counters(tree: ast.FunctionDef) -> None:
+    """A loop's variable that something else stores too gets a name of its own: C's must not hide another."""
+    loops = [node for node in ast.walk(tree) if isinstance(node, ast.For) and isinstance(node.target, ast.Name)]
+    targets = {id(loop.target) for loop in loops}
+    stored = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+              and id(node) not in targets} | {argument.arg for argument in tree.args.args}
+    for number, loop in enumerate(loops, start=1):
+        name = loop.target.id  # type: ignore[attr-defined]
+        if name not in stored or name == UNUSED or name in _names(loop.body, ast.Store):
+            continue
+        for node in (each for part in (loop.target, *loop.body) for each in ast.walk(part)):
+            if isinstance(node, ast.Name) and node.id == name:
+                node.id = f"{name}{number}_"
 
 
 class Kernel:
@@ -40,6 +84,10 @@ class Kernel:
     def translate(self) -> None:
         """Fill the function's lines; kernels that it calls are translated before."""
         try:
+            for node in ast.walk(self.tree):
+                if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+                    self._refuse_reading_after(node, node.target.id)
+            rename_counters(self.tree)
             self.kinds = Inference(self.unit, self.tree, self.around, self.arguments)
             self.tree.body = self._alive(self.tree.body)
             self.local_arrays = self._local_arrays()
@@ -62,17 +110,21 @@ class Kernel:
 
     def source(self) -> str:
         """The whole function."""
-        about = ast.get_docstring(self.tree)
-        comment = f"/* {about} */\n".replace("\n", "\n   ").rstrip(" ") if about else ""
         names = [argument.arg for argument in self.tree.args.args]
         given = {name: kind for name, kind in zip(names, self.arguments, strict=True) if kind != ABSENT}
-        arguments = ", ".join(f"{self.unit.c(kind)} {word(name)}" for name, kind in given.items()) or "void"
+        stored = _names(self.tree.body, ast.Store)
+        arguments = ", ".join(
+            typed(self.unit.c(kind), GIVEN.format(name) if name in stored else word(name))
+            for name, kind in given.items()) or "void"
         result = self.kinds.result
         assert result is not None
-        used = _names(self.tree.body, ast.Load) | _names(self.tree.body, ast.Store)
+        used = _names(self.tree.body, ast.Load) | stored
         unused = [f"{INDENT}(void){word(name)};" for name in given if name not in used]
-        body = "\n".join([*self._declarations(names), *unused, *self.lines])
-        return f"{comment}static {self.unit.c(result)} {self.name}({arguments})\n{{\n{body}\n}}\n"
+        own = [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {GIVEN.format(name)};"
+               for name, kind in given.items() if name in stored]
+        body = "\n".join([*own, *self._declarations(names), *unused, *self.lines])
+        head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
+        return f"{comment_of(ast.get_docstring(self.tree))}{head}\n{{\n{body}\n}}\n"
 
     # ---- variables
 
@@ -90,20 +142,16 @@ class Kernel:
         return {loop.id for loop in loops if isinstance(loop, ast.Name)} - others
 
     def _declarations(self, arguments: list[str]) -> list[str]:
-        """Of local variables that no assignment can declare, one line a type."""
+        """Of local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
         left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, UNUSED}
-        by_type: dict[str, list[str]] = {}
-        for name, kind in self.kinds.names.items():
-            if name not in left_out:
-                zero = "0" if isinstance(kind, (Scalar, Struct)) else "{0}"
-                by_type.setdefault(self.unit.c(kind), []).append(f"{word(name)} = {zero}")
-        return [f"{INDENT}{c} {', '.join(names)};" for c, names in by_type.items()]
+        return [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {ZERO.get(kind, NOWHERE.get(type(kind), '{0}'))};"
+                for name, kind in self.kinds.names.items() if name not in left_out]
 
     def _target(self, target: ast.expr, of: ast.Assign) -> str:
         """The left side of an assignment, which declares a variable where it can."""
         if isinstance(target, ast.Name) and target.id in self.first.get(id(of), ()):
-            return f"{self.unit.c(self.kinds.names[target.id])} {word(target.id)}"
+            return typed(self.unit.c(self.kinds.names[target.id]), word(target.id))
         return self.c(target)
 
     def _temporary(self, name: str) -> str:
@@ -131,7 +179,8 @@ class Kernel:
 
     def _expr(self, node: ast.Expr, depth: int) -> None:
         if not isinstance(node.value, ast.Constant):
-            self._line(depth, f"{self.c(node.value)};")
+            unread = "" if self.kinds.of(node.value) == NOTHING else "(void)"
+            self._line(depth, f"{unread}{self.c(node.value)};")
 
     def _return(self, node: ast.Return, depth: int) -> None:
         self._line(depth, "return;" if node.value is None else f"return {self._returned(node.value)};")
@@ -144,12 +193,15 @@ class Kernel:
         return self.c.turned(value, kind)
 
     def _if(self, node: ast.If, depth: int) -> None:
-        self._line(depth, f"if ({self.c(node.test)}) {{")
+        self._line(depth, f"if ({self.c.truth(node.test)}) {{")
         self._block(node.body, depth + 1)
         rest = node.orelse
         while len(rest) == 1 and isinstance(rest[0], ast.If):
-            self._line(depth, f"}} else if ({self.c(rest[0].test)}) {{")
+            self._line(depth, f"}} else if ({self.c.truth(rest[0].test)}) {{")
             self._block(rest[0].body, depth + 1)
+            if not rest[0].orelse:  # MISRA C:2012, 15.7
+                self._line(depth, "} else {")
+                self._line(depth + 1, "/* nothing */")
             rest = rest[0].orelse
         if rest:
             self._line(depth, "} else {")
@@ -166,8 +218,7 @@ class Kernel:
         stored = _names(node.body, ast.Store)
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
-        self._refuse_reading_after(node, node.target.id)
-        end = self.c(high, ORDER + 1)
+        end = self.c(high, UNARY)
         moves = any(isinstance(each, (ast.Subscript, ast.Call)) for each in ast.walk(high))
         if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
@@ -259,7 +310,9 @@ class Kernel:
         elif not isinstance(value, (ast.Constant, ast.Name, ast.Attribute)):
             source = self._temporary("value")
             self._line(depth, f"const {kind.element.c} {source} = {self.c.turned(value, kind.element)};")
-        count = " * ".join(f"{to}.{d}" for d in DIMENSIONS[:kind.dimensions])
-        self._line(depth, f"for (int64_t {at} = 0; {at} < {count}; {at}++) {{")
+        count = ""
+        for d in DIMENSIONS[:kind.dimensions]:
+            count = f"({count}) * {to}.{d}" if " " in count else f"{count} * {to}.{d}" if count else f"{to}.{d}"
+        self._line(depth, f"for (int64_t {at} = 0; {at} < {f'({count})' if ' ' in count else count}; {at}++) {{")
         self._line(depth + 1, f"{to}.p[{at}] = {source};")
         self._line(depth, "}")

@@ -5,6 +5,7 @@ struct, handed on by its address), None and, as results, plain tuples.
 """
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -41,11 +42,21 @@ class Array:
     @property
     def loose(self) -> "Array":
         """The same, of any extents: what functions take."""
-        return Array(self.element, self.dimensions)
+        return Array(self.element, self.dimensions, constant=self.constant)
 
     @property
     def c(self) -> str:
-        return NAMES[self.element][self.dimensions - 1]
+        return ("Const" if self.constant else "") + NAMES[self.element][self.dimensions - 1]
+
+
+def array_types(source: str) -> str:
+    """C types of the arrays that a source names."""
+    kinds = (Array(element, dimensions, constant=constant) for element in NAMES
+             for dimensions in range(1, len(DIMENSIONS) + 1) for constant in (False, True))
+    return "".join(
+        f"typedef struct {{ {'const ' if kind.constant else ''}{kind.element.c} *p; "
+        f"{' '.join(f'int64_t {d};' for d in DIMENSIONS[:kind.dimensions])} }} {kind.c};\n"
+        for kind in kinds if re.search(rf"\b{kind.c}\b", source))
 
 
 @dataclass(frozen=True)
@@ -90,7 +101,7 @@ def kind_of(value: Any) -> Kind:
     if value is None:
         return ABSENT
     if isinstance(value, np.ndarray) and value.dtype.kind in ELEMENTS and value.ndim <= len(DIMENSIONS):
-        return Array(ELEMENTS[value.dtype.kind], value.ndim)
+        return Array(ELEMENTS[value.dtype.kind], value.ndim, constant=True)  # of a module
     if isinstance(value, tuple):
         kinds = tuple(kind_of(each) for each in value)
         return struct_of(value) if hasattr(value, "_fields") else Several(kinds)
@@ -162,7 +173,7 @@ def literal(value: Any) -> str:
         return str(int(value)) if abs(int(value)) < 2**31 else f"INT64_C({int(value)})"
     number = float(value)
     if math.isnan(number):
-        return "NAN"
+        return "(double)NAN"      # C's own is a float
     if math.isinf(number):
-        return "INFINITY" if number > 0 else "-INFINITY"
+        return "(double)INFINITY" if number > 0 else "-(double)INFINITY"
     return repr(number)

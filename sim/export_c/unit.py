@@ -15,6 +15,7 @@ from .kernel import Kernel
 from .kinds import Array, Kind, Scalar, Struct, kind_of, literal
 
 PACKAGE = "launchid_core"
+INT_MAX = 2**31 - 1    # of an enumerator
 
 
 class Unit:
@@ -82,20 +83,25 @@ class Unit:
 
     def source(self) -> str:
         """Constants, structs of results and functions."""
-        return "\n".join([*self.constants.values(), "", *self.results, *(made.source() for made in self.order)])
+        counts = [text for text in self.constants.values() if text.startswith(" ")]
+        others = [text for text in self.constants.values() if not text.startswith(" ")]
+        return "\n".join(["enum {", *counts, "};\n", *others, "", *self.results,
+                          *(made.source() for made in self.order)])
 
 
 def _definition(label: str, value: Any) -> str:
-    """Of a constant: a macro, or an array."""
+    """Of a constant: an enumerator, a macro, or an array."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < INT_MAX:
+        return f"    {label} = {int(value)},"
     if not isinstance(value, (np.ndarray, tuple)):
         number = literal(value)
-        return f"#define {label} {f'({number})' if number.startswith('-') else number}"
+        return f"#define {label} {f'({number})' if number[0] in '-(' else number}"
     array = np.array(value)
     kind = kind_of(array)
     assert isinstance(kind, Array)
     numbers = ", ".join(literal(each) for each in array.ravel())
     return (f"static const {kind.element.c} {label}_numbers[] = {{{numbers}}};\n"
-            f"static const {kind.c} {label} = {{({kind.element.c} *){label}_numbers, "
+            f"static const {kind.c} {label} = {{{label}_numbers, "
             f"{', '.join(map(str, array.shape))}}};")
 
 

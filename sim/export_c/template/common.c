@@ -12,42 +12,53 @@
 
 /* ---- arrays, and what C does otherwise than Python */
 
-typedef struct { double *p; int64_t n; } Vector;
-typedef struct { double *p; int64_t n, m; } Matrix;
-typedef struct { double *p; int64_t n, m, k; } Cube;
-typedef struct { int64_t *p; int64_t n; } Integers;
-typedef struct { int64_t *p; int64_t n, m; } IntegerMatrix;
-typedef struct { bool *p; int64_t n; } Truths;
-typedef struct { bool *p; int64_t n, m; } TruthMatrix;
+$arrays
+typedef union { double number; int64_t word; } Bits;
 
-static inline double max_double(double a, double b) { return b > a ? b : a; }
-static inline double min_double(double a, double b) { return b < a ? b : a; }
-static inline int64_t max_integer(int64_t a, int64_t b) { return b > a ? b : a; }
-static inline int64_t min_integer(int64_t a, int64_t b) { return b < a ? b : a; }
+static inline double max_double(double a, double b) { return (b > a) ? b : a; }
+
+static inline double min_double(double a, double b) { return (b < a) ? b : a; }
+
+static inline int64_t max_integer(int64_t a, int64_t b) { return (b > a) ? b : a; }
+
+static inline int64_t min_integer(int64_t a, int64_t b) { return (b < a) ? b : a; }
+
+static inline double as_real(int64_t n) { return (double)n; }
+
+static inline int64_t as_whole(double x) { return (int64_t)x; }
+
+static inline int64_t counted(bool yes)
+{
+    int64_t n = 0;
+    if (yes) {
+        n = 1;
+    }
+    return n;
+}
 
 /* a % b of Python: with the sign of b. */
 static inline int64_t modulo(int64_t a, int64_t b)
 {
     const int64_t rest = a % b;
-    return rest != 0 && (rest < 0) != (b < 0) ? rest + b : rest;
+    return ((rest != 0) && ((rest < 0) != (b < 0))) ? (rest + b) : rest;
+}
+
+/* a divided by b as Python rounds it: towards minus infinity. */
+static inline int64_t quotient(int64_t a, int64_t b)
+{
+    const int64_t towards_zero = a / b;
+    return (((a % b) != 0) && ((a < 0) != (b < 0))) ? (towards_zero - 1) : towards_zero;
 }
 
 /* Exclusive or of words: seals of what is to stay as it is. */
 static inline int64_t xor_integer(int64_t a, int64_t b)
 {
-    return (int64_t)((uint64_t)a ^ (uint64_t)b);
+    const uint64_t word = (uint64_t)a ^ (uint64_t)b;
+    return (int64_t)word;
 }
 
 static inline int64_t xor_double(int64_t seal, double x)
 {
-    int64_t word;
-    memcpy(&word, &x, sizeof word);
-    return xor_integer(seal, word);
+    const Bits bits = {.number = x};
+    return xor_integer(seal, bits.word);
 }
-
-/* a // b of Python: towards minus infinity. */
-static inline int64_t quotient(int64_t a, int64_t b)
-{
-    return a / b - (a % b != 0 && (a < 0) != (b < 0));
-}
-

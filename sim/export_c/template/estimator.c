@@ -2,27 +2,27 @@
 
 void launchid_state_reset(launchid_state *state)
 {
-    memset(state, 0, sizeof *state);
+    (void)memset(state, 0, sizeof *state);
 $initial}
 
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
-    if (state->busy) {
+    if (state->busy == LAUNCHID_BUSY_MARK) {
         state->state.counts[RING_COUNT_FIRST]++;
         return LAUNCHID_BUSY;
     }
-    state->busy = true;
+    state->busy = LAUNCHID_BUSY_MARK;
     int64_t code = $update;
     if (code == RING_RECOVERED) {
-        int64_t counted[RING_N_STATUS];
-        memcpy(counted, state->state.counts + RING_COUNT_FIRST, sizeof counted);
+        int64_t kept[RING_N_STATUS];
+        (void)memcpy(kept, &state->state.counts[RING_COUNT_FIRST], sizeof kept);
         launchid_state_reset(state);
-        code = $update;
-        memcpy(state->state.counts + RING_COUNT_FIRST, counted, sizeof counted);
+        (void)$update;
+        (void)memcpy(&state->state.counts[RING_COUNT_FIRST], kept, sizeof kept);
         code = RING_RECOVERED;
-        state->state.counts[RING_COUNT_FIRST + code - RING_BUSY]++;
+        state->state.counts[(RING_COUNT_FIRST + RING_RECOVERED) - RING_BUSY]++;
     }
-    state->busy = false;
+    state->busy = 0;
     return (launchid_status)code;
 }
 
@@ -35,7 +35,7 @@ bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchi
     const int64_t *const flag = state->state.outcome.flag;
     estimate->t_start = state->state.clock[RING_T_CLOSED];
     estimate->t_end = estimate->t_start + LAUNCHID_WINDOW;
-    estimate->valid = flag[WINDOW_STATUS] == LAUNCHID_OK;
+    estimate->valid = flag[WINDOW_STATUS] == (int64_t)LAUNCHID_OK;
     estimate->status = (launchid_estimate_status)flag[WINDOW_STATUS];
     estimate->a6 = number[WINDOW_O_A6];
     estimate->k1 = number[WINDOW_O_K1];
@@ -47,10 +47,10 @@ bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchi
     estimate->a6_bound = number[WINDOW_O_A6_BOUND];
     estimate->k1_bound = number[WINDOW_O_K1_BOUND];
     estimate->condition = number[WINDOW_O_CONDITION];
-    for (int term = 0; term < LAUNCHID_TERMS; term++) {
-        for (int equation = 0; equation < 3; equation++) {
-            estimate->xi[term][equation] = state->state.outcome.xi[term * 3 + equation];
-            estimate->support[term][equation] = state->state.outcome.support[term * 3 + equation] != 0;
+    for (int64_t term = 0; term < LAUNCHID_TERMS; term++) {
+        for (int64_t equation = 0; equation < 3; equation++) {
+            estimate->xi[term][equation] = state->state.outcome.xi[(term * 3) + equation];
+            estimate->support[term][equation] = state->state.outcome.support[(term * 3) + equation] != 0;
         }
     }
     estimate->rows = flag[WINDOW_USED];
@@ -61,5 +61,5 @@ bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchi
 
 int64_t launchid_state_count(const launchid_state *state, launchid_status status)
 {
-    return state->state.counts[RING_COUNT_FIRST + status - RING_BUSY];
+    return state->state.counts[(RING_COUNT_FIRST + (int64_t)status) - RING_BUSY];
 }

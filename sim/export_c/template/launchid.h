@@ -5,12 +5,13 @@
 
    What persists is a `launchid_state`, scratch a `launchid_work`, both owned by the caller, who may place them in
    different memory.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset,
-   memcpy and memmove are called.  One state belongs to one thread. */
+   memcpy, memmove and memcmp are called.  One state belongs to one thread. */
 
 #ifndef LAUNCHID_H
 #define LAUNCHID_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #define LAUNCHID_WINDOW $window        /* s */
@@ -85,10 +86,12 @@ typedef struct {
    persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c). */
 
 $structs
+#define LAUNCHID_BUSY_MARK INT64_C(0x5AA5C33C0FF09669)
+
 /* What persists between samples. */
 typedef struct {
 $state
-    bool busy;
+    int64_t busy;                       /* LAUNCHID_BUSY_MARK within an update: no single flipped bit makes it so */
 } launchid_state;
 
 /* Scratch: meaningless between calls; several estimators that never run at once may share it. */
@@ -130,6 +133,24 @@ typedef struct {
 
 launchid_notes launchid_state_notes(const launchid_state *state);
 
+/* ---- a state as bytes, to go on from after a restart with the same bits: those of the Python estimator's `save` */
+
+#define LAUNCHID_SAVED_BYTES ${saved_bytes}U
+
+/* Answer of `launchid_restore`; the state is as it was unless it is 0. */
+typedef enum {
+    LAUNCHID_RESTORED = 0,
+    LAUNCHID_SAVED_NOT_WHOLE = 1,       /* another number of bytes */
+    LAUNCHID_SAVED_FOREIGN = 2,         /* of something else, another version, another configuration */
+    LAUNCHID_SAVED_DAMAGED = 3,         /* its checksum does not fit */
+    LAUNCHID_SAVED_NOT_NOW = 4          /* an update is running */
+} launchid_restored;
+
+/* false, and nothing written, while an update runs. */
+bool launchid_state_save(const launchid_state *state, uint8_t saved[LAUNCHID_SAVED_BYTES]);
+
+launchid_restored launchid_state_restore(launchid_state *state, const uint8_t saved[], size_t bytes);
+
 /* ---- the same for an estimator in one place */
 
 static inline void launchid_reset(launchid_estimator *e) { launchid_state_reset(&e->state); }
@@ -152,6 +173,16 @@ static inline int64_t launchid_get_changes(launchid_estimator *e, launchid_chang
 static inline bool launchid_get_level(launchid_estimator *e, launchid_level *a6, launchid_level *k1)
 {
     return launchid_state_level(&e->state, &e->work, a6, k1);
+}
+
+static inline bool launchid_save(const launchid_estimator *e, uint8_t saved[LAUNCHID_SAVED_BYTES])
+{
+    return launchid_state_save(&e->state, saved);
+}
+
+static inline launchid_restored launchid_restore(launchid_estimator *e, const uint8_t saved[], size_t bytes)
+{
+    return launchid_state_restore(&e->state, saved, bytes);
 }
 
 static inline int64_t launchid_count(const launchid_estimator *e, launchid_status status)

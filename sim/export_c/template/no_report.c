@@ -1,13 +1,17 @@
 /* ---- what leaves beside the window's outcome: nothing, in this formulation */
 
+#define NO_NUMBER ((double)NAN)
+
 static void report_into(const launchid_state *state, launchid_work *work, launchid_estimate *estimate)
 {
     (void)state;
     (void)work;
-    estimate->tracked = (launchid_tracked){false, NAN, NAN, NAN, NAN, NAN};
-    estimate->wind = estimate->wind_std = NAN;
-    for (int k = 0; k < LAUNCHID_OFFSETS; k++) {
-        estimate->offset[k][0] = estimate->offset[k][1] = NAN;
+    estimate->tracked = (launchid_tracked){false, NO_NUMBER, NO_NUMBER, NO_NUMBER, NO_NUMBER, NO_NUMBER};
+    estimate->wind = NO_NUMBER;
+    estimate->wind_std = NO_NUMBER;
+    for (int64_t k = 0; k < LAUNCHID_OFFSETS; k++) {
+        estimate->offset[k][0] = NO_NUMBER;
+        estimate->offset[k][1] = NO_NUMBER;
     }
 }
 
@@ -23,7 +27,8 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
 {
     (void)state;
     (void)work;
-    *a6 = *k1 = (launchid_level){NAN, NAN, -1, {NAN, NAN, NAN, NAN}, true, NAN};
+    *a6 = (launchid_level){NO_NUMBER, NO_NUMBER, -1, {NO_NUMBER, NO_NUMBER, NO_NUMBER, NO_NUMBER}, true, NO_NUMBER};
+    *k1 = *a6;
     return false;
 }
 

@@ -10,9 +10,9 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
         rep->tracked[REPORT_TRACKED_CORRELATION]};
     estimate->wind = rep->air[0];
     estimate->wind_std = rep->air[1];
-    for (int k = 0; k < LAUNCHID_OFFSETS; k++) {
+    for (int64_t k = 0; k < LAUNCHID_OFFSETS; k++) {
         estimate->offset[k][0] = rep->offset[2 * k];
-        estimate->offset[k][1] = rep->offset[2 * k + 1];
+        estimate->offset[k][1] = rep->offset[(2 * k) + 1];
     }
 }
 
@@ -21,22 +21,22 @@ int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launc
     const LaunchidReport *const rep = &work->report;
     $report;
     for (int64_t k = 0; k < rep->flag[REPORT_CHANGES]; k++) {
-        const double *const of = rep->change + k * REPORT_N_CHANGE;
-        const int64_t *const kind = rep->changed + k * REPORT_N_CHANGED;
+        const double *const of = &rep->change[k * REPORT_N_CHANGE];
+        const int64_t *const kind = &rep->changed[k * REPORT_N_CHANGED];
         change[k] = (launchid_change){
-            kind[REPORT_C_PARAMETER] == 0 ? 'a' : 'k', of[REPORT_C_TIME], of[REPORT_C_TIME_STD], of[REPORT_C_BEFORE],
+            (kind[REPORT_C_PARAMETER] == 0) ? 'a' : 'k', of[REPORT_C_TIME], of[REPORT_C_TIME_STD], of[REPORT_C_BEFORE],
             of[REPORT_C_AFTER], of[REPORT_C_SIZE], of[REPORT_C_SIZE_STD], of[REPORT_C_ALARM],
             kind[REPORT_C_FINAL] != 0};
     }
     return rep->flag[REPORT_CHANGES];
 }
 
-static launchid_level level_of(const LaunchidReport *rep, int parameter)
+static launchid_level level_of(const LaunchidReport *rep, int64_t parameter)
 {
-    const double *const of = rep->level + parameter * REPORT_N_LEVEL;
-    launchid_level level = {of[REPORT_DELTA], of[REPORT_DELTA_STD], -1, {NAN, NAN, NAN, NAN},
+    const double *const of = &rep->level[parameter * REPORT_N_LEVEL];
+    launchid_level level = {of[REPORT_DELTA], of[REPORT_DELTA_STD], -1, {0.0, 0.0, 0.0, 0.0},
                             rep->raised[parameter] == 0, of[REPORT_OUT_SINCE]};
-    for (int k = 0; k < 4; k++) {
+    for (int64_t k = 0; k < 4; k++) {
         level.probability[k] = of[REPORT_PROBABILITY + k];
     }
     if (rep->flag[REPORT_HAS_LEVEL] != 0) {
@@ -51,7 +51,7 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
     $report;
     *a6 = level_of(rep, 0);
     *k1 = level_of(rep, 1);
-    return state->state.counts[RING_ESTIMATES] != 0 && rep->flag[REPORT_HAS_LEVEL] != 0;
+    return (state->state.counts[RING_ESTIMATES] != 0) && (rep->flag[REPORT_HAS_LEVEL] != 0);
 }
 
 launchid_notes launchid_state_notes(const launchid_state *state)

@@ -1,0 +1,108 @@
+"""Exported estimators that the port's tests share: configurations, flights, and the program that replays them."""
+
+import dataclasses
+import math
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid_core import Config, Sample
+from sim.effects import from_text
+from sim.export_c.program import c_files
+from sim.flight import fly
+from sim.identify import onboard_model
+from sim.nominal import load_nominal
+from sim.sections import Drift, Offsets, Wind
+from sim.uncertainty.level import ranged_model
+
+CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler here")
+WARNINGS = ("-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wshadow",
+            "-Werror")
+STRICT = ("-std=c99", *WARNINGS, "-ffp-contract=off")
+NAN = math.nan
+SHARED = Path(__file__).parent
+
+
+def built(folder: Path, config: Config, *flags: str) -> Path:
+    """The replay program of a configuration."""
+    for name, text in c_files(config).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    program = folder / "replay"
+    subprocess.run([str(CC), *STRICT, *(flags or ("-O2",)), "replay.c", "launchid.c", "-lm", "-o", str(program)],
+                   cwd=folder, check=True)
+    return program
+
+
+def as_text(samples: list[Sample]) -> str:
+    """As the port's programs read them."""
+    return "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
+
+
+def replayed(program: Path, samples: list[Sample]) -> list[str]:
+    """What the port answers."""
+    done = subprocess.run([str(program)], input=as_text(samples), capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout.splitlines()
+
+
+def filtered(name: str = "constant", ranged: bool = False, **choices) -> Config:
+    nominal = load_nominal(name)
+    model = ranged_model(nominal) if ranged else onboard_model(nominal)
+    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": "filtered", "model": model} | choices)
+
+
+ROUGH = {"wind": Wind(walk=0.005, turbulence=0.005),
+         "offsets": Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-4, nozzle_sensor_bias=1e-3,
+                            moment=1e-3),
+         "drift": Drift(np.zeros(1), np.array([0.03]), np.array([0.02]))}
+
+
+def rough(**choices) -> Config:
+    """Of the constant nominal in wind, with every offset and with drift."""
+    return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **ROUGH)), **choices)
+
+
+def regression(formulation: str, **choices) -> Config:
+    return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
+                  | choices)
+
+
+CONFIGS = {
+    "filtered": filtered(window=5.0),
+    "filtered-vega": filtered("vega_like"),
+    "filtered-range": filtered(ranged=True),
+    "filtered-vega-range": filtered("vega_like", True, window=5.0),
+    "filtered-terms": filtered(library="quadratic", window=5.0),
+    "filtered-wind": rough(window=10.0),
+    "filtered-declared": filtered(noise="declared"),
+    "measured-stls": regression("measured", compression=3),
+    "difference-sr3": regression("difference", solver="sr3", compression=2),
+    "integral-ssr": regression("integral", solver="ssr", seed=7),
+    "integral-lasso": regression("integral", solver="lasso", compression=2),
+    "filtered-functions": filtered("greensite_cr826", library="theta,beta,sign(theta_dot),cos(theta),theta*beta"),
+    "lpv": regression("integral", library="lpv", window=0.3),
+}
+
+
+def flight(name: str = "constant", suite: str = "flight", **sections) -> list[Sample]:
+    """A flight that loses control efficiency on the way."""
+    lost = from_text("control_loss:fraction=0.4,time=20")
+    return list(fly(dataclasses.replace(load_nominal(name), **sections), seed=3, suite=suite, effects=[lost]))
+
+
+def hostile(seed: int, length: int = 600) -> list[Sample]:
+    """Samples with gaps, clocks set back, stamps repeated, infinities, missing and absurd values."""
+    rng = np.random.default_rng(seed)
+    t, samples = 0.0, []
+    for _ in range(length):
+        t += float(rng.choice([0.01, 0.01, 0.01, 0.01, 0.01, 0.0, 0.5, -0.01, -3.0, 1e-9], p=[.19] * 5 + [.01] * 5))
+        values = 0.05 * rng.standard_normal(5)
+        for k in range(5):
+            if rng.random() < 0.02:
+                values[k] = rng.choice([NAN, math.inf, -math.inf, 1e300, 0.0, -0.0, 1e-310])
+        samples.append(Sample(NAN if rng.random() < 0.005 else t, *values.tolist()))
+    return samples

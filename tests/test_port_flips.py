@@ -1,0 +1,58 @@
+"""Bits of the C estimator's state flip: no crash, nothing out of bounds, and each is found, forgotten or counts only.
+
+The whole campaign, a million flips of each: `python -m pytest -m campaign tests/test_port_flips.py`.
+"""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from ported import CC, SHARED, STRICT, as_text, filtered, flight, needs_compiler, regression
+
+from launchid_core import Config
+from sim.export_c.program import c_files
+
+CHECKED = ("-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+FORGOTTEN_WITHIN = 2   # windows that close after the flip
+FLIPPED = {
+    "filtered": filtered(window=0.5, ranged=True),
+    "filtered-terms": filtered(window=0.5, library="quadratic"),
+    "integral": regression("integral", library="rigid-body", window=0.5),
+    "difference": regression("difference", library="linear", window=0.5),
+}
+
+
+def fates(folder: Path, config: Config, flips: int, flags: tuple[str, ...], seed: int = 1) -> dict[str, int]:
+    """How many flips came to what."""
+    for name, text in c_files(config).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    subprocess.run([str(CC), *STRICT, *flags, "-I.", str(SHARED / "port_flips.c"), "launchid.c", "-lm", "-o", "flips"],
+                   cwd=folder, check=True)
+    done = subprocess.run(["./flips", str(seed), str(flips)], cwd=folder, input=as_text(flight()[1700:2400]),
+                          capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return {word: int(count) for word, count in (line.split() for line in done.stdout.splitlines())}
+
+
+def assert_held(found: dict[str, int], flips: int) -> None:
+    assert found["more"] == found["little"] == 0
+    assert 1 <= found["windows"] <= FORGOTTEN_WITHIN
+    assert found["anew"] + found["same"] + found["forgotten"] + found["flagged"] == flips
+    assert min(found["anew"], found["forgotten"]) > flips // 20  # both happen
+    assert found["same"] < flips // 10                           # counters alone
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["filtered", "integral"])
+def test_a_flipped_bit_is_found_or_forgotten(name, tmp_path):
+    assert_held(fates(tmp_path, FLIPPED[name], 2000, CHECKED), 2000)
+
+
+@needs_compiler
+@pytest.mark.campaign
+@pytest.mark.parametrize(("flips", "flags"), [(1_000_000, ("-O2",)), (200_000, CHECKED)], ids=["million", "checked"])
+@pytest.mark.parametrize("name", FLIPPED)
+def test_a_million_flipped_bits(name, flips, flags, tmp_path):
+    found = fates(tmp_path, FLIPPED[name], flips, flags, seed=2)
+    print(name, found)
+    assert_held(found, flips)
