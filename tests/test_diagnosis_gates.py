@@ -5,13 +5,14 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
 from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
-from sim.diagnosis.judge.gain import CHANCE, LEAST_EXCESS, Gain
+from sim.diagnosis.judge.gain import CHANCE, LEAST_EXCESS, Gain, spans
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
 from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
@@ -147,6 +148,12 @@ def test_the_share_is_of_what_is_beyond_noise_and_of_nothing_there_is_none():
     assert two.excess == (40.0, 10.0) and two.share == 0.25
     own = replace(gained(), squared={"theta": (11.0, 3.0, 1.0, 2.0)})   # each model beside its own noise
     assert own.excess == (10.0, 0.5)
+
+
+@pytest.mark.parametrize(("a6", "longest"), [(2.0, 1.0), (9.0, 1.0), (90.0, 0.32), (-64.0, 1.0), (0.0, 1.0)])
+def test_nobody_predicts_an_unstable_vehicle_for_more_than_three_of_its_times(a6, longest):
+    """A balancing robot's own time is 0.1 s: over 1 s the error of its state grows 13,000-fold and hides all else."""
+    assert spans(SimpleNamespace(a6=np.full(3, a6))) == pytest.approx((0.1 * longest, 0.5 * longest, longest))
 
 
 def test_errors_remain_only_beyond_chance():

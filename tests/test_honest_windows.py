@@ -266,6 +266,23 @@ def test_a_beta_that_follows_its_effect_contradicts_every_window(clean):
     assert not any(e.valid for e in judged)
 
 
+def early(log: Log, rows: int) -> Log:
+    """beta so many rows before what it causes."""
+    return dataclasses.replace(log, beta=np.roll(log.beta, -rows))
+
+
+@pytest.mark.parametrize(("rows", "refused"), [(0, False), (12, True)])
+def test_a_delay_that_moves_a6_and_k1_by_more_than_they_are_known_refuses_them(clean, rows, refused):
+    """120 ms: without the gate the windows are valid, and k1 is wrong by more than its standard deviation says."""
+    log = early(clean, rows)
+    config, estimates = windows(log, 10.0)
+    assert any(e.valid for e in estimates)
+    judged, _ = judge(log, config, estimates, delay(log, config))
+    known, _ = judge(log, config, estimates, None)
+    assert any(e.valid for e in known)
+    assert [e.valid for e in judged] == [e.valid and not refused for e in known]
+
+
 def test_a_beta_that_explains_nothing_has_no_delay(clean):
     noise = dataclasses.replace(clean, beta=0.01 * np.random.default_rng(0).standard_normal(len(clean.t)))
     assert delay(noise, windows(noise, 1.0)[0]) is None
