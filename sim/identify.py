@@ -12,7 +12,7 @@ from launchid_core import Change, Config, Estimate, Estimator, Sample, Status
 
 from .believed import MODELLED, onboard_model
 from .errors import UsageError
-from .identify_fit import delay, judge, near_all
+from .identify_fit import SURE, delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
 from .shown import slow_hint, with_std
@@ -158,7 +158,7 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
     if not any(window["valid"] for window in windows):
-        lead["why"] = why(windows)
+        lead["why"] = why(windows) + _by_the_delay(lead.get("delay"))
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
@@ -181,6 +181,14 @@ def why(windows: list[dict[str, Any]]) -> str:
     counts = collections.Counter(window["status"] for window in windows)
     said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
     return f"no window of this log is valid: {'; '.join(said)}"
+
+
+def _by_the_delay(found: dict[str, float] | None) -> str:
+    """What a delay that is beyond doubt asks for."""
+    if found is None or not found["value"] > SURE * found["std"]:
+        return ""
+    lead = with_std(1e3 * found["value"], 1e3 * found["std"])
+    return f"; beta leads what it causes by {lead} ms: log it so much later"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:

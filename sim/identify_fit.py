@@ -25,6 +25,7 @@ from launchid_core import Config, Estimate, EstimateStatus, parse_term
 from .log import Log
 
 INCREMENT = 0.2      # s: above it sensor noise is small beside what moves, below it a loop's period is seen
+SLOPE = 0.05         # s to either side of a rate that is the attitude's slope: small beside an increment
 HELD_OUT = 3         # the last of so many parts is held out
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
 LIMIT = 1.645        # standard deviations to the upper 95 % limit
@@ -36,9 +37,11 @@ SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: p
 BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
 SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
 SURE = 3.0           # standard deviations by which beta must follow its effect, beyond
+WEAK = 1.5           # of the least squares: coefficients that leave more are drawn towards 0
 SAME_TIME = 2.0      # sample periods that stamps may be off, before no window is believed
 LEAST_ALONE = 5      # increments in a window that is judged for itself too; shorter ones by the log's sum alone
 MOST_DELAY = 0.3     # s either way
+MOVING = ("tau*theta", "tau*beta")   # what a6 and k1 that drift look like in a piece, which is no trim
 FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 STRAIGHT = 0.8       # of the squares that theta leaves: if sin(theta) leaves less, theta is the wrong term
@@ -66,14 +69,26 @@ class Rows:
 
 
 def usable(log: Log) -> Rows | None:
-    """None without a measured rate or without two increments."""
-    finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.theta_dot) & np.isfinite(log.beta)
+    """None without two increments; where no rate is measured it is the attitude's (`slope`)."""
+    finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.beta)
+    has_rate = bool(np.isfinite(log.theta_dot).any())
+    if has_rate:
+        finite &= np.isfinite(log.theta_dot)
     finite[finite] = near_all(log.t[finite], log.period)
     finite[finite] = forward(log.t[finite])
     span = max(1, round(INCREMENT / log.period))
     if np.count_nonzero(finite) < 2 * span + 2:
         return None
-    return Rows(log.t[finite], log.theta[finite], log.theta_dot[finite], log.beta[finite], span)
+    t, theta = log.t[finite], log.theta[finite]
+    rate = log.theta_dot[finite] if has_rate else slope(t, theta, max(1, round(SLOPE / log.period)))
+    return Rows(t, theta, rate, log.beta[finite], span)
+
+
+def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
+    """(n,) difference quotient of x (n,) over so many rows before and after, fewer at the ends."""
+    at = np.arange(len(t))
+    before, after = np.maximum(at - rows, 0), np.minimum(at + rows, len(t) - 1)
+    return (x[after] - x[before]) / (t[after] - t[before])
 
 
 def near_all(t: np.ndarray, period: float) -> np.ndarray:
@@ -220,30 +235,57 @@ def bent(rows: Rows, estimates: list[Estimate]) -> list[bool]:
 
 
 def misplaced(rows: Rows, estimates: list[Estimate], lead: dict[str, float] | None) -> list[bool]:
-    """Of each window, whether the delay of beta moves its a6 or k1 by more than SURE of their standard deviations: the
-    numbers are then those of another input."""
-    if lead is None or not abs(lead["value"]) > SURE * lead["std"]:
+    """Of each window, whether its a6 or k1 move by more than SURE of their standard deviations when beta is taken as
+    late as it is, or when a steady moment is allowed for that explains the log clearly better: the numbers are then
+    those of another input, or of a trim."""
+    asked = next((active_terms(e) for e in estimates if e.valid), ())
+    if not asked:
         return [False] * len(estimates)
-    late = np.interp(rows.t - lead["value"], rows.t, rows.beta)
-    return [e.valid and _moves(rows, e, late) for e in estimates]
+    late = None if lead is None or not abs(lead["value"]) > SURE * lead["std"] else \
+        np.interp(rows.t - lead["value"], rows.t, rows.beta)
+    others: list[tuple[np.ndarray, tuple[str, ...]]] = [] if late is None else [(late, ())]
+    if "1" not in asked:
+        pieces = pieces_of(rows)
+        for beta in (rows.beta,) if late is None else (rows.beta, late):
+            moving = (*asked, *(term for term in MOVING if term not in asked))
+            plain, trimmed = (sum(squares(rows, at, of, beta) for at in pieces) for of in (moving, (*moving, "1")))
+            others += [(beta, ("1",))] if trimmed < STRAIGHT * plain else []
+    return [e.valid and any(_moves(rows, e, beta, more) for beta, more in others) for e in estimates]
 
 
-def _moves(rows: Rows, estimate: Estimate, late: np.ndarray) -> bool:
-    """Another beta gives other coefficients."""
+def attenuated(rows: Rows, estimates: list[Estimate]) -> list[bool]:
+    """Of each window, whether its coefficients leave clearly more of its increments than others would: noise in the
+    regressors, or a rate that had to be made out of the attitude, draws coefficients towards 0."""
+    return [e.valid and _leaves(rows, e) for e in estimates]
+
+
+def _leaves(rows: Rows, estimate: Estimate) -> bool:
+    """More than WEAK times the squares that least squares leave."""
+    at, terms = rows.cut(estimate.t_start, estimate.t_end), active_terms(estimate)
+    _, _, y, phi = increments(rows, at, terms, rows.beta)
+    if len(y) < LEAST_ALONE * rows.span:
+        return False
+    xi = estimate.xi[estimate.support[:, 1], 1]
+    own, best = y - phi @ xi, left(phi, y)
+    return float(own @ own) > WEAK * float(best @ best)
+
+
+def _moves(rows: Rows, estimate: Estimate, beta: np.ndarray, more: tuple[str, ...]) -> bool:
+    """Another beta, or more terms, give other coefficients."""
     at, terms = rows.cut(estimate.t_start, estimate.t_end), active_terms(estimate)
     found = []
-    for beta in (rows.beta, late):
-        _, _, y, phi = increments(rows, at, terms, beta)
-        if len(y) <= len(terms):
+    for each, of in ((rows.beta, terms), (beta, (*terms, *more))):
+        _, _, y, phi = increments(rows, at, of, each)
+        if len(y) <= len(of):
             return False
-        found.append(np.linalg.lstsq(phi, y, rcond=None)[0])
+        found.append(np.linalg.lstsq(phi, y, rcond=None)[0][:len(terms)])
     by = dict(zip(terms, np.abs(found[1] - found[0]).tolist(), strict=True))
     return any(by.get(term, 0.0) > SURE * std for term, std in (("theta", estimate.a6_std), ("beta", estimate.k1_std)))
 
 
-def squares(rows: Rows, at: slice, terms: tuple[str, ...]) -> float:
+def squares(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray | None = None) -> float:
     """What the terms leave of the increments of some rows."""
-    _, _, y, phi = increments(rows, at, terms, rows.beta)
+    _, _, y, phi = increments(rows, at, terms, rows.beta if beta is None else beta)
     return float(np.sum(left(phi, y) ** 2))
 
 
@@ -278,9 +320,10 @@ def judge(log: Log, config: Config, estimates: list[Estimate],
         return estimates, [dataclasses.replace(fit, whiteness=each.whiteness if math.isfinite(each.whiteness) else None)
                            for fit, each in zip(fits, estimates, strict=True)]
     late = lead is not None and lead["value"] + SURE * lead["std"] < -SAME_TIME * config.sample_period
-    wrong = [late or vain or curved or moved or (fit.upper is not None and fit.upper < 0.0)
-             for vain, curved, moved, fit in zip(placebo(rows, estimates), bent(rows, estimates),
-                                                 misplaced(rows, estimates, lead), fits, strict=True)]
+    gates = zip(placebo(rows, estimates), bent(rows, estimates), misplaced(rows, estimates, lead),
+                attenuated(rows, estimates), fits, strict=True)
+    wrong = [late or vain or curved or moved or small or (fit.upper is not None and fit.upper < 0.0)
+             for vain, curved, moved, small, fit in gates]
     return [refused(e) if no and e.valid else e for e, no in zip(estimates, wrong, strict=True)], fits
 
 

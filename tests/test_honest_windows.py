@@ -13,10 +13,11 @@ from compiled import compiled
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status, residual
 from sim.cli import main
+from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.identify import run
-from sim.identify_fit import Fit, active_terms, delay, held_out, judge, ljung_box, usable
-from sim.log import Log, read_log, write_flight
+from sim.identify_fit import active_terms, attenuated, delay, held_out, judge, ljung_box, usable
+from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
 from sim.nominal import load_nominal
 
 PERIOD = 0.01
@@ -288,11 +289,40 @@ def test_a_beta_that_explains_nothing_has_no_delay(clean):
     assert delay(noise, windows(noise, 1.0)[0]) is None
 
 
-def test_without_a_rate_nothing_is_judged(clean):
-    log = dataclasses.replace(clean, theta_dot=np.full(len(clean.t), math.nan))
-    config, estimates = windows(log, 5.0)
-    judged, fits = judge(log, config, estimates)
-    assert judged == estimates and set(fits) == {Fit()} and delay(log, config) is None
+def test_without_a_rate_the_attitude_s_slope_judges():
+    """What moves a lot, as a test stand does: the same law, and a beta of another time has no valid window."""
+    t = np.arange(0.0, 30.0, PERIOD)
+    beta = 0.1 * np.sign(np.sin(1.3 * t) + np.sin(2.9 * t))
+    rate = np.cumsum(-7.0 * beta) * PERIOD
+    theta = np.cumsum(rate) * PERIOD
+    columns = dict.fromkeys((*REQUIRED, *OPTIONAL), np.full(len(t), math.nan)) | {"t": t, "theta": theta, "beta": beta}
+    log = Log("made", ("t", "theta", "beta"), (), **columns)
+    rows = usable(log)
+    assert rows.theta_dot[10:-10] == pytest.approx(rate[10:-10], abs=0.05)
+    assert delay(log, windows(log, 5.0)[0])["value"] == pytest.approx(0.0, abs=2.0 * PERIOD)
+    config, estimates = windows(shifted(log, 0.4), 5.0)
+    assert not any(e.valid for e in judge(shifted(log, 0.4), config, estimates)[0])
+
+
+def test_coefficients_that_leave_more_than_least_squares_are_refused(clean):
+    """Half of k1, as a rate made of a noisy attitude gives: it leaves more than 1.5 times the squares."""
+    config, (estimate,) = windows(clean, (len(clean.t) - 1) * PERIOD)
+    assert estimate.valid and attenuated(usable(clean), [estimate]) == [False]
+    weak = dataclasses.replace(estimate, xi=0.5 * estimate.xi)
+    assert attenuated(usable(clean), [weak]) == [True]
+    assert [e.status for e in judge(clean, config, [weak])[0]] == [EstimateStatus.MODEL]
+
+
+@pytest.mark.parametrize(("name", "effect", "refused"), [
+    ("constant", None, False), ("vega_like", None, False), ("constant", "steady_wind:angle=0.03", True)])
+def test_a_trim_that_the_library_lacks_refuses_windows(tmp_path, name, effect, refused):
+    """A wind of 1.7 degrees makes a6 40 % wrong; a6 and k1 that only drift are no trim."""
+    path = tmp_path / "flight.csv"
+    write_flight(path, fly_whole(load_nominal(name), 1, effects=() if effect is None else (from_text(effect),)))
+    log = read_log(path)
+    config, estimates = windows(log, (len(log.t) - 1) * PERIOD)
+    assert [e.valid for e in estimates] == [True]
+    assert [e.status == EstimateStatus.MODEL for e in judge(log, config, estimates)[0]] == [refused]
 
 
 def test_windows_without_increments_are_not_refused(clean):

@@ -14,7 +14,7 @@ BENDING_RESOLVED = 0.45     # rad a step, of the same
 LOWEST_BENDING = 6.0        # rad/s
 BENDING_PER_E = 6.0         # frequencies tried in a factor e
 START_DAMPING = 0.05        # broad enough for a coarse grid of frequencies
-DAMPING = Free("damping_ratio", 0.1, 0.002, 0.5, logarithmic=True)  # beyond it a mode is a filter for anything
+DAMPING = Free("damping_ratio", 0.1, 0.002, 0.2, logarithmic=True)  # beyond it a mode is a filter for anything
 FASTEST_DRIFT = 1.0         # 1/s: lift and thrust turn a launcher's path with some 0.05 1/s
 DRIFT_STEP = 1e-5           # 1/s: of a vehicle in trim the nozzle's part is like the angle's, and slopes so alike must
                             # not differ by what is not proportional (gamma turns the angle: 1e-3 1/s times half a log)
@@ -54,7 +54,7 @@ CAUSES = (
     Hypothesis("thrust_misalignment", (size("angle", 1e-4),), 0.0, "the thrust is {angle} off the nozzle's axis",
                decides=(("attitude_bias", ANOTHER_PROFILE),)),
     Hypothesis("slosh", (size("coupling", 0.005, -0.8, 5.0),
-                         Free("frequency", 2e-3, 0.2, 60.0, logarithmic=True),  # faster, it is no liquid
+                         Free("frequency", 2e-3, 0.2, 25.0, logarithmic=True),  # faster, it is no liquid
                          DAMPING), 0.0,
                "propellant sloshes at {frequency} (coupling {coupling}, damping ratio {damping_ratio})",
                _slosh, limit_at=lambda record: (4.0, 0.02), is_mode=True, may_repeat=True),

@@ -70,6 +70,14 @@ class Gain:
                    for name, (_, extended, _, noise) in self.squared.items())
 
     @property
+    def is_worse(self) -> bool:
+        """The extended model's squared errors, summed over the channels beside the nominal's, exceed them by more than
+        chance, whatever its noise allows: likelihood bought with noise is no prediction."""
+        worse = sum(extended / nominal - 1.0 for nominal, extended, _, _ in self.squared.values() if nominal > 0.0)
+        chance = sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared)
+        return worse > CHANCE * math.sqrt(chance)
+
+    @property
     def excess(self) -> tuple[float, float]:
         """By how much the squared errors of nominal and extended model exceed what noise gives, over that, summed over
         the channels."""

@@ -14,6 +14,7 @@ from ..search.selection import TOLD_APART, Model, Ranked, Selection, Weather, pe
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
+SCALE = "scale"        # of what is multiplied
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 
@@ -181,6 +182,10 @@ def _chi_squared(named: Named) -> float:
 def undetermined(each: Named, began: float, ended: float) -> list[str]:
     """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
+    size, std = each.values.get(SCALE), each.std.get(SCALE, 0.0)
+    if isinstance(size, float) and abs(size) < SIGNIFICANT * std:
+        found.append(f"{each.cause}: a scale of {size:.2g} +- {std:.2g} is none: the log does not follow that input, "
+                     "as where it is of another time")
     frequency, time = each.values.get("frequency"), each.values.get("time")
     if isinstance(frequency, float):
         if each.std["frequency"] > UNTOLD * frequency:
