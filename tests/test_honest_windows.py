@@ -292,7 +292,7 @@ def test_a_beta_that_explains_nothing_has_no_delay(clean):
 def test_without_a_rate_the_attitude_s_slope_judges():
     """What moves a lot, as a test stand does: the same law, and a beta of another time has no valid window."""
     t = np.arange(0.0, 30.0, PERIOD)
-    beta = 0.1 * np.sign(np.sin(1.3 * t) + np.sin(2.9 * t))
+    beta = np.repeat(np.random.default_rng(2).choice([-0.1, 0.0, 0.1], 60), 50)
     rate = np.cumsum(-7.0 * beta) * PERIOD
     theta = np.cumsum(rate) * PERIOD
     columns = dict.fromkeys((*REQUIRED, *OPTIONAL), np.full(len(t), math.nan)) | {"t": t, "theta": theta, "beta": beta}
