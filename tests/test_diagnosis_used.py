@@ -8,7 +8,7 @@ import pytest
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.issued import is_slow
 from sim.diagnosis.data.check import check
-from sim.diagnosis.data.used import SLOWEST, coarser, cut, sparser, thinned, used
+from sim.diagnosis.data.used import SLOWEST, coarser, cut, shortened, sparser, thinned, used
 from sim.diagnosis.model.noise import declared, first_filter
 from sim.diagnosis.model.point import Point, innovations
 from sim.flight import fly_whole
@@ -84,6 +84,12 @@ def test_a_large_log_is_thinned_and_then_cut():
     assert made.rows == 100 and made.period == pytest.approx(SLOWEST)
     assert said.every == 2 and said.end - said.begin == pytest.approx(99 * SLOWEST)
     assert "100 rows are fitted, one in 2 from" in said.words
+
+
+def test_a_log_that_is_too_long_even_thinned_is_cut_before_anything_is_computed():
+    r = as_record(0.01)
+    assert shortened(r, most=100).rows == 200     # to be thinned to every second
+    assert shortened(r, most=300) is r and used(shortened(r, most=100), r.t, most=100)[0].rows == 100
 
 
 def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():

@@ -417,6 +417,7 @@ def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(verdict, "record", lambda *given: "record")
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
     monkeypatch.setattr(verdict, "sparser", lambda data, *given: data)
+    monkeypatch.setattr(verdict, "shortened", lambda r: r)
     monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
     monkeypatch.setattr(verdict, "on_another", lambda r, model, nominal, controller: r)
     measure = verdict._measure(Diagnosis(None, None, None), LOG)

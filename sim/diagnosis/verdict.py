@@ -16,7 +16,7 @@ from .controller.issued import is_slow, with_commands
 from .controller.kind import FILTER, ControllerCheck
 from .data.check import check
 from .data.record import THETA_DOT, Record
-from .data.used import sparser, used
+from .data.used import shortened, sparser, used
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
 from .judge.gain import Gain, held_out, on_another, removed
@@ -98,7 +98,7 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
         made.verdict = "consistent"  # nothing is wrong that so short a log could show, and the limits say none could
         made.limits = tuple(unseen())
         return made
-    r, made.controller = with_commands(r, NominalFollower())
+    r, made.controller = with_commands(shortened(r), NominalFollower())
     r, made.used = used(r, made.log.t[made.data.usable])
     made.record = r
     if bootstrap > 0:
@@ -166,7 +166,8 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     def second() -> Record:
         assert holdout is not None
         data = sparser(check(holdout, nominal), holdout.t, nominal)
-        return used(with_commands(record(holdout, nominal, data), NominalFollower())[0], holdout.t)[0]
+        r = shortened(record(holdout, nominal, data))
+        return used(with_commands(r, NominalFollower())[0], holdout.t)[0]
 
     return lambda selection: on_another(second(), selection.model, _before(selection), made.controller)
 

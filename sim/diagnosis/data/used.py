@@ -50,6 +50,14 @@ def _every(rows: int, period: float, most: int) -> int:
     return max(1, min(math.ceil(rows / most), math.floor(SLOWEST / period + 1e-9)))
 
 
+def shortened(record: Record, most: int = MOST) -> Record:
+    """As long as a log may be that will be thinned, so that nothing is computed for rows that are not used."""
+    if record.rows <= most:
+        return record
+    longest = most * _every(record.rows, record.period, most)
+    return cut(record, longest) if record.rows > longest else record
+
+
 def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
