@@ -59,7 +59,8 @@ def test_a_clean_flight_is_consistent():
     result = found(seed=7)
     assert (result["verdict"], result["where"], result["causes"], result["gain"]) == ("consistent", None, [], None)
     assert not any(level["significant"] for level in result["noise"].values())
-    assert 0.0003 < result["limits"]["actuator_delay"]["size"] < 0.001
+    assert result["limits"]["actuator_delay"]["size"] == NOMINAL.diagnosis.timing   # what it leaves open
+    assert 3e-5 < result["limits"]["gyro_bias"]["size"] < 1e-4   # rad/s
     json.dumps(result, allow_nan=False)
 
 
