@@ -1,7 +1,6 @@
 """The diagnosis of one log: through the rooms in their order, and the verdict."""
 
 import functools
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,6 +13,7 @@ from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import is_slow, with_commands
 from .controller.kind import FILTER, ControllerCheck
+from .data import clock
 from .data.check import check
 from .data.record import THETA_DOT, Record
 from .data.used import shortened, sparser, used
@@ -69,7 +69,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     noise         how far levels may be from the declared: "bounded", "declared" or "free"
     """
     say("data check")
-    until = time.monotonic() + SEARCHED * nominal.diagnosis.time_limit
+    until = clock.now() + SEARCHED * nominal.diagnosis.time_limit
     data = check(log, nominal)
     made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
     if not all(fault.kind in MASKED for fault in data.faults):

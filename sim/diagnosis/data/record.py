@@ -9,7 +9,6 @@ Assumptions: the first row is at a controller tick; stamps jitter by less than h
 
 import functools
 import math
-import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from ...flight import CLOCK_DIGITS
 from ...log import Log
 from ...nominal import Nominal
 from ...sections import Actuator
+from . import clock
 from .channels import MEASURED as CHANNELS
 from .check import DataCheck
 from .world import CALM, World, world_of
@@ -58,7 +58,7 @@ class Record:
     at          (n,) steps from the first row to each;  fine  ticks a row that stand for one command (jittered logs)
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
-    until       [s] of the monotonic clock, when the search of its causes has to end
+    until       [s] of `clock.now`, when the search of its causes has to end
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
@@ -100,8 +100,8 @@ class Record:
 
     @property
     def is_late(self) -> bool:
-        """The time for its search is over (monotonic clock)."""
-        return time.monotonic() > self.until
+        """The time for its search is over."""
+        return clock.now() > self.until
 
     @property
     def period(self) -> float:
