@@ -202,9 +202,10 @@ def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path
     figure = identification.residuals()
     assert "autocorrelation" in figure.axes[1].get_title(loc="left")
     assert any("own window: fit" in text for text in labels(figure.axes[-1]))
-    with pytest.raises(InputError, match="theta_dot"):
-        rs.residuals(replace(identification.log, theta_dot=np.full(len(identification.log.t), np.nan)),
-                     identification.estimates)
+    blind = replace(identification.log, theta_dot=np.full(len(identification.log.t), np.nan))
+    assert rs.residuals(blind, identification.estimates).predicted   # of the attitude's slope
+    with pytest.raises(InputError, match="theta and beta over more"):
+        rs.residuals(replace(blind, theta=blind.theta_dot), identification.estimates)
     with pytest.raises(InputError, match="no window has a fit"):
         rs.residuals(identification.log, [])
 

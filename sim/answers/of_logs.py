@@ -55,7 +55,7 @@ class Identification(Answer):
         return identify_figure(self.log, self.report, self.nominal)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
-        """What the windows leave, whether it is white, and what they predict over horizons; needs theta_dot."""
+        """What the windows leave, whether it is white, and what they predict over horizons."""
         found = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
 
         def figure() -> "Figure":

@@ -81,12 +81,12 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
     """Of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual is what shows it.
 
     nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
-    the log has no theta_dot
+    the log is too short.  A rate that is not measured is the attitude's slope
     """
     rows = usable(log)
     if rows is None:
-        raise InputError(f"{log.path}: residuals need a measured theta_dot over more than {2.0 * INCREMENT:g} s, which "
-                         "the log lacks")
+        raise InputError(f"{log.path}: residuals need theta and beta over more than {2.0 * INCREMENT:g} s, which the "
+                         "log lacks")
     valid = [estimate for estimate in estimates if estimate.valid]
     if not valid:
         raise InputError(f"{log.path}: no window has a fit, so there are no residuals; expected a log that identify, "

@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     add_outputs(sub, plot=True)
     sub.add_argument("--resid", metavar="PATH",
                      help="draw what the windows leave, whether it is white, and their predictions 0.1, 0.5 and 1 s "
-                          "ahead, with their fits, into a .png, .svg or .pdf; needs theta_dot (default: none)")
+                          "ahead, with their fits, into a .png, .svg or .pdf (default: none)")
     sub.set_defaults(run=run)
 
 

@@ -18,7 +18,7 @@ from ..model.nuisance import DEVIATION_STEPS, Problem, within_sign
 from ..model.point import DEVIATIONS, Point
 
 ITERATIONS = 12
-LATE = 2               # iterations when the time for the search is over: the judge begins where the search ended
+LATE = 1               # iterations when the time for the search is over: the judge begins where the search ended
 SMALL_GAIN = 0.02      # nats that a further step must promise; and of what it promised, the part it must keep
 FIRST_DAMPING = 1e-4   # of the curvature
 LEAST_DAMPING = 1e-9

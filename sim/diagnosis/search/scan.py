@@ -73,6 +73,8 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
     for hypothesis in hypotheses:
         if not hypothesis.visible(problem.record):
             continue
+        if found and problem.record.is_late:
+            break
         if hypothesis.is_line:
             found += [Candidate(hypothesis, values, gain) for values, gain in lines(problem, base)]
             continue
