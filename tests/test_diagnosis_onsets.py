@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.diagnosis.causes import RECORDS
+from sim.diagnosis.causes import RECORDS, Cause
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.model.noise import declared, first_filter
@@ -73,3 +73,13 @@ def test_a_log_too_short_for_an_onset_has_none():
     short = dataclasses.replace(problem.record, z=problem.record.z[:350], at=problem.record.at[:350])
     part = Problem(short, first_filter(short, declared(short)))
     assert sharpest(part, fit(part, (), np.zeros(DEVIATIONS), iterations=0), False) == []
+
+
+def test_when_time_is_over_a_fit_takes_one_step_and_a_scan_keeps_what_it_has():
+    problem, base = posed(None, "moment_step:acceleration=0.2,time=7.23")
+    late = Problem(dataclasses.replace(problem.record, until=-np.inf), problem.filter)
+    start = (Cause(RECORDS["moment_step"], (0.05, 7.0)),)
+    whole, step = (fit(each, start, np.zeros(DEVIATIONS)) for each in (problem, late))
+    assert base.cost > step.cost > whole.cost + 1.0
+    asked = tuple(RECORDS[name] for name in ("aero_damping", "thrust_misalignment", "gyro_bias"))
+    assert len(scan(late, base, asked)) == 1 < len(scan(problem, base, asked))
