@@ -164,6 +164,21 @@ def test_errors_remain_only_beyond_chance():
     assert measure.of_gain(gained(share=INSIDE * chance / 2.0, excess=2.0), EXPLAINED)   # of more of them
 
 
+@pytest.mark.parametrize(("extended", "worse"), [(0.9, False), (1.4, False), (1.6, True)])
+def test_likelihood_that_is_bought_with_noise_predicts_nothing(extended, worse):
+    """Squared errors of 50 horizons, 1.5 times the nominal's beyond chance: the noise that the model allows is no
+    excuse."""
+    gain = Gain((0.0, 1.0), 50.0, {1.0: {}}, {"theta": (1.0, extended, 1.0, 9.0)}, None, "", {"theta": 50.0})
+    assert gain.is_worse == worse
+    assert any("worse than the nominal's" in words for words in measure.of_gain(gain, DOMINANT)) == worse
+
+
+def test_a_scale_that_is_nothing_is_no_cause():
+    said = [undetermined(replace(cause("actuator_gain"), values={"scale": 0.0125}, std={"scale": std}), *SPAN)
+            for std in (0.018, 0.002)]
+    assert "does not follow that input" in said[0][0] and said[1] == []
+
+
 # ---- noise
 
 

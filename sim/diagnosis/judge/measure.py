@@ -110,7 +110,7 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     if not gain.nats > 0.0:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
     if gain.is_worse:
-        return ["on data left out of the fit the predictions over 1 s are worse than the nominal's"]
+        return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
         return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over 1 s remain (at most "
                 f"{100 * bounds.share:.0f} %)"]

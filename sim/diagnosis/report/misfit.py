@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..data.record import CHANNELS
 from ..judge.closed_loop import rms
 from ..judge.diagnosis import Diagnosis
-from ..judge.gain import SETTLED, SPACING, Trained, spans, within
+from ..judge.gain import SPACING, Trained, settling, spans, within
 from ..model.point import prediction_errors
 from ..search.selection import Model
 from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, SYMBOLS, UNITS, axes_of, mark_times
@@ -51,7 +51,7 @@ def misfit(made: Diagnosis) -> Figure | None:
     models, record = predicted(made), made.record
     rows, ahead = max(1, round(SPACING / record.period)), max(1, round(spans(record)[-1] / record.period))
     start = rows * np.arange(len(models[0].error))
-    inside = (start + ahead < record.rows) & (start * record.period >= min(SETTLED, 0.25 * record.rows * record.period))
+    inside = (start + ahead < record.rows) & (start * record.period >= settling(record))
     start = start[inside]
     change = record.z[start + ahead] - record.z[start]
     errors = [model.error[inside] for model in models]
