@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import extending
 from numba.core import cgutils, types
-from numba.np.arrayobj import populate_array
 
 _extending: Any = extending  # typed by numba only in part
 
@@ -22,6 +21,8 @@ _extending: Any = extending  # typed by numba only in part
 @_extending.intrinsic
 def _piece(typing, buffer, at, shape):
     """Array of this shape from `at` on; numba's own slices compile ten times as long."""
+    from numba.np.arrayobj import populate_array  # here: numba takes 50 ms for it, which an import need not wait for
+
     made = types.Array(buffer.dtype, len(shape), "C")
 
     def build(context, builder, signature, arguments):
