@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, K1
+from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2, take3
 from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
@@ -130,7 +131,7 @@ def follow_onset(state, slot, kind, pair, dt):
         variance, share = measure(mean, covariance, pair[i, n] - past_a, pair[i, n + 1] - past_k, z)
         volume *= variance
         square += share
-    return -0.5 * (math.log(volume) + square)
+    return -0.5 * (log_of(volume) + square)
 
 
 @once
@@ -175,7 +176,7 @@ def onset_time(state, kind, best, dt):
     reference = state.start[(state.counts[NEXT] - 1) % ONSETS]
     for back in range(state.counts[KEPT]):
         slot = (state.counts[NEXT] - 1 - back) % ONSETS
-        w = math.exp(state.factor[slot, kind] - best)
+        w = exp_of(state.factor[slot, kind] - best)
         age = state.start[slot] - reference
         norm += w
         mean += w * age

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, GYRO_SCALE, K1, OFFSET, SATURATION
+from .elementary import exp_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
@@ -278,7 +279,7 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
         if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[SATURATION + channel]:
             continue
         z = measured(belief, row, channel)
-        r = belief.variance[channel] * np.exp(2.0 * fil.level[channel])
+        r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
         partner = belief.partner[channel]
         if is_outlier(fil, channel, partner, z, r):
             continue

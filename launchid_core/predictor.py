@@ -51,6 +51,7 @@ from .belief import (
     air_at,
     profile_at,
 )
+from .elementary import exp_of
 from .kernels import inner, once, shared
 from .library import MAX_POWER, N_VARIABLES, library_row
 from .memory import take, take2, take3
@@ -258,7 +259,7 @@ def set_step(constant, h, work, step):
         scale = 1.0 / w if j == 1 else 1.0
         step[J1 + j] = total[1, 2 + j] * scale
         step[J2 + j] = total[0, 2 + j] * scale
-    step[KEEP] = np.exp(-h / constant[TURBULENCE_TIME])
+    step[KEEP] = exp_of(-h / constant[TURBULENCE_TIME])
 
 
 @inner
@@ -268,7 +269,7 @@ def spread_at(belief, fil, j, t):
     at = belief.level[j]
     if at < 0:
         return variance
-    factor = np.exp(2.0 * fil.level[at])
+    factor = exp_of(2.0 * fil.level[at])
     if belief.role[j] == WALK:
         return variance + factor * belief.variance[at] * max(t - fil.time[FIRST], 0.0)
     return factor * variance
@@ -301,7 +302,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
         if belief.role[j] == TURBULENCE:
             fil.sp[belief.level[j], k, k] = 2.0 * fil.p[k, k]
     for i in range(N_CHANNELS):
-        variance = belief.variance[i] * np.exp(2.0 * fil.level[i])
+        variance = belief.variance[i] * exp_of(2.0 * fil.level[i])
         fil.p[i, i] = variance
         fil.sp[i, i, i] = 2.0 * variance
         k = belief.partner[i]
@@ -500,7 +501,7 @@ def step_input(belief, fil, command):
     share of the step in which it may not be, it is uncertain by its whole change.
     """
     u = delayed_input(belief.constant, fil)
-    variance = belief.variance[COMMAND_NOISE] * np.exp(2.0 * fil.level[COMMAND_NOISE])
+    variance = belief.variance[COMMAND_NOISE] * exp_of(2.0 * fil.level[COMMAND_NOISE])
     if np.isnan(u):
         u = fil.x[2]
         variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
@@ -521,7 +522,7 @@ def predict(belief, fil, work, t, command, gamma):
     air = follow_path(belief, fil, h, gamma)
     drive_terms(belief, fil, work, a6, k1, u, air)
     fill_push(belief, a6, k1, work.push)
-    acceleration_variance = belief.variance[ACCELERATION_NOISE] * np.exp(2.0 * fil.level[ACCELERATION_NOISE])
+    acceleration_variance = belief.variance[ACCELERATION_NOISE] * exp_of(2.0 * fil.level[ACCELERATION_NOISE])
     believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[A6]), k1 * (1.0 + fil.p_bar[K1])
     f, g = work.transition, work.transition
     fill_transition(fil, f, believed_a6, believed_k1, belief.role, work.push)
@@ -602,7 +603,7 @@ def add_wind(belief, fil, gamma_variance):
         k, at = N_STATES + j, belief.level[j]
         if at < 0:
             continue
-        q = belief.variance[at] * np.exp(2.0 * fil.level[at])
+        q = belief.variance[at] * exp_of(2.0 * fil.level[at])
         q *= h if belief.role[j] == WALK else 1.0 - keep * keep
         fil.p[k, k] += q
         fil.sp[at, k, k] += 2.0 * q

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .elementary import exp_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows
 from .memory import take, take2
@@ -62,7 +63,7 @@ def absorb_structure(r, triangle, first, scratch, dt):
     triangle (n, n) in  columns from `first` on belong to the terms, the last to the right-hand side; the state is known
     """
     n, rows = r.shape[0], triangle.shape[0]
-    fade = math.exp(-0.5 * dt / MEMORY)
+    fade = exp_of(-0.5 * dt / MEMORY)
     for i in range(n):
         for j in range(n):
             r[i, j] *= fade

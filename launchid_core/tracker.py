@@ -12,12 +12,12 @@ A block's data reach the bank as two scalar measurements with unit noise, the
 rows of its square-root information.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, K1
+from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2, take3
 
@@ -90,7 +90,7 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
 @once
 def move(mean, covariance, walk, slope, dt):
     """Time update of one member over dt [s]."""
-    keep = math.exp(-dt / SLOPE_TIME)
+    keep = exp_of(-dt / SLOPE_TIME)
     for i in range(2):
         mean[i] += dt * mean[2 + i]
         mean[2 + i] *= keep
@@ -119,7 +119,7 @@ def absorb(mean, covariance, column, h0, h1, z):
         mean[i] += gain * e
         for j in range(4):
             covariance[i, j] -= gain * column[j]
-    return -0.5 * (math.log(variance) + e * e / variance)
+    return -0.5 * (log_of(variance) + e * e / variance)
 
 
 @shared
@@ -131,7 +131,7 @@ def mix(state):
         best = max(best, state.evidence[i])
     norm = 0.0
     for i in range(b):
-        state.weight[i] = math.exp(state.evidence[i] - best)
+        state.weight[i] = exp_of(state.evidence[i] - best)
         norm += state.weight[i]
     total = state.total
     total[:] = 0.0
@@ -156,7 +156,7 @@ def track(state, work, memory, dt, block):
     block  (3, 3) in its square-root information about (a6, k1), right-hand side last
     Returns the block's log predictive density, but for a constant.
     """
-    fade = math.exp(-dt / memory)
+    fade = exp_of(-dt / memory)
     best = -np.inf
     for i in range(state.mean.shape[0]):
         mean, covariance = state.mean[i], state.covariance[i]
@@ -168,6 +168,6 @@ def track(state, work, memory, dt, block):
         best = max(best, density)
     total = 0.0
     for i in range(state.mean.shape[0]):
-        total += state.weight[i] * math.exp(work.density[i] - best)
+        total += state.weight[i] * exp_of(work.density[i] - best)
     mix(state)
-    return best + math.log(total)
+    return best + log_of(total)

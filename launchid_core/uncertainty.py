@@ -21,6 +21,7 @@ import numpy as np
 
 from .belief import A6, K1, profile_at
 from .changes import E_TIME, EVENTS, MAX_EVENTS
+from .elementary import erfc_of
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .tracker import MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
@@ -93,7 +94,7 @@ def restart_gauge(gauge: Gauge) -> None:
 @inner
 def below(edge, mean, std):
     """Probability that a normal is below `edge`."""
-    return 0.5 * math.erfc((mean - edge) / (std * math.sqrt(2.0)))
+    return 0.5 * erfc_of((mean - edge) / (std * math.sqrt(2.0)))
 
 
 @inner

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .changes import ONSETS
+from .elementary import erfc_of, exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import N_NOISES
@@ -101,7 +102,7 @@ def note_innovation(check, channel, e, for_a6, for_k1):
 @inner
 def quiet(level):
     """Share of the declared noise where there is less: what hides in the declared noise contradicts nothing."""
-    return math.exp(min(level, 0.0))
+    return exp_of(min(level, 0.0))
 
 
 @once
@@ -141,7 +142,7 @@ def take_block(check, dt):
     slot = check.flag[OLDEST]
     check.flag[OLDEST] = (slot + 1) % ONSETS
     check.flag[WAITING] -= 1
-    fade = math.exp(-dt / CHECK_MEMORY)
+    fade = exp_of(-dt / CHECK_MEMORY)
     weight = fade * fade * check.number[WEIGHT] + 1.0
     check.number[WEIGHT] = weight
     statistic = 0.0
@@ -175,7 +176,7 @@ def contradict(check, t):
 def note_loss(check, t):
     """The filter begins anew at t [s] because it had lost the sensors; often is a fault of the model."""
     since = t - check.number[LAST_LOSS]
-    kept = check.number[LOSSES] * math.exp(-since / CHECK_MEMORY) if since >= 0.0 else 0.0
+    kept = check.number[LOSSES] * exp_of(-since / CHECK_MEMORY) if since >= 0.0 else 0.0
     check.number[LOSSES], check.number[LAST_LOSS] = kept + 1.0, t
     if kept + 1.0 > MANY_LOSSES:
         contradict(check, t)
@@ -233,6 +234,6 @@ def forget_blocks(check):
 def likelihood_of_chance(check):
     """p-value of the statistic: a chi square of FREEDOM, by the cube root (Wilson & Hilferty, PNAS 17, 1931)."""
     share = 2.0 / (9.0 * FREEDOM)
-    root = math.exp(math.log(max(check.number[STATISTIC] / MEAN_STATISTIC, SMALLEST)) / 3.0)
+    root = exp_of(log_of(max(check.number[STATISTIC] / MEAN_STATISTIC, SMALLEST)) / 3.0)
     z = (root - 1.0 + share) / math.sqrt(share)
-    return 0.5 * math.erfc(z / math.sqrt(2.0))
+    return 0.5 * erfc_of(z / math.sqrt(2.0))

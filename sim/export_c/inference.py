@@ -25,7 +25,8 @@ from .kinds import (
 PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
-SEALS = ("xor_double", "xor_integer")  # exclusive or of words, written in C by hand
+BY_HAND: dict[str, Kind] = {  # written in C by hand: exclusive or of words, powers of two
+    "xor_double": INTEGER, "xor_integer": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER, "scaled": FLOAT}
 
 
 def of_module(node: ast.expr) -> bool:
@@ -222,7 +223,9 @@ class Inference:
             return TRUTH
         if of_module(node.func) or name == "float":
             return FLOAT
-        if name in ("int", "len", *SEALS):
+        if name in BY_HAND:
+            return BY_HAND[name]
+        if name in ("int", "len"):
             return INTEGER
         kinds = tuple(loosened(self.of(argument)) for argument in node.args)
         if name in ("min", "max", "abs"):

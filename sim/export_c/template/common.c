@@ -62,3 +62,23 @@ static inline int64_t xor_double(int64_t seal, double x)
     const Bits bits = {.number = x};
     return xor_integer(seal, bits.word);
 }
+
+/* x is fraction_of(x) 2^exponent_of(x), the fraction from 0.5 to 1. */
+static inline double fraction_of(double x)
+{
+    int power = 0;
+    return frexp(x, &power);
+}
+
+static inline int64_t exponent_of(double x)
+{
+    int power = 0;
+    (void)frexp(x, &power);
+    return (int64_t)power;
+}
+
+/* x 2^n, rounded once. */
+static inline double scaled(double x, int64_t n)
+{
+    return ldexp(x, (int)n);
+}
