@@ -134,10 +134,9 @@ def test_of_lines_the_one_that_passes_its_limit_by_most_and_of_shapes_the_best_o
 
 def sizes_searched(monkeypatch, gain):
     """`_best_size` of a log whose disturbance of log-size x gains this much."""
-    def likelihood(levels, disturbance=None):
-        return 0.0 if disturbance is None else gain(math.log(disturbance.std))
-
-    monkeypatch.setattr(leftover_module, "_refilter", lambda *given: SimpleNamespace(log_likelihood=likelihood))
+    refilter = SimpleNamespace(log_likelihood=lambda levels: 0.0, with_sizes=lambda levels, place, sizes, tau: np.array(
+        [gain(math.log(size)) for size in sizes]))
+    monkeypatch.setattr(leftover_module, "_refilter", lambda *given: refilter)
     model = SimpleNamespace(fit=SimpleNamespace(filter=SimpleNamespace(levels=None)))
     return leftover_module._best_size(None, model, "plant", 2.0)
 
@@ -147,11 +146,12 @@ def test_the_size_of_a_disturbance_is_sought_where_it_gains_anything(monkeypatch
     found = sizes_searched(monkeypatch, lambda x: 20.0 - 3.0 * (x - true)**2)
     assert found.gain > 19.9 and math.log(found.disturbance.std) == pytest.approx(true, abs=0.3)
     assert found.disturbance.time_constant == 2.0
-    middle = float(np.mean(np.log(leftover_module.SIZES["plant"])))
-    assert sizes_searched(monkeypatch, lambda x: 20.0 if abs(x - middle) < 1e-6 else 1.0).gain == 20.0
+    least, most = leftover_module.SIZES["plant"]
+    assert sizes_searched(monkeypatch, lambda x: 20.0 if x > math.log(0.99 * most) else 1.0).gain == 20.0
+    assert sizes_searched(monkeypatch, lambda x: 20.0 if x < math.log(1.01 * least) else 1.0).gain == 20.0
     asked = []
     sizes_searched(monkeypatch, lambda x: asked.append(x) or 0.4)
-    assert len(asked) == leftover_module.COARSE
+    assert len(asked) == leftover_module.LANES
     assert sizes_searched(monkeypatch, lambda x: -5.0).gain == 0.0
 
 
@@ -195,7 +195,7 @@ def test_a_level_is_beyond_its_limit_by_likelihood_ratio(monkeypatch, factor, cu
     monkeypatch.setattr(levels, "declared", lambda record: np.ones(5))
     at = np.log(fitted.filter.levels)
     monkeypatch.setattr(levels, "Refilter", lambda *given: SimpleNamespace(
-        log_likelihood=lambda x: -0.5 * curvature * float(np.sum((np.log(x) - at)**2))))
+        log_likelihoods=lambda x: -0.5 * curvature * np.sum((np.log(x) - at)**2, axis=1)))
     assert levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))["acceleration"]["beyond"] is beyond
 
 
@@ -207,7 +207,7 @@ def test_a_noise_level_differs_if_it_does_beyond_doubt(monkeypatch):
     monkeypatch.setattr(levels, "declared", lambda record: np.ones(5))
     at = np.log(fitted.filter.levels)
     monkeypatch.setattr(levels, "Refilter", lambda *given: SimpleNamespace(
-        log_likelihood=lambda x: -50.0 * float(np.sum((np.log(x) - at)**2))))
+        log_likelihoods=lambda x: -50.0 * np.sum((np.log(x) - at)**2, axis=1)))
     found = levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))
     assert [found[name]["significant"] for name in LEVELS] == [False, False, False, True, True]
     assert [found[name]["std"] / found[name]["factor"] for name in LEVELS] == pytest.approx([0.1] * 5)
@@ -223,6 +223,6 @@ def test_of_the_world_s_levels_the_declared_are_reported(monkeypatch):
     fitted = SimpleNamespace(record=record, innovations=None, filter=SimpleNamespace(levels=np.full(8, 2.0)))
     monkeypatch.setattr(levels, "declared", lambda record: np.ones(8))
     monkeypatch.setattr(levels, "Refilter", lambda *given: SimpleNamespace(
-        log_likelihood=lambda x: -50.0 * float(np.sum(np.log(x / 2.0)**2))))
+        log_likelihoods=lambda x: -50.0 * np.sum(np.log(x / 2.0)**2, axis=1)))
     found = levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))
     assert set(found) == {"theta", "acceleration", "declared"} and found["declared"]["factor"] == 2.0

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.diagnosis.model.ahead import horizon_variances
+from sim.diagnosis.model.lanes import LANES, likelihoods
 from sim.diagnosis.model.likelihood import likelihood, whiten
 
 stats = pytest.importorskip("scipy.stats")
@@ -113,6 +114,27 @@ def test_it_is_the_joint_gaussian_whatever_filter_made_the_innovations(seed, hel
     whiten(low, own, again)
     np.testing.assert_allclose(again, white, rtol=1e-7, atol=1e-9)
     assert run(arrays, base, base_gains, m, 0)[0] == total  # nothing written, the same number
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**20), held=st.booleans(), share=st.sampled_from([0.0, 0.3, 0.9]),
+       world=st.lists(st.sampled_from(WORLD), max_size=3))
+def test_each_of_eight_abreast_is_what_it_is_alone_to_the_bit(seed, held, share, world):
+    rng, f, q, c, r, p = system(seed, 6 if held else 5)
+    f, q, c, p = in_the_world(rng, f, q, c, p, world)
+    m, variances = len(p), np.array([0.4, 0.9]) if held else np.zeros(0)
+    resets = np.arange(ROWS) % 2 == 0 if held else np.zeros(ROWS, bool)
+    base, base_gains = rng.standard_normal((ROWS, 3)), 0.3 * rng.standard_normal((ROWS, m, 3))
+    base[rng.random((ROWS, 3)) < share] = math.nan
+    block, counts, scales = np.arange(ROWS) * BLOCKS // ROWS, rng.random(ROWS) < 0.7, rng.uniform(0.2, 5.0, (4, LANES))
+    each = [(q * a, r * b, p * d, variances * e) for a, b, d, e in scales.T]
+    totals = np.zeros((1, LANES))
+    q8, r8, p8, held8 = (np.stack([one[k].ravel() for one in each], axis=-1) for k in range(4))
+    likelihoods(f, block, q8, c, r8, p8, resets, held8, base, base_gains, counts, totals)
+    alone = [likelihood(f, block, own_q, c, own_r, own_p.copy(), resets, held_variances, base, base_gains, counts,
+                        np.zeros((0, m, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
+             for own_q, own_r, own_p, held_variances in each]
+    assert totals[0].tolist() == alone
 
 
 def test_a_log_without_measurements_has_no_information():

@@ -5,9 +5,12 @@
 * ``forceinline=True``: handing a `Vehicle` of twenty arrays to a function costs more than the step.
 * ``_nrt=False``: without numba's run time no array's references are counted, which costs as much again
   (70 s of flight: 8.5 ms with, 5.5 ms without); what would allocate does not compile.
+
+`apart` is for what several kernels call that are not run often: it stands once, and is called.
 """
 
 from launchid_core import compiled
 
 kernel = compiled()
 inner = compiled(forceinline=True, _nrt=False)
+apart = compiled(_nrt=False)

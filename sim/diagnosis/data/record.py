@@ -25,8 +25,8 @@ from .check import DataCheck
 from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
-LONGEST_STEP = 0.003     # s: Runge-Kutta 4 on a servo of 50 rad/s is then exact to 1e-4 of what it moves
-SERVO_STEP = 0.2         # rad a step, of the servo
+LONGEST_STEP = 0.005     # s: two a row at 100 Hz
+SERVO_STEP = 0.3          # rad a step of the servo: Runge-Kutta 4 is then exact to (wh)^4/120 = 7e-5 of what it moves
 FAST_SERVO = 300.0       # rad/s: of a faster one, which stands for none, only where it ends counts
 FAST_STEP = 0.6          # rad a step of it: exact to 1e-3 of its transient, which is over within 10 ms
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0

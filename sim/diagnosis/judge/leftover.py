@@ -5,12 +5,12 @@ or a line must find nothing worth its place beside them.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..data.record import Record
+from ..model.lanes import LANES
 from ..model.noise import Disturbance, Refilter, fit_levels
 from ..model.nuisance import Problem
 from ..search.scan import lines
@@ -27,11 +27,8 @@ TIME = "time"              # what stands in the shape of a drift
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
 SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
          "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
-COARSE = 5                 # sizes of a first look, evenly over the logarithm
 WORTH_A_SEARCH = 0.5       # nats of the best of them
-EVALUATIONS = 4            # of a golden-section search between its neighbours
 RELEVELLED = 2.0           # nats from which the noise levels are fitted anew beside the disturbance
-GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_dot": "sensor", "beta": "sensor"}
 
 
@@ -123,35 +120,18 @@ def _refilter(record: Record, model: Model) -> Refilter:
 
 
 def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover:
-    """The standard deviation that gains most: a coarse look, and where it gains anything a golden-section search."""
+    """The standard deviation that gains most: a coarse look, and where it gains anything a closer one."""
     levels, refilter = model.fit.filter.levels, _refilter(record, model)
     base = refilter.log_likelihood(levels)
 
-    def gain(x: float) -> float:
-        return refilter.log_likelihood(levels, Disturbance(place, math.exp(x), tau)) - base
+    def look(low: float, high: float) -> tuple[float, float, np.ndarray]:
+        """(gain, size) of the best of LANES sizes, evenly over the logarithm, and the sizes beside it."""
+        sizes = np.geomspace(low, high, LANES)
+        gains = refilter.with_sizes(levels, place, sizes, tau) - base
+        k = int(np.argmax(gains))
+        return float(gains[k]), float(sizes[k]), sizes[[max(k - 1, 0), min(k + 1, LANES - 1)]]
 
-    smallest, largest = SIZES[place]
-    grid = np.linspace(math.log(smallest), math.log(largest), COARSE)
-    looked = [gain(x) for x in grid]
-    k = int(np.argmax(looked))
-    low, high = grid[max(k - 1, 0)], grid[min(k + 1, COARSE - 1)]
-    best = looked[k], grid[k]
-    if looked[k] > WORTH_A_SEARCH:
-        best = max(best, _golden(gain, low, high))
-    return Leftover(Disturbance(place, math.exp(best[1]), tau), max(best[0], 0.0))
-
-
-def _golden(gain: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """(gain, place) of the maximum between low and high."""
-    left, right = high - GOLDEN_RATIO * (high - low), low + GOLDEN_RATIO * (high - low)
-    at_left, at_right = gain(left), gain(right)
-    for _ in range(EVALUATIONS):
-        if at_left > at_right:
-            high, right, at_right = right, left, at_left
-            left = high - GOLDEN_RATIO * (high - low)
-            at_left = gain(left)
-        else:
-            low, left, at_left = left, right, at_right
-            right = low + GOLDEN_RATIO * (high - low)
-            at_right = gain(right)
-    return max((at_left, left), (at_right, right))
+    gain, size, beside = look(*SIZES[place])
+    if gain > WORTH_A_SEARCH:
+        gain, size, _ = look(*beside)
+    return Leftover(Disturbance(place, size, tau), max(gain, 0.0))

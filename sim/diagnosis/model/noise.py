@@ -19,6 +19,7 @@ from ...vehicle import step as st
 from ..data.record import BETA, CHANNELS, THETA, THETA_DOT, Record
 from ..data.world import ATTITUDE, GYRO, NOZZLE, NOZZLE_SENSOR, WIND
 from .ahead import horizon_variances
+from .lanes import LANES, likelihoods
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
 from .point import Point, vehicle
@@ -224,6 +225,28 @@ class Refilter:
         """Of the rows that count."""
         return self._run(levels, disturbance, np.zeros((0, 1, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
+    def log_likelihoods(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> np.ndarray:
+        """(k,) of the rows that count, of each row of levels (k, 5 + the world's)."""
+        return self._abreast([(own, disturbance) for own in levels])
+
+    def with_sizes(self, levels: np.ndarray, place: str, sizes: np.ndarray, time_constant: float) -> np.ndarray:
+        """(k,) of the rows that count, of levels (5 + the world's,) with a disturbance of each size (k,)."""
+        return self._abreast([(levels, Disturbance(place, float(size), time_constant)) for size in sizes])
+
+    def _abreast(self, sets: list[tuple[np.ndarray, Disturbance | None]]) -> np.ndarray:
+        """(k,) of sets that differ in variances alone, LANES at a time; of one alone the other kernel is faster."""
+        if len(sets) == 1:
+            return np.array([self.log_likelihood(*sets[0])])
+        totals = np.zeros((-(-len(sets) // LANES), LANES))
+        for k in range(len(totals)):
+            lanes = sets[k * LANES:(k + 1) * LANES]
+            each = [self._matrices(*one) for one in lanes + lanes[:1] * (LANES - len(lanes))]
+            q, p, held = (np.stack([matrices[j].ravel() for matrices in each], axis=-1) for j in (1, 3, 4))
+            r = np.stack([levels[:3]**2 for levels, _ in lanes + lanes[:1] * (LANES - len(lanes))], axis=-1)
+            likelihoods(each[0][0], self.dyn.block, q, each[0][2], r, p, self.dyn.resets, held, self.base,
+                        self.base_gains, self.counts, totals[k:k + 1])
+        return totals.ravel()[:len(sets)]
+
     def filter(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> "Filter":
         """Its gains and whitening."""
         n, m, modes, world = self.record.rows, self.dyn.f.shape[1], self.dyn.modes, self.record.world
@@ -338,19 +361,19 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     wide = np.where(most / least > WIDE, WIDE_PRIOR, PRIOR)
     refilter = Refilter(record, dyn, base, of, counts)
 
-    def value(x: np.ndarray) -> float:
-        return refilter.log_likelihood(reference * np.exp(x), disturbance) - 0.5 * float(np.sum((x / wide)**2))
+    def values(x: np.ndarray) -> np.ndarray:
+        return refilter.log_likelihoods(reference * np.exp(x), disturbance) - 0.5 * np.sum((x / wide)**2, axis=1)
 
     x = np.clip(np.log(start / reference), low, high)
-    best, curvature = value(x), np.zeros(len(x))
+    best, curvature = values(x[None])[0], np.zeros(len(x))
     for iteration in range(LEVEL_ITERATIONS):
-        step, promised, curvature = _newton_step(value, x, best, free, curvature, anew=iteration % 3 == 0)
+        step, promised, curvature = _newton_step(values, x, best, free, curvature, anew=iteration % 3 == 0)
         if promised < LEVEL_GAIN:
             break
         size = 1.0
         while size > 0.05:
             trial = np.clip(x + size * step, low, high)
-            new = value(trial)
+            new = values(trial[None])[0]
             if new > best:
                 break
             size *= 0.4
@@ -363,26 +386,27 @@ def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, star
     return refilter.filter(reference * np.exp(x), disturbance)
 
 
-Value = Callable[[np.ndarray], float]
+Values = Callable[[np.ndarray], np.ndarray]
 
 
-def _newton_step(value: Value, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
+def _newton_step(values: Values, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
                  anew: bool) -> tuple[np.ndarray, float, np.ndarray]:
     """Ascent direction and the gain it promises: each level's own slope over its own curvature (they are nearly
     independent).
 
-    curvature  (5,) of the last step; made anew by central differences, or kept for one-sided ones
+    values     of each row of numbers (k, levels)
+    curvature  (levels,) of the last step; made anew by central differences, or kept for one-sided ones
     """
     step, slopes, curvature = np.zeros(len(x)), np.zeros(len(x)), curvature.copy()
+    if not free:
+        return step, 0.0, curvature
+    moves = LEVEL_STEP * np.eye(len(x))[free]
+    found = values(x + (np.concatenate([moves, -moves]) if anew else moves))
+    high = found[:len(free)]
+    if anew:
+        curvature[free] = (high - 2.0 * best + found[len(free):]) / LEVEL_STEP**2
+    slopes[free] = (high - best) / LEVEL_STEP - 0.5 * LEVEL_STEP * curvature[free]
     for k in free:
-        moved = x.copy()
-        moved[k] += LEVEL_STEP
-        high = value(moved)
-        if anew:
-            moved[k] = x[k] - LEVEL_STEP
-            low = value(moved)
-            curvature[k] = (high - 2.0 * best + low) / LEVEL_STEP**2
-        slopes[k] = (high - best) / LEVEL_STEP - 0.5 * LEVEL_STEP * curvature[k]
         flattest = max(-curvature[k], 1.0 / WIDE_PRIOR**2)
         step[k] = slopes[k] / flattest if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
     step = np.clip(step, -1.5, 1.5)

@@ -14,7 +14,7 @@ from ...effects import actuator, sensor
 from ...effects.plant import SLOSH
 from ...effects.table import CODE, MEMORY, MEMORY_DOT
 from ...vehicle.actuator import delayed_command
-from ...vehicle.kernels import inner, kernel
+from ...vehicle.kernels import apart, inner, kernel
 from ...vehicle.step import (
     BETA,
     BETA_DOT,
@@ -93,7 +93,7 @@ def shift_state(v, slots, held, air, k, gains, row):
             v.plant[e, MEMORY_DOT] -= rate
 
 
-@kernel
+@inner
 def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     """Correct the state at row k, step i; row (3,) out: the innovations, 0 where not measured."""
     if v.history.shape[1] > 0:
@@ -107,7 +107,7 @@ def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     shift_state(v, slots, held, air, k, gains, row)
 
 
-@kernel
+@inner
 def advance_row(v, held, pushed, first, last, begin):
     """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0]."""
     c = v.constant
@@ -122,6 +122,18 @@ def advance_row(v, held, pushed, first, last, begin):
         u = delayed_command(v.commands, tick, age, c[STEP], c[PERIOD], delay) + held[0]
         u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], c[STEP], u)
         runge_kutta_4(v, i, u, v.acceleration[tick] + held[1] + pushed)
+
+
+@apart
+def correct_apart(v, slots, held, world, air, i, k, z, gains, row):
+    """`correct_row`, of its own: where a row costs less than to compile it in yet another place."""
+    correct_row(v, slots, held, world, air, i, k, z, gains, row)
+
+
+@apart
+def advance_apart(v, held, pushed, first, last, begin):
+    """`advance_row`, of its own."""
+    advance_row(v, held, pushed, first, last, begin)
 
 
 @kernel
@@ -165,7 +177,7 @@ def tick_attitudes(v, slots, world, z, gains, attitudes):
     every, begin, tick = v.counter[LOG_EVERY], v.counter[0], v.counter[1]
     held, air, row, per_row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS), every // tick
     for k in range(len(z)):
-        correct_row(v, slots, held, world, air, begin + k * every, k, z, gains, row)
+        correct_apart(v, slots, held, world, air, begin + k * every, k, z, gains, row)
         pushed = push(v, begin + k * every, world, air)
         for j in range(per_row):
             i = begin + k * every + j * tick
@@ -173,7 +185,7 @@ def tick_attitudes(v, slots, world, z, gains, attitudes):
                 remember(v, i)
             attitudes[k * per_row + j] = attitude(v, i)
             if k + 1 < len(z) or j + 1 < per_row:
-                advance_row(v, held, pushed, i, i + tick, begin)
+                advance_apart(v, held, pushed, i, i + tick, begin)
         air *= world[:, 1]
 
 
@@ -194,7 +206,7 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
         i = begin + at[k]
         if held_rows == 1 or (k - held_phase) % held_rows == 0:
             held[0], held[1] = 0.0, 0.0
-        correct_row(v, slots, held, world, air, i, k, z, gains, row)
+        correct_apart(v, slots, held, world, air, i, k, z, gains, row)
         if k % spacing == 0 and k // spacing < len(errors):
             kept[:], moments[:, :], servo[:, :] = v.state, v.plant, v.actuator
             reached, ahead_air[:], ahead_held[:] = k, air, held
@@ -206,7 +218,7 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
                     if reached > k and (held_rows == 1 or (reached - held_phase) % held_rows == 0):
                         ahead_held[:] = 0.0
                     pushed = push(v, begin + at[reached], world, ahead_air)
-                    advance_row(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
+                    advance_apart(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
                     ahead_air *= world[:, 1]
                     reached += 1
                 if v.history.shape[1] > 0:
@@ -216,5 +228,5 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
                     errors[k // spacing, b, c] = z[reached, c] - row[c]
             v.state[:], v.plant[:, :], v.actuator[:, :] = kept, moments, servo
         if k + 1 < n:
-            advance_row(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
+            advance_apart(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
             air *= world[:, 1]

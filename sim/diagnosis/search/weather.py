@@ -140,8 +140,7 @@ def _first_look(model: Model) -> float | None:
     refilter = Refilter(model.fit.record, model.dynamics, model.fit.innovations, model.fit.filter)
     levels = model.fit.filter.levels
     own = refilter.log_likelihood(levels)
-    gain, time = max((refilter.log_likelihood(levels, Disturbance("plant", float(size), time)) - own, time)
-                     for time in TIMES for size in SIZES)
+    gain, time = max((float(np.max(refilter.with_sizes(levels, "plant", SIZES, time))) - own, time) for time in TIMES)
     return time if gain > WORTH else None
 
 
@@ -174,11 +173,9 @@ def _level(model: Model, source: Source) -> tuple[float, float]:
     names = [each.name for each in fitted.record.world.levels]
     at = 5 + names.index(source.name)
     refilter = Refilter(fitted.record, model.dynamics, fitted.innovations, fitted.filter)
-    values = []
-    for sign in (-1.0, 0.0, 1.0):
-        levels = fitted.filter.levels.copy()
-        levels[at] *= math.exp(sign * LEVEL_STEP)
-        values.append(refilter.log_likelihood(levels))
+    moved = np.tile(fitted.filter.levels, (3, 1))
+    moved[:, at] *= np.exp(np.array([-1.0, 0.0, 1.0]) * LEVEL_STEP)
+    values = refilter.log_likelihoods(moved)
     curvature = (2.0 * values[1] - values[0] - values[2]) / LEVEL_STEP**2
     level = float(fitted.filter.levels[at])
     return level, level / math.sqrt(curvature) if curvature > 0.0 else math.inf
