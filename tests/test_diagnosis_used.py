@@ -43,7 +43,8 @@ def followed(r):
 
 @pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
 def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
-    """To rounding: a controller's commands stay, every one, where the log is faster and where it is slower."""
+    """But for how many steps are integrated at once: a controller's commands stay, every one, where the log is faster
+    and where it is slower."""
     r = as_record(period)
     thin = thinned(r, every)
     kept = slice(r.held_phase, None, every)
@@ -52,7 +53,7 @@ def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
     assert len(thin.commands) == thin.rows * (thin.every // thin.tick)
     assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
     ours, theirs = followed(thin), followed(r)[kept]
-    assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=1e-2 * np.ptp(theirs) if r.held_phase else 1e-9)
+    assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=(1e-2 if r.held_phase else 1e-4) * np.ptp(theirs))
 
 
 def test_a_thinned_log_takes_the_longest_step_that_resolves_its_servo():

@@ -30,6 +30,7 @@ from .judge.measure import (
     Remainder,
     doubts,
     of_gain,
+    outweighs,
     remainder,
     small,
     too_noisy,
@@ -244,6 +245,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         strict.append(noisy)
     if not made.nearest:
         return strict
+    if weather is not None and outweighs(weather, made.nearest, rows):
+        found.append(f"{weather_words(selection)} remains, beside which they may stand for anything")
     if found:
         return found
     say("held-out gain")

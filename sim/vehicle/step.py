@@ -200,22 +200,23 @@ def write_row(v, i, tick, u, row):
 
 
 @inner
-def runge_kutta_4(v, i, u, disturbance):
-    """One step of the classical fourth-order scheme for theta, theta_dot, beta, beta_dot, gamma and the plant's modes.
+def runge_kutta_4(v, i, n, u, disturbance):
+    """One step of the classical fourth-order scheme for theta, theta_dot, beta, beta_dot, gamma and the plant's modes,
+    n of the flight's steps long.
 
     u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
     over the step.  In a stage: q = theta_dot, r = the servo's rate, s = beta' (r within its limit), al = the angle of
     attack, g = gamma; q1, r1 and g1 their derivatives; n1 the nozzle's acceleration.
     """
     c, x, modes, winds = v.constant, v.state, v.plant, v.environment
-    h, t = c[STEP], i * c[STEP]
+    h, t = n * c[STEP], i * c[STEP]
     w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], c[DAMPING])
     if c[FIRST_ORDER] != 0.0:
         jolt(v, w, rate, u)
     th, q, b, r, g = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT], x[GAMMA]
-    a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + 1], v.a6[2 * i + 2]
-    k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + 1], v.k1[2 * i + 2]
-    w_0, w_2 = wind_at(v, i), wind_at(v, i + 1)
+    a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + n], v.a6[2 * (i + n)]
+    k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + n], v.k1[2 * (i + n)]
+    w_0, w_2 = wind_at(v, i), wind_at(v, i + n)
     w_1 = 0.5 * (w_0 + w_2)
     plant.begin_modes(modes)
 
@@ -228,19 +229,19 @@ def runge_kutta_4(v, i, u, disturbance):
     al2 = angle_of_attack(th2, g + 0.5 * h * g1, w_1)
     s2, r2, n2 = servo_flow(c, w, rate, reach, u, b2, rr2)
     q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al2, th2, qq2, b2, n2)
-    g2 = drifting(v, 2 * i + 1, t + 0.5 * h, al2, b2)
+    g2 = drifting(v, 2 * i + n, t + 0.5 * h, al2, b2)
     plant.advance_modes(modes, 2.0, 0.5 * h, q2, b2)
     th3, qq3, b3, rr3 = th + 0.5 * h * qq2, q + 0.5 * h * q2, b + 0.5 * h * s2, r + 0.5 * h * r2
     al3 = angle_of_attack(th3, g + 0.5 * h * g2, w_1)
     s3, r3, n3 = servo_flow(c, w, rate, reach, u, b3, rr3)
     q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al3, th3, qq3, b3, n3)
-    g3 = drifting(v, 2 * i + 1, t + 0.5 * h, al3, b3)
+    g3 = drifting(v, 2 * i + n, t + 0.5 * h, al3, b3)
     plant.advance_modes(modes, 2.0, h, q3, b3)
     th4, qq4, b4, rr4 = th + h * qq3, q + h * q3, b + h * s3, r + h * r3
     al4 = angle_of_attack(th4, g + h * g3, w_2)
     s4, r4, n4 = servo_flow(c, w, rate, reach, u, b4, rr4)
     q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, al4, th4, qq4, b4, n4)
-    g4 = drifting(v, 2 * i + 2, t + h, al4, b4)
+    g4 = drifting(v, 2 * (i + n), t + h, al4, b4)
     plant.advance_modes(modes, 1.0, h, q4, b4)
 
     plant.end_modes(modes, h)
@@ -281,5 +282,5 @@ def advance(v, steps, rows):
         if i % n[LOG_EVERY] == 0:
             write_row(v, i, tick, u, rows[n[ROWS]])
             n[ROWS] += 1
-        runge_kutta_4(v, i, u, v.acceleration[tick])
+        runge_kutta_4(v, i, 1, u, v.acceleration[tick])
         n[AT] = i + 1

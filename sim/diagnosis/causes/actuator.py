@@ -36,7 +36,7 @@ def _plays(record: Record) -> list[float]:
 
 
 def _resolved(record: Record) -> float:
-    return SERVO_RESOLVED / (record.step * record.actuator.frequency)
+    return max(SERVO_RESOLVED / (record.step * record.actuator.frequency), 1.0)
 
 
 def _as_lag(record: Record, values: Values) -> Values:

@@ -25,8 +25,10 @@ from .check import DataCheck
 from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
-LONGEST_STEP = 0.005     # s: two a row at 100 Hz
-SERVO_STEP = 0.3          # rad a step of the servo: Runge-Kutta 4 is then exact to (wh)^4/120 = 7e-5 of what it moves
+LONGEST_STEP = 0.003     # s of the grid
+LONGEST_AT_ONCE = 0.005  # s of steps that are integrated at once (`model.pace`)
+SERVO_STEP = 0.2         # rad a step of the grid, of the servo
+AT_ONCE = 0.3            # rad of it at once: Runge-Kutta 4 is then exact to (wh)^4/120 = 7e-5 of what it moves
 FAST_SERVO = 300.0       # rad/s: of a faster one, which stands for none, only where it ends counts
 FAST_STEP = 0.6          # rad a step of it: exact to 1e-3 of its transient, which is over within 10 ms
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
@@ -59,6 +61,7 @@ class Record:
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     until       [s] of `clock.now`, when the search of its causes has to end
+    fastest     [rad/s] of servos that the rows resolve; a faster one stands for none
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     shift       [s] log's clock = grid's clock + shift
@@ -88,6 +91,7 @@ class Record:
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
     until: float = math.inf
+    fastest: float = math.inf
     thinned: int = 1
 
     def __post_init__(self) -> None:
@@ -140,8 +144,15 @@ class Record:
         return self.input != "beta"
 
 
-def longest_step(frequency: float) -> float:
-    """[s] that resolves a servo [rad/s] and the vehicle."""
+def fastest_servo(period: float) -> float:
+    """[rad/s] A faster one stands for none where rows are a period [s] apart: its lag is a third of that."""
+    return DIRECT / min(LONGEST_STEP, period / DIRECT_PARTS)
+
+
+def longest_step(frequency: float, fastest: float) -> float:
+    """[s] of the grid, that resolves a servo [rad/s] and the vehicle."""
+    if frequency >= fastest:
+        return DIRECT / fastest
     return min(LONGEST_STEP, (FAST_STEP if frequency > FAST_SERVO else SERVO_STEP) / frequency)
 
 
@@ -196,7 +207,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
     wind = _known_wind(nominal, half[::2] + shift, t, path)
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
                    first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
-                   wind=wind, path_is_known=bool(np.isfinite(path).any()))
+                   wind=wind, path_is_known=bool(np.isfinite(path).any()), fastest=fastest_servo(period))
     return draft, command
 
 
@@ -213,8 +224,8 @@ def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int,
     if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
             abs(period / tick_period - round(period / tick_period)) > 1e-6:
         tick_period = period
-    longest = longest_step(nominal.actuator.frequency) if nominal.actuator is not None \
-        else min(LONGEST_STEP, period / DIRECT_PARTS)
+    longest = longest_step(nominal.actuator.frequency if nominal.actuator is not None else math.inf,
+                           fastest_servo(period))
     if jittered:
         step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, longest)
         step = min(step, period / JITTER_STEPS)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...nominal import Nominal
 from .check import DataCheck
-from .record import Record, longest_step
+from .record import Record, fastest_servo, longest_step
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 NEARLY = 1.0 + 1e-9    # of the longest step: rounding
@@ -72,25 +72,30 @@ def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used 
 
 
 def thinned(record: Record, every: int) -> Record:
-    """Every so many rows, a multiple of `held`, from the first on at which a command is issued."""
+    """Every so many rows, a multiple of `held`, from the first on at which a command is issued.  Of a jittered log so
+    many parts of a command become one: its place is as exact for the rows that are left as it was for all."""
     first, held = record.held_phase, record.held
     begin = int(record.at[first])
     kept = slice(first, None, every)
     commands = record.commands[begin // record.tick:]
+    merged = every if record.fine > 1 else held
     if held > 1:  # one tick a command then
         commands = commands[::held]
+    elif merged > 1:
+        whole = np.append(commands, np.full(-len(commands) % merged, commands[-1]))
+        commands = np.ascontiguousarray(whole.reshape(-1, merged).mean(axis=1))
     at = record.at[kept] - begin
-    ticks = len(at) * (record.every * every // (record.tick * held))   # as many as the last row would hold, too
+    ticks = len(at) * (record.every * every // (record.tick * merged))  # as many as the last row would hold, too
     commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
     return replace(record, z=record.z[kept], reference=record.reference[kept], at=at,
-                   first_step=record.first_step + begin, every=record.every * every, tick=record.tick * held,
+                   first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
                    commands=commands, logged=None if record.logged is None else record.logged[kept], held=1,
-                   held_phase=0, thinned=record.thinned * every)
+                   held_phase=0, fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
 
 
 def coarser(record: Record) -> Record:
     """The longest integration step that still resolves the servo and meets every row and tick."""
-    longest = longest_step(record.actuator.frequency)
+    longest = longest_step(record.actuator.frequency, record.fastest)
     whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
     times = max(m for m in range(1, whole + 1) if whole % m == 0 and (m == 1 or m * record.step < longest * NEARLY))
     return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,

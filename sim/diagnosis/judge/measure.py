@@ -146,6 +146,13 @@ def small(weather: Weather, named: tuple[Named, ...]) -> bool:
     return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
 
 
+def outweighs(weather: Weather, named: tuple[Named, ...], rows: int) -> bool:
+    """A moment that nobody declared and nothing names explains more beside these causes than `dominant` ones may
+    leave: in front of so much, what is found may stand for anything."""
+    own = sum(cause.evidence for cause in named)
+    return not weather.is_wind and weather.gain > max(DOMINANT.left * own, PER_ROW * rows)
+
+
 def weather_words(selection: Selection) -> str:
     """The undeclared disturbance of a selection."""
     weather = selection.weather

@@ -316,7 +316,7 @@ def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:
 def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
     """Covariance (m, m) before the first row; the state begins at the first measured values."""
     p = np.zeros((dyn.f.shape[1], dyn.f.shape[1]))
-    w = record.actuator.frequency
+    w = min(record.actuator.frequency, record.fastest)
     level_of = {state: level for (state, _), level in zip(dyn.fresh, levels[5:], strict=True)}
     for state, variance in dyn.first:
         p[state, state] = level_of[state]**2 if variance < 0.0 else variance

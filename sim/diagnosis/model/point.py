@@ -12,7 +12,8 @@ from ...flight import packed
 from ...vehicle import step as st
 from ..data.record import BETA, THETA, THETA_DOT, Record
 from .linear import Modes, slots_of
-from .predictor import follow, horizon_errors, tick_attitudes
+from .pace import servo_of
+from .predictor import AT_ONCE, follow, horizon_errors, tick_attitudes
 
 DEVIATIONS = 5
 FASTEST = 0.65  # of the servo's lag: a timing that is off leaves so much of it
@@ -43,13 +44,13 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
         half = np.arange(len(a6)) * (0.5 * record.step)
         plant.parameters_over_time(table.plant, half, a6, k1)
     servo = record.actuator
+    frequency, at_once = servo_of(record, table, later, FASTEST)
     constant = np.zeros(st.N_CONSTANTS)
     constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY, st.FIRST_ORDER]] = (
-        record.step, record.tick * record.step, servo.frequency / max(1.0 + later / servo.lag, FASTEST),
-        servo.damping_ratio, servo.delay, servo.is_first_order)
+        record.step, record.tick * record.step, frequency, servo.damping_ratio, servo.delay, servo.is_first_order)
     constant[st.LIMIT] = constant[st.LOST_ANGLE] = math.inf
-    counter = np.zeros(st.N_COUNTERS, np.int64)
-    counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY]] = record.first_step, record.tick, record.every
+    counter = np.zeros(st.N_COUNTERS + 1, np.int64)
+    counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY, AT_ONCE]] = record.first_step, record.tick, record.every, at_once
     state = np.zeros(st.N_STATE)
     nulls = sensor.nulls(table.sensor)  # a bias is in the first row as in all: the vehicle is not where it seems to be
     state[st.THETA] = _first(record.z[:, THETA]) - nulls[0]

@@ -22,6 +22,7 @@ from ...vehicle.step import (
     DELAY,
     FREQUENCY,
     LOG_EVERY,
+    N_COUNTERS,
     PERIOD,
     STEP,
     THETA,
@@ -34,6 +35,7 @@ from ...vehicle.step import (
 from ..data.world import ATTITUDE, GYRO, MOMENT, NOZZLE, NOZZLE_SENSOR, WIND
 from .likelihood import N_CHANNELS
 
+AT_ONCE = N_COUNTERS  # of the vehicle's counters, behind the simulator's
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
 ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
 
@@ -109,19 +111,25 @@ def correct_row(v, slots, held, world, air, i, k, z, gains, row):
 
 @inner
 def advance_row(v, held, pushed, first, last, begin):
-    """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0]."""
+    """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0].
+
+    As many steps at once as counter[AT_ONCE] allows, within one command.
+    """
     c = v.constant
-    tick_steps = v.counter[1]
+    tick_steps, most = v.counter[1], v.counter[AT_ONCE]
     delay = c[DELAY] + actuator.latency(v.actuator)
     remembers = v.history.shape[1] > 0
-    for i in range(first, last):
+    i = first
+    while i < last:
         if remembers:
             remember(v, i)
         tick = (i - begin) // tick_steps
-        age = ((i - begin) - tick * tick_steps) * c[STEP]
-        u = delayed_command(v.commands, tick, age, c[STEP], c[PERIOD], delay) + held[0]
-        u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], c[STEP], u)
-        runge_kutta_4(v, i, u, v.acceleration[tick] + held[1] + pushed)
+        phase = (i - begin) - tick * tick_steps
+        n = min(most, last - i, tick_steps - phase)
+        u = delayed_command(v.commands, tick, phase * c[STEP], n * c[STEP], c[PERIOD], delay) + held[0]
+        u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], n * c[STEP], u)
+        runge_kutta_4(v, i, n, u, v.acceleration[tick] + held[1] + pushed)
+        i += n
 
 
 @apart
