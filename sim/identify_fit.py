@@ -32,6 +32,7 @@ LIMIT = 1.645        # standard deviations to the upper 95 % limit
 OVERLAP = 2.0        # of the variance of a sum of 0.2 s blocks: an increment that begins in one ends in the next
 LAGS = 4             # of the portmanteau; even, for which its probability is elementary
 LEAST_WHITE = 2 * LAGS
+LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
 ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
@@ -69,19 +70,26 @@ class Rows:
 
 
 def usable(log: Log) -> Rows | None:
-    """None without two increments; where no rate is measured it is the attitude's (`slope`)."""
-    finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.beta)
-    has_rate = bool(np.isfinite(log.theta_dot).any())
+    """None without two increments; where no rate is measured it is the attitude's (`slope`).  What the estimator
+    rejects as out of range is no row here either."""
+    finite = within(log.t, Config.t_limit)
+    finite &= within(log.theta, Config.theta_limit) & within(log.beta, Config.beta_limit)
+    has_rate = bool(within(log.theta_dot, Config.theta_dot_limit).any())
     if has_rate:
-        finite &= np.isfinite(log.theta_dot)
+        finite &= within(log.theta_dot, Config.theta_dot_limit)
     finite[finite] = near_all(log.t[finite], log.period)
-    finite[finite] = forward(log.t[finite])
+    finite[finite] = forward(log.t[finite], LEAST_STEP * log.period)
     span = max(1, round(INCREMENT / log.period))
     if np.count_nonzero(finite) < 2 * span + 2:
         return None
     t, theta = log.t[finite], log.theta[finite]
     rate = log.theta_dot[finite] if has_rate else slope(t, theta, max(1, round(SLOPE / log.period)))
     return Rows(t, theta, rate, log.beta[finite], span)
+
+
+def within(x: np.ndarray, limit: float) -> np.ndarray:
+    """Which are numbers of at most `limit`."""
+    return np.abs(x) <= limit
 
 
 def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
@@ -96,15 +104,16 @@ def near_all(t: np.ndarray, period: float) -> np.ndarray:
     return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
 
 
-def forward(t: np.ndarray) -> np.ndarray:
-    """Stamps that go forward: later than all before, or earlier than all after, whichever leaves more.
+def forward(t: np.ndarray, least: float) -> np.ndarray:
+    """Stamps that go forward by more than `least` [s]: later than all before, or earlier than all after, whichever
+    leaves more.
 
     One stamp too late spoils the first, one too early the second.
     """
     if len(t) == 0:
         return np.zeros(0, bool)
-    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
-    earlier = np.concatenate([t[:-1] < np.minimum.accumulate(t[::-1])[::-1][1:], [True]])
+    later = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > least])
+    earlier = np.concatenate([np.minimum.accumulate(t[::-1])[::-1][1:] - t[:-1] > least, [True]])
     return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
 
 

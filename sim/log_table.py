@@ -23,6 +23,7 @@ DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs
 # float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf(inity)?\Z", re.ASCII | re.IGNORECASE)
 _NOT_MEASURED = re.compile(r"([+-]?nan)?\Z", re.ASCII | re.IGNORECASE)  # C prints -nan
+_INTEGER = re.compile(r" *[+-]?\d+ *\Z", re.ASCII)
 _PLAIN = re.compile(r"[0-9+\-.eE \n]*\Z")       # where float() takes what _NUMBER does, but for
 _LONG_EXPONENT = re.compile(r"[eE][+-]?\d{5}")  # these
 
@@ -100,8 +101,12 @@ class Columns:
     def _odd_width(self, cells: list[str], is_last: bool) -> str:
         if any("\0" in cell for cell in cells):
             return "NUL characters; expected a sample (a file that was not closed may end so)"
-        cut = "; the file ends there: cut short, or still being written" if is_last and len(cells) < self.width else ""
-        return f"{len(cells)} cell{'s' * (len(cells) != 1)}, expected {self.width} as in the header{cut}"
+        hint = ""
+        if is_last and len(cells) < self.width:
+            hint = "; the file ends there: cut short, or still being written"
+        elif len(cells) == 2 * self.width and all(_INTEGER.match(cell) for cell in cells):
+            hint = "; the numbers seem to have decimal commas: expected points"
+        return f"{len(cells)} cell{'s' * (len(cells) != 1)}, expected {self.width} as in the header{hint}"
 
     def _cell(self, line: int, name: str, text: str) -> float:
         value = number(text)
