@@ -72,11 +72,10 @@ class Rows:
 def usable(log: Log) -> Rows | None:
     """None without two increments; where no rate is measured it is the attitude's (`slope`).  What the estimator
     rejects as out of range is no row here either."""
-    finite = within(log.t, Config.t_limit)
-    finite &= within(log.theta, Config.theta_limit) & within(log.beta, Config.beta_limit)
-    has_rate = bool(within(log.theta_dot, Config.theta_dot_limit).any())
+    finite = log.in_range("t") & log.in_range("theta") & log.in_range("beta")
+    has_rate = bool(log.in_range("theta_dot").any())
     if has_rate:
-        finite &= within(log.theta_dot, Config.theta_dot_limit)
+        finite &= log.in_range("theta_dot")
     finite[finite] = near_all(log.t[finite], log.period)
     finite[finite] = forward(log.t[finite], LEAST_STEP * log.period)
     span = max(1, round(INCREMENT / log.period))
@@ -85,11 +84,6 @@ def usable(log: Log) -> Rows | None:
     t, theta = log.t[finite], log.theta[finite]
     rate = log.theta_dot[finite] if has_rate else slope(t, theta, max(1, round(SLOPE / log.period)))
     return Rows(t, theta, rate, log.beta[finite], span)
-
-
-def within(x: np.ndarray, limit: float) -> np.ndarray:
-    """Which are numbers of at most `limit`."""
-    return np.abs(x) <= limit
 
 
 def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:

@@ -63,6 +63,11 @@ class Log:
         """The known columns that there are."""
         return {name: getattr(self, name) for name in self.columns}
 
+    def in_range(self, name: str) -> np.ndarray:
+        """(rows,) bool: where this column is a number that the estimator does not reject as out of range."""
+        from launchid_core import Config
+        return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
+
     @property
     def flight_path(self) -> np.ndarray:
         """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
