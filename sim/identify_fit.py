@@ -209,13 +209,12 @@ def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
     asked = {k: terms if any("beta" in term for term in terms) else (*terms, "beta")
              for k, e in enumerate(estimates) for terms in [active_terms(e)]
              if e.valid and any("beta" in term for term in e.terms)}
-    shifted = [rows.shifted(share) for share in SHIFTS]
-    gains = {}  # of the true beta, then of the shifted ones
-    for k, terms in asked.items():
-        at = rows.cut(estimates[k].t_start, estimates[k].t_end)
-        found = [gain(rows, at, terms, beta) for beta in (rows.beta, *shifted)]
-        if None not in found:
-            gains[k] = np.array(found, dtype=float)
+    found: dict[int, list[float | None]] = {k: [] for k in asked}
+    for share in (0.0, *SHIFTS):  # of the true beta, then of the shifted ones, each as long as the log: one at a time
+        beta = rows.shifted(share)
+        for k, terms in asked.items():
+            found[k].append(gain(rows, rows.cut(estimates[k].t_start, estimates[k].t_end), terms, beta))
+    gains = {k: np.array(each, dtype=float) for k, each in found.items() if None not in each}
     total = sum(gains.values(), np.zeros(1 + len(SHIFTS)))
     all_in_vain = bool(gains) and bool(np.any(total[1:] >= total[0]))
     alone = [e.t_end - e.t_start > (LEAST_ALONE - 0.5) * INCREMENT for e in estimates]
