@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .csv_text import AS_TEXT, rows
 from .errors import InputError, UsageError
 from .files import reads, write_text
+from .log_table import number, shown
 from .sections import (
     Actuator,
     Controller,
@@ -64,7 +66,7 @@ def load_nominal(path: str | Path) -> Nominal:
     path = locate(str(path))
     reads(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a nominal TOML file "
                          f"or one of {', '.join(BUILT_IN)}") from None
@@ -73,7 +75,7 @@ def load_nominal(path: str | Path) -> Nominal:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
-        raise InputError(one_line(f"{path}: {error}")) from None
+        raise InputError(one_line(f"{path}: {error}; expected TOML")) from None
     try:
         return Reader(path, table).nominal()
     except InputError as error:
@@ -425,37 +427,37 @@ def read_profile(path: Path) -> Profile:
 def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
     reads(path)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:  # a NUL in the path, and bytes that are not UTF-8, are ValueErrors
-        raise InputError(f"{path}: profile cannot be read ({error})") from None
     names = ",".join(header)
-    if not lines or [c.strip() for c in lines[0].split(",")] != list(header):
-        raise InputError(f"{path}: line 1: expected the header {names}")
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        rows.append(_row(path, number, line, header))
-        if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
-            raise InputError(f"{path}: line {number}, column t: {rows[-1][0]} is not after {rows[-2][0]}")
-    if not rows:
+    columns: list[list[float]] = [[] for _ in header]
+    try:
+        with open(path, **AS_TEXT) as file:
+            read = rows(str(path), file)
+            if [cell.strip() for cell in next(read, (1, []))[1]] != list(header):
+                raise InputError(f"{path}: line 1: expected the header {names}")
+            for line, cells in read:
+                _take(path, line, cells, header, columns)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a CSV file {names}") from None
+    except ValueError as error:  # a NUL in the path
+        raise InputError(f"{path}: cannot be read ({error}); expected a CSV file {names}") from None
+    if not columns[0]:
         raise InputError(f"{path}: no rows; expected {names} over the flight")
-    return dict(zip(header, np.array(rows).T.copy(), strict=True))
+    return {name: np.array(column) for name, column in zip(header, columns, strict=True)}
 
 
-def _row(path: Path, number: int, line: str, header: tuple[str, ...]) -> list[float]:
-    """The numbers of one line."""
-    cells = line.split(",")
+def _take(path: Path, line: int, cells: list[str], header: tuple[str, ...], columns: list[list[float]]) -> None:
+    """One row to the columns; InputError naming line and column."""
     if len(cells) != len(header):
-        raise InputError(f"{path}: line {number}: {len(cells)} columns, expected {len(header)}")
-    for column, cell in zip(header, cells, strict=True):
-        try:
-            if not math.isfinite(float(cell)):
-                raise ValueError
-        except ValueError:
-            raise InputError(f"{path}: line {number}, column {column}: {cell.strip()[:40]!r} is no number") from None
-    return [float(cell) for cell in cells]
+        raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(header)} as in the header")
+    for name, column, cell in zip(header, columns, cells, strict=True):
+        value = number(cell)
+        if value is None or not math.isfinite(value):
+            raise InputError(f"{path}: line {line}, column {name}: {shown(cell.strip())} is no number; expected one "
+                             "such as -0.0123")
+        if name == "t" and column and value <= column[-1]:
+            raise InputError(f"{path}: line {line}, column t: {value} is not after {column[-1]}; expected increasing "
+                             "times")
+        column.append(value)
 
 
 # ---- writing
@@ -541,8 +543,8 @@ def _path_line(profile: Profile | Drift | Forecast, path: Path, section: str, he
     if profile.path and _same(profile, profile.path, header):
         return f"profile = {_literal(Path(os.path.relpath(profile.path, path.parent)).as_posix())}"
     beside = path.with_name(f"{path.stem}.{section}.csv")
-    rows = zip(*(getattr(profile, key).tolist() for key in header), strict=True)
-    write_text(beside, [",".join(header) + "\n", *(",".join(map(repr, row)) + "\n" for row in rows)])
+    table = zip(*(getattr(profile, key).tolist() for key in header), strict=True)
+    write_text(beside, [",".join(header) + "\n", *(",".join(map(repr, row)) + "\n" for row in table)])
     return f"profile = {_literal(beside.name)}"
 
 
