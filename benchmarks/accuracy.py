@@ -16,7 +16,7 @@ import numpy as np
 from flights import AIRS, NOMINALS, draw, in_air, nominal, run_jobs, with_levels, with_noise
 
 from launchid_core import Config
-from sim.bound import flight_bound
+from sim.bound.flights import flight_bound
 from sim.flight import fly_whole, parameters
 from sim.identify import onboard_model, run
 

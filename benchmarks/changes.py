@@ -21,7 +21,7 @@ from flights import NOMINALS, in_air, nominal, run_jobs
 
 from launchid_core import Config, Estimator, Status
 from launchid_core.changes import THRESHOLD
-from sim.bound import known_state_information
+from sim.bound.flights import known_state_information
 from sim.flight import Factor, Flight, dispersion, fly_whole
 from sim.identify import onboard_model
 from sim.nominal import Nominal, constant_profile

@@ -19,7 +19,7 @@ import numpy as np
 from baselines import DRIFT, HALF_WIDTH, MANY, METHODS, Log, Method, walk
 from flights import NOMINALS, draw, nominal, run_jobs
 
-from sim.bound import flight_bound
+from sim.bound.flights import flight_bound
 from sim.flight import Flight, fly_whole, parameters
 from sim.identify import onboard_model
 

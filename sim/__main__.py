@@ -22,7 +22,9 @@ def command() -> int:
         signal.signal(signal.SIGINT, _leave)
     from .announcement import announce
     from .cli import main
+    from .terminal import speak_utf8
     announce()
+    speak_utf8()
     if ours:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     return main()

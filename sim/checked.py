@@ -63,7 +63,7 @@ def ideal_note(log: Log) -> tuple[str, ...]:
 
     Limitation: at rows as far apart as the controller's period the trapezium is not as exact, and nothing is said.
     """
-    known = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.theta_dot) & np.isfinite(log.theta_ddot)
+    known = np.logical_and.reduce([log.in_range(name) for name in ("t", "theta", "theta_dot", "theta_ddot")])
     if np.count_nonzero(known) < FEWEST_IDEAL:
         return ()
     t, x, v, a = (column[known] for column in (log.t, log.theta, log.theta_dot, log.theta_ddot))

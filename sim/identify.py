@@ -11,7 +11,7 @@ import numpy as np
 from launchid_core import Change, Config, Estimate, Estimator, Sample, Status
 
 from .believed import MODELLED, onboard_model
-from .errors import UsageError
+from .errors import InputError, UsageError
 from .identify_fit import SURE, delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
@@ -77,6 +77,10 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     try:
         return Config(**timing, formulation=formulation, model=model, **choices)
     except ValueError as error:
+        if str(error).startswith("sample_period"):
+            raise InputError(f"{log.path}: column t: {error}{slow_hint(log.period)}") from None
+        if window == "all" and str(error).startswith("window"):
+            raise InputError(f"{log.path}: too short for a window: {error}") from None
         raise UsageError(f"{error}{slow_hint(log.period)}") from None
 
 

@@ -32,6 +32,7 @@ LIMIT = 1.645        # standard deviations to the upper 95 % limit
 OVERLAP = 2.0        # of the variance of a sum of 0.2 s blocks: an increment that begins in one ends in the next
 LAGS = 4             # of the portmanteau; even, for which its probability is elementary
 LEAST_WHITE = 2 * LAGS
+LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
 ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 BY_CHANCE = 1        # placebos of these 20 that may explain more in a window: the 95 % quantile; in the log none
@@ -69,13 +70,14 @@ class Rows:
 
 
 def usable(log: Log) -> Rows | None:
-    """None without two increments; where no rate is measured it is the attitude's (`slope`)."""
-    finite = np.isfinite(log.t) & np.isfinite(log.theta) & np.isfinite(log.beta)
-    has_rate = bool(np.isfinite(log.theta_dot).any())
+    """None without two increments; where no rate is measured it is the attitude's (`slope`).  What the estimator
+    rejects as out of range is no row here either."""
+    finite = log.in_range("t") & log.in_range("theta") & log.in_range("beta")
+    has_rate = bool(log.in_range("theta_dot").any())
     if has_rate:
-        finite &= np.isfinite(log.theta_dot)
+        finite &= log.in_range("theta_dot")
     finite[finite] = near_all(log.t[finite], log.period)
-    finite[finite] = forward(log.t[finite])
+    finite[finite] = forward(log.t[finite], LEAST_STEP * log.period)
     span = max(1, round(INCREMENT / log.period))
     if np.count_nonzero(finite) < 2 * span + 2:
         return None
@@ -96,15 +98,16 @@ def near_all(t: np.ndarray, period: float) -> np.ndarray:
     return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
 
 
-def forward(t: np.ndarray) -> np.ndarray:
-    """Stamps that go forward: later than all before, or earlier than all after, whichever leaves more.
+def forward(t: np.ndarray, least: float) -> np.ndarray:
+    """Stamps that go forward by more than `least` [s]: later than all before, or earlier than all after, whichever
+    leaves more.
 
     One stamp too late spoils the first, one too early the second.
     """
     if len(t) == 0:
         return np.zeros(0, bool)
-    later = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
-    earlier = np.concatenate([t[:-1] < np.minimum.accumulate(t[::-1])[::-1][1:], [True]])
+    later = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > least])
+    earlier = np.concatenate([np.minimum.accumulate(t[::-1])[::-1][1:] - t[:-1] > least, [True]])
     return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
 
 
@@ -206,13 +209,12 @@ def placebo(rows: Rows, estimates: list[Estimate]) -> list[bool]:
     asked = {k: terms if any("beta" in term for term in terms) else (*terms, "beta")
              for k, e in enumerate(estimates) for terms in [active_terms(e)]
              if e.valid and any("beta" in term for term in e.terms)}
-    shifted = [rows.shifted(share) for share in SHIFTS]
-    gains = {}  # of the true beta, then of the shifted ones
-    for k, terms in asked.items():
-        at = rows.cut(estimates[k].t_start, estimates[k].t_end)
-        found = [gain(rows, at, terms, beta) for beta in (rows.beta, *shifted)]
-        if None not in found:
-            gains[k] = np.array(found, dtype=float)
+    found: dict[int, list[float | None]] = {k: [] for k in asked}
+    for share in (0.0, *SHIFTS):  # of the true beta, then of the shifted ones, each as long as the log: one at a time
+        beta = rows.shifted(share)
+        for k, terms in asked.items():
+            found[k].append(gain(rows, rows.cut(estimates[k].t_start, estimates[k].t_end), terms, beta))
+    gains = {k: np.array(each, dtype=float) for k, each in found.items() if None not in each}
     total = sum(gains.values(), np.zeros(1 + len(SHIFTS)))
     all_in_vain = bool(gains) and bool(np.any(total[1:] >= total[0]))
     alone = [e.t_end - e.t_start > (LEAST_ALONE - 0.5) * INCREMENT for e in estimates]

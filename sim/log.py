@@ -9,10 +9,8 @@ The logs of `data/logs`, which others measured (SOURCES.md there), are read by t
 """
 
 import contextlib
-import csv
 import math
 import os
-import re
 import stat
 import sys
 from collections.abc import Iterator
@@ -25,19 +23,17 @@ import numpy as np
 
 from launchid_core import Sample
 
+from .csv_text import AS_TEXT, rows
 from .errors import InputError
 from .files import is_read, reads, write_text
+from .log_table import OPTIONAL, REQUIRED, Columns, places, shown
 
 if TYPE_CHECKING:
     from .flight import Flight
 
 MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
-REQUIRED = ("t", "theta", "beta")
 STANDARD_INPUT = "-"
-OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
-
-# float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf\Z", re.ASCII)
+FED = 4096         # rows that are samples at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +63,11 @@ class Log:
         """The known columns that there are."""
         return {name: getattr(self, name) for name in self.columns}
 
+    def in_range(self, name: str) -> np.ndarray:
+        """(rows,) bool: where this column is a number that the estimator does not reject as out of range."""
+        from launchid_core import Config
+        return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
+
     @property
     def flight_path(self) -> np.ndarray:
         """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
@@ -86,66 +87,9 @@ class Log:
         """The rows as the estimator's samples."""
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
                    self.flight_path)
-        return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
-
-
-def _shown(cell: str) -> str:
-    """A cell for a message: escaped and cut."""
-    return ascii(cell if len(cell) <= 40 else cell[:40] + "...")
-
-
-def _header(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
-    names = [name.strip() for name in header]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"{path}: {where}column {_shown(name)} stands {names.count(name)} times; expected once")
-    if "gamma" in names and "alpha" in names:
-        raise InputError(f"{path}: {where}columns gamma and alpha; expected one of them, the other follows from theta")
-    for name in required:
-        if name not in names:
-            raise InputError(f"{path}: {where}column '{name}' is missing (found {_shown(','.join(names))}); "
-                             f"expected a header with {', '.join(required)}")
-    return {name: k for k, name in enumerate(names)}
-
-
-def _cell(path: str, line: int, name: str, text: str) -> float:
-    text = text.strip()
-    if text == "" or text.lower() == "nan":
-        return math.nan
-    if not _NUMBER.match(text):
-        raise InputError(f"{path}: line {line}, column {name}: {_shown(text)} is no number; "
-                         "expected one such as -0.0123, or an empty cell")
-    return float(text)
-
-
-class Columns:
-    """Which column of a CSV log is which: its header, read once, and its rows, as many at a time as there are.
-
-    known, ignored   name -> place of the columns that are used; names of the others
-    InputError for a header that cannot be a log's.
-    """
-
-    def __init__(self, path: str, header: list[str], required: tuple[str, ...] = REQUIRED,
-                 where: str = "line 1: ") -> None:
-        names = _header(path, header, required, where)
-        self.path, self.width = path, len(header)
-        self.known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
-        self.ignored = tuple(name for name in names if name not in self.known)
-
-    def numbers(self, line: int, cells: list[str]) -> list[float]:
-        """One row's known cells; InputError naming line and column."""
-        if len(cells) != self.width:
-            raise InputError(f"{self.path}: line {line}: {len(cells)} cells, expected {self.width} as in the header")
-        return [_cell(self.path, line, name, cells[k]) for name, k in self.known.items()]
-
-    def values(self, rows: list[list[float]]) -> dict[str, np.ndarray]:
-        """The known columns of rows that `numbers` made."""
-        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.known))
-        return {name: table[:, k].copy() for k, name in enumerate(self.known)}
-
-    def log(self, rows: list[list[float]]) -> Log:
-        """These rows as a log, even if none of them can be used."""
-        return _log(self.path, self.values(rows), self.ignored)
+        for first in range(0, len(self.t), FED):  # as Python's floats a log takes four times its arrays
+            part = [column[first:first + FED].tolist() for column in columns]
+            yield from starmap(Sample, zip(*part, strict=True))
 
 
 def measured_logs() -> tuple[str, ...]:
@@ -169,7 +113,7 @@ def _opened(path: str) -> Iterator[TextIO]:
             raise InputError("-: standard input is closed; expected a CSV log there")
         number = sys.stdin.fileno()
         reads(number)
-        with open(number, encoding="utf-8-sig", newline="", closefd=False) as file:
+        with open(number, closefd=False, **AS_TEXT) as file:
             yield file
         return
     if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
@@ -180,7 +124,7 @@ def _opened(path: str) -> Iterator[TextIO]:
         raise InputError(f"{path}: {what}; expected a CSV log with the columns t, theta, beta, or one of "
                          + ", ".join(measured_logs()))
     reads(located)
-    with open(located, encoding="utf-8-sig", newline="") as file:
+    with open(located, **AS_TEXT) as file:
         yield file
 
 
@@ -191,34 +135,30 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
     required  columns without which it cannot be; a row is usable where all of them are finite
     """
     path = str(path)
-    rows: list[list[float]] = []
     try:
         with _opened(path) as file:
-            reader = csv.reader(file, strict=True)
-            header = next(reader, None)
+            read = rows(path, file)
+            header = next(read, None)
             if header is None:
-                raise InputError(f"{path}: empty file; expected a header with t, theta, beta")
-            columns = Columns(path, header, required)
-            rows = [columns.numbers(reader.line_num, cells) for cells in reader if cells]
+                raise InputError(f"{path}: empty file; expected a header with {', '.join(required)}")
+            columns = Columns(path, header[1], required, f"line {header[0]}: ")
+            values = columns.read(read)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a UTF-8 CSV log") from None
-    except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}: {error}; expected comma-separated cells") from None
-    return _made(path, columns.values(rows), required, columns.ignored)
+    return _made(path, values, required, columns.ignored)
 
 
 def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
     """A log of these columns; InputError if no row can be used."""
-    rows = len(values["t"])
-    if rows == 0 or not np.isfinite(np.stack([values[name] for name in required])).all(axis=0).any():
+    if not np.logical_and.reduce([np.isfinite(values[name]) for name in required]).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
-    return _log(path, values, ignored)
+    return log_of_values(path, values, ignored)
 
 
-def _log(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...]) -> Log:
-    missing = {name: np.full(len(values["t"]), math.nan) for name in REQUIRED + OPTIONAL if name not in values}
+def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...]) -> Log:
+    """A log of these columns, even if no row of it can be used; those that it lacks are one array of NaN."""
+    nothing = np.full(len(values["t"]), math.nan)
+    missing = {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
     return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
 
 
@@ -228,7 +168,7 @@ def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED
     path  what messages call it;  None and NA are not measured
     """
     given = list(columns.columns) if hasattr(columns, "columns") else list(columns)
-    names = _header(path, [str(name) for name in given], required, "")
+    names = places(path, [str(name) for name in given], required, "")
     known = [name for name in REQUIRED + OPTIONAL if name in names]
     values = {name: _column(path, name, columns[given[names[name]]]) for name in known}
     lengths = {name: len(x) for name, x in values.items()}
@@ -254,7 +194,7 @@ def _in_memory(path: str, name: str, row: int, x: Any) -> float:
     try:
         return float(x)
     except (TypeError, ValueError):
-        raise InputError(f"{path}: row {row}, column {name}: {_shown(str(x))} is no number") from None
+        raise InputError(f"{path}: row {row}, column {name}: {shown(str(x))} is no number") from None
 
 
 def flown_columns(flight: "Flight") -> dict[str, np.ndarray]:

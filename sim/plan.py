@@ -17,7 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bound import bounds_of, flight_information
+from .bound.flights import flight_information
+from .bound.matrices import bounds_of
 from .errors import InputError, UsageError
 from .nominal import Nominal
 from .sections import Multisine

@@ -1,4 +1,4 @@
-"""The sections of a nominal as frozen dataclasses.  SI units (s, rad); `nominal.py` reads and writes them."""
+"""The sections of a nominal as frozen dataclasses.  SI units (s, rad); `nominal` reads and writes them."""
 
 import math
 from dataclasses import dataclass, field

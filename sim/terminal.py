@@ -25,6 +25,13 @@ def answer(text: str = "", end: str = "\n") -> None:
         raise InputError(f"standard output: cannot be written ({error.strerror})") from None
 
 
+def speak_utf8() -> None:
+    """The same bytes whatever the locale: UTF-8, and an escape for what is no character (a byte of a file's name)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+
+
 class Progress:
     """A bar of the steps done and what is being done, on a terminal only: one line that is written over."""
 

@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from sim.bound import bounds_of, flight_bound, noise_variances, transition, window_information, without_offset
+from sim.bound.flights import flight_bound, noise_variances
+from sim.bound.information import window_information
+from sim.bound.matrices import bounds_of, without_offset
+from sim.bound.step import transition
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal

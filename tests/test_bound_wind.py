@@ -5,26 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.bound import (
-    ATTITUDE_BIAS,
-    DIFFUSE,
-    FIRST_ORDER,
-    GYRO_BIAS,
-    MISALIGNMENT,
-    MOMENT,
-    NOZZLE_BIAS,
-    TURBULENCE,
-    WALK,
-    World,
-    bounds_of,
-    calm,
-    flight_bound,
-    flight_information,
-    known_state_information,
-    transition,
-    window_information,
-    without_offset,
-)
+from sim.bound.flights import flight_bound, flight_information, known_state_information
+from sim.bound.information import DIFFUSE, window_information
+from sim.bound.matrices import bounds_of, without_offset
+from sim.bound.step import FIRST_ORDER, transition
+from sim.bound.world import ATTITUDE_BIAS, GYRO_BIAS, MISALIGNMENT, MOMENT, NOZZLE_BIAS, TURBULENCE, WALK, World, calm
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import Drift, Forecast, Multisine, Nominal, Offsets, Wind, load_nominal

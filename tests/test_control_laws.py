@@ -14,7 +14,8 @@ from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import SUITES, Flight, fly, fly_whole
 from sim.log import read_log
-from sim.nominal import Guidance, Multisine, Nominal, Section, load_nominal, tustin, write_nominal
+from sim.nominal import Guidance, Multisine, Nominal, Section, load_nominal, write_nominal
+from sim.nominal.control import tustin
 from sim.uncertainty.lft import lft_at
 from sim.vehicle.controller import N_SECTION, filtered
 

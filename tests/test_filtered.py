@@ -15,7 +15,7 @@ from launchid_core import belief as bl
 from launchid_core import filtered as fl
 from launchid_core import predictor as pr
 from launchid_core.assembly import allocate
-from sim.bound import flight_bound
+from sim.bound.flights import flight_bound
 from sim.flight import fly_whole
 from sim.identify import onboard_model, run
 from sim.nominal import load_nominal

@@ -5,17 +5,20 @@ the file's first bytes.  The libraries are the extra `logs`.
 """
 
 import contextlib
-import csv
 import io
 import json
+import math
 import os
+from array import array
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
+from ..csv_text import AS_TEXT, rows
 from ..errors import InputError
 from ..files import reads
+from ..log_table import number
 
 
 class Channels(dict[str, np.ndarray]):
@@ -79,27 +82,23 @@ def _columns(name: str, values: Any) -> Iterator[tuple[str, np.ndarray]]:
 def read_csv(path: str, options: dict[str, str]) -> Channels:
     """Columns by their header; a cell that is no number is NaN, and a column without one is none."""
     delimiter, decimal = options.get("delimiter", ","), options.get("decimal", ".")
-    try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            head, *rows = [row for row in csv.reader(file, delimiter=delimiter) if row] or [[]]
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8, and the file is none of "
-                         f"{', '.join(name for _, name, _ in FORMATS)}") from None
-    except csv.Error as error:
-        raise InputError(f"{path}: {error}; expected cells between {delimiter!r}") from None
-    names = [name.strip() for name in head]
-    for k, row in enumerate(rows):
-        if len(row) != len(names):
-            raise InputError(f"{path}: row {k + 2}: {len(row)} cells, expected {len(names)} as in the header")
-    table = {name: np.array([_number(row[k], decimal) for row in rows]) for k, name in enumerate(names)}
+    with open(path, **AS_TEXT) as file:
+        read = rows(path, file, delimiter)
+        _, head = next(read, (0, []))
+        names = [name.strip() for name in head]
+        columns = [array("d") for _ in names]
+        for line, cells in read:
+            if len(cells) != len(names):
+                raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(names)} as in the header")
+            for column, cell in zip(columns, cells, strict=True):
+                column.append(_number(cell, decimal))
+    table = {name: np.array(column) for name, column in zip(names, columns, strict=True)}
     return Channels({name: x for name, x in table.items() if np.isfinite(x).any()})
 
 
 def _number(cell: str, decimal: str) -> float:
-    try:
-        return float(cell.replace(decimal, ".") if decimal != "." else cell)
-    except ValueError:
-        return float("nan")
+    value = number(cell.replace(decimal, ".") if decimal != "." else cell)
+    return math.nan if value is None else value
 
 
 # ---- formats of libraries

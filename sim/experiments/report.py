@@ -9,7 +9,7 @@ import numpy as np
 
 from launchid_core import polynomial
 
-from ..bound import flight_bound
+from ..bound.flights import flight_bound
 from ..campaign import run_jobs
 from ..files import make_folder, write_text
 from ..identify import number

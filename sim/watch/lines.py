@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 from launchid_core import Sample
 
 from ..errors import InputError
-from ..log import REQUIRED, Columns, Log
+from ..log import Log, log_of_values
+from ..log_table import REQUIRED, Columns
 
 ORDER = Sample._fields   # of columns without a header row
 LEAST = 4                # of them: up to beta
@@ -49,12 +50,12 @@ class Lines:
             before = self._columns
             row = self._row(line)
             if before is not None and before is not self._columns and rows:
-                yield before.log(rows)
+                yield _log(before, rows)
                 rows = []
             if row is not None:
                 rows.append(row)
         if rows and self._columns is not None:
-            yield self._columns.log(rows)
+            yield _log(self._columns, rows)
         if len(self._torn) > LONGEST:
             self._torn, self._too_long = b"", True
 
@@ -115,6 +116,10 @@ class Lines:
             self._say(f"{text}; the row is left out")
         elif self.malformed == SAID + 1:
             self._say(f"{self.path}: further rows that cannot be read are only counted")
+
+
+def _log(columns: Columns, rows: list[list[float]]) -> Log:
+    return log_of_values(columns.path, columns.values(rows), columns.ignored)
 
 
 def _are_numbers(cells: list[str]) -> bool:

@@ -18,6 +18,7 @@ SAME_RATE = 0.2            # relative difference of periods that jitter alone ma
 JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single steps are not jitter
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6))
 RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
+MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a count of rows no integer
 LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
 
 
@@ -71,6 +72,7 @@ def local_periods(steps: np.ndarray) -> np.ndarray:
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of stamps that are no times: what is infinite is beyond a limit too
 def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
     """(last stamp before, first after, rows lost) of each gap in strictly increasing stamps t (n,) [s].
 
@@ -87,7 +89,7 @@ def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
     local = local_periods(steps)
     # the median of all is the better one where the rate is the same
     relative = steps / np.where(np.abs(local / period - 1.0) < SAME_RATE, period, local) - (np.diff(row) - 1)
-    return [(float(t[k]), float(t[k + 1]), max(1, round(float(relative[k])) - 1))
+    return [(float(t[k]), float(t[k + 1]), max(1, round(min(float(relative[k]), MOST_LOST)) - 1))
             for k in np.flatnonzero(relative > limit)]
 
 

@@ -1,0 +1,190 @@
+"""The filter about the true parameters, its sensitivities, and what the innovations of each window tell."""
+
+import numpy as np
+
+from ..vehicle.kernels import kernel
+from .step import N_STATES, add_noise, fill, transition
+from .world import ATTITUDE_BIAS, PATH, World, calm
+
+N_UNKNOWN = 6      # four initial states, relative a6, relative k1
+DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
+
+
+@kernel
+def predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises):
+    """Time update of dp (2, n, n), the derivatives of the covariance p (n, n) for relative a6 and k1."""
+    for m in range(2):
+        slope, share, by = (full_a, a6, fa) if m == 0 else (full_k, k1, fk)
+        left = slope @ p + 0.5 * (full @ dp[m])
+        new = left @ full.T
+        for i in range(N_STATES):
+            for j in range(N_STATES):
+                new[i, j] += share * (by[i, 4] * f[j, 4] * noises[3] + by[i, 5] * f[j, 5] * noises[4])
+        dp[m] = new + new.T
+
+
+@kernel
+def predict(x, p, s, dp, u, known, f, fa, fk, a6, k1, full, full_a, full_k, air, noises):
+    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, 6) of the one and, beyond the
+    vehicle alone, dp (2, n, n) of the other; the world's noise is not in it.
+
+    u [rad]  command;  known [rad]  angle of attack beside theta
+    """
+    n = len(x)
+    new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, N_UNKNOWN)), np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        new_x[i] = air[0, i] * known
+        new_s[i, 4] = air[1, i] * known
+        new_s[i, 5] = air[2, i] * known
+        if i < N_STATES:
+            new_x[i] += f[i, 4] * u
+            new_s[i, 4] += a6 * fa[i, 4] * u
+            new_s[i, 5] += k1 * fk[i, 4] * u
+        for k in range(n):
+            if full[i, k] == 0.0:
+                continue
+            new_x[i] += full[i, k] * x[k]
+            new_s[i, 4] += full_a[i, k] * x[k]
+            new_s[i, 5] += full_k[i, k] * x[k]
+            for j in range(N_UNKNOWN):
+                new_s[i, j] += full[i, k] * s[k, j]
+            for j in range(n):
+                fp[i, j] += full[i, k] * p[k, j]
+    for i in range(n):
+        for j in range(n):
+            if i < N_STATES and j < N_STATES:
+                new_p[i, j] = f[i, 4] * f[j, 4] * noises[3] + f[i, 5] * f[j, 5] * noises[4]
+            for k in range(n):
+                new_p[i, j] += fp[i, k] * full[j, k]
+    if n > N_STATES:
+        predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises)
+    x[:] = new_x
+    p[:, :] = new_p
+    s[:, :] = new_s
+
+
+@kernel
+def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
+    """Measurement update of dp (2, n, n), the gain's derivatives into s, and what the variance tells."""
+    n = len(gain)
+    share = np.zeros(2)
+    for m in range(2):
+        slope = dp[m, channel].copy()
+        if partner >= 0:
+            slope += dp[m, partner]
+        by = slope[channel] + (slope[partner] if partner >= 0 else 0.0)
+        share[m] = by / variance
+        for i in range(n):
+            s[i, 4 + m] += (slope[i] - gain[i] * by) / variance * innovation
+            for j in range(n):
+                dp[m, i, j] += by * gain[i] * gain[j] - slope[i] * gain[j] - gain[i] * slope[j]
+    for i in range(2):
+        for j in range(2):
+            information[4 + i, 4 + j] += 0.5 * share[i] * share[j]
+
+
+@kernel
+def correct(x, p, s, dp, channel, partner, z, r, information):
+    """Scalar measurement update; adds the innovation's information about the six unknowns.
+
+    partner  the state that is this sensor's offset, -1 for none
+    """
+    n = len(x)
+    column, row, expected = p[channel].copy(), s[channel].copy(), x[channel]
+    if partner >= 0:
+        column += p[partner]
+        row += s[partner]
+        expected += x[partner]
+    variance = column[channel] + r
+    if partner >= 0:
+        variance += column[partner]
+    innovation = z - expected
+    gain = column / variance
+    for i in range(N_UNKNOWN):
+        for j in range(N_UNKNOWN):
+            information[i, j] += row[i] * row[j] / variance
+    if n > N_STATES:
+        correct_slopes(s, dp, channel, partner, gain, variance, innovation, information)
+    for i in range(n):
+        x[i] += gain[i] * innovation
+        for j in range(N_UNKNOWN):
+            s[i, j] -= gain[i] * row[j]
+        for j in range(n):
+            p[i, j] -= gain[i] * column[j]
+
+
+@kernel
+def start_window(world, row, x, p, s, dp):
+    """The sensitivities afresh and, of a window that knows nothing of the data before it, the filter too."""
+    s[:, :] = 0.0
+    for i in range(N_STATES):
+        s[i, i] = 1.0
+    if not world.restarts:
+        return
+    p[:, :] = 0.0
+    dp[:, :, :] = 0.0
+    for i in range(N_STATES):
+        p[i, i] = DIFFUSE[i] * DIFFUSE[i]
+    for j in range(len(world.role)):
+        c = N_STATES + j
+        x[c] = world.gamma[row] if world.role[j] == PATH else 0.0
+        p[c, c] = world.start[j, row]
+
+
+@kernel
+def information_in(world, t, z, u, a6, k1, actuator, noises, window_of, information, k1_information):
+    """`window_information` in a world."""
+    n = N_STATES + len(world.role)
+    x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, N_UNKNOWN)), np.zeros((2, n, n))
+    f, fa, fk = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    full, full_a, full_k, air = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((3, n))
+    unused = np.zeros((N_UNKNOWN, N_UNKNOWN))
+    channels = (0, 1, 2)
+    partner = np.full(3, -1)
+    for j in range(len(world.role)):
+        if world.role[j] >= ATTITUDE_BIAS:
+            partner[world.role[j] - ATTITUDE_BIAS] = N_STATES + j
+        x[N_STATES + j] = world.gamma[0] if world.role[j] == PATH else 0.0
+        p[0, N_STATES + j, N_STATES + j] = world.start[j, 0]
+    for channel in channels:
+        x[channel] = z[0, channel]
+        p[0, channel, channel] = noises[channel]
+        if partner[channel] >= 0:
+            p[0, channel, channel] += p[0, partner[channel], partner[channel]]
+    current = -1
+    for k in range(len(t)):
+        if window_of[k] != current:
+            current = window_of[k]
+            start_window(world, k, x, p[0], s, dp)
+        for channel in channels:
+            if np.isfinite(z[k, channel]):
+                correct(x, p[0], s, dp, channel, partner[channel], z[k, channel], noises[channel],
+                        information[current] if current >= 0 else unused)
+        k1_information[k] = information[current, 5, 5] if current >= 0 else 0.0
+        if k + 1 < len(t):
+            h = t[k + 1] - t[k]
+            transition(a6[k], k1[k], actuator[0], actuator[1], h, f, fa, fk)
+            fill(world, f, fa, fk, a6[k], k1[k], h, k, full, full_a, full_k, air)
+            predict(x, p[0], s, dp, u[k], world.air[k], f, fa, fk, a6[k], k1[k], full, full_a, full_k, air, noises)
+            p[1] = 0.0
+            add_noise(world, f, a6[k], h, k, noises, p)
+            dp[0] += p[1]
+
+
+def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarray, k1: np.ndarray,
+                       actuator: np.ndarray, noises: np.ndarray, window_of: np.ndarray, information: np.ndarray,
+                       k1_information: np.ndarray, world: World | None = None) -> None:
+    """Information of each window about (initial state, relative a6, relative k1).
+
+    t, u (n,)   [s, rad]  in
+    z (n, 3)              in   theta, theta_dot, beta
+    a6, k1 (n,) [1/s^2]   in   true, at the middle of the step from each row
+    actuator (2,)         in   natural frequency [rad/s], damping ratio; of first order 1/time constant, FIRST_ORDER
+    noises (5,)           in   variances: theta, theta_dot, beta, command, acceleration (held over a sample)
+    window_of (n,)        in   int64 window of each row, -1 for none
+    information (w, 6, 6) out
+    k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
+    world                 in   what else is not known; None: nothing
+    """
+    information_in(calm(len(t)) if world is None else world, t, z, u, a6, k1, actuator, noises, window_of,
+                   information, k1_information)

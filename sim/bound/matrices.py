@@ -1,0 +1,38 @@
+"""Bounds out of information matrices."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Per window of one flight.  Arrays (windows,); standard deviations are relative to the true value."""
+
+    t_start: np.ndarray      # s
+    a6: np.ndarray           # relative standard deviation
+    k1: np.ndarray
+    correlation: np.ndarray
+
+
+def without_offset(information: np.ndarray) -> np.ndarray:
+    """(w, 2, 2) from (w, 6, 6): the unknown initial state removed by a Schur complement.
+
+    A state of which no measurement says anything (the nozzle's rate behind a first-order servo) drops out.
+    """
+    nuisance = information[:, :4, :4]
+    cross = information[:, :4, 4:]
+    scale = np.sqrt(np.einsum("wii->wi", nuisance))
+    silent = scale == 0.0
+    scale = np.where(silent, 1.0, scale)
+    scaled = nuisance / scale[:, :, None] / scale[:, None, :] + silent[:, :, None] * np.eye(4)
+    explained = np.einsum("wki,wkj->wij", cross / scale[:, :, None],
+                          np.linalg.solve(scaled, cross / scale[:, :, None]))
+    return information[:, 4:, 4:] - explained
+
+
+def bounds_of(information: np.ndarray, window: float) -> Bound:
+    """Bounds from information matrices (w, 2, 2) of windows end to end."""
+    covariance = np.linalg.inv(information)
+    std = np.sqrt(np.einsum("wii->wi", covariance))
+    return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]))

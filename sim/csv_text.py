@@ -1,0 +1,107 @@
+"""The rows of a CSV text, one at a time, each with the line that it begins on.
+
+What is no such text is an InputError of one line that names it: another kind of file, another encoding, a quote that is
+not closed, a line without an end.  Memory is that of one row, whatever the file holds.
+"""
+
+import csv
+from collections.abc import Iterator
+from typing import Literal, TextIO, TypedDict
+
+from .errors import InputError
+
+LONGEST_LINE = 1 << 20   # characters: a sample's line has a few hundred
+BOM_16 = (b"\xff\xfe", b"\xfe\xff")
+KINDS = (  # first bytes -> what such a file is, and what to do with it; the first that fits
+    (b"\xff\xfe\x00\x00", "UTF-32 text; save it as UTF-8"), (BOM_16[0], "UTF-16 text; save it as UTF-8"),
+    (BOM_16[1], "UTF-16 text; save it as UTF-8"),
+    (b"\x1f\x8b", "a gzip archive; unpack it first"), (b"BZh", "a bzip2 archive; unpack it first"),
+    (b"\xfd7zXZ\x00", "an xz archive; unpack it first"), (b"\x28\xb5\x2f\xfd", "a zstd archive; unpack it first"),
+    (b"PK\x03\x04", "a zip archive, as a spreadsheet is; unpack it, or save the sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0", "a spreadsheet or document; save the sheet as CSV"),
+    (b"\x89PNG", "a picture"), (b"\xff\xd8\xff", "a picture"), (b"GIF8", "a picture"), (b"%PDF-", "a PDF"),
+    (b"SQLite format 3\x00", "an SQLite database; export the table as CSV"), (b"\x7fELF", "a program"),
+    (b"<?xml", "XML"), (b"<!DOCTYPE", "a web page"), (b"<html", "a web page"))
+
+
+class TextOptions(TypedDict):
+    """How `open` opens what `rows` reads."""
+
+    encoding: Literal["utf-8-sig"]
+    errors: Literal["surrogateescape"]
+    newline: Literal[""]
+
+
+AS_TEXT: TextOptions = {"encoding": "utf-8-sig", "errors": "surrogateescape", "newline": ""}
+
+
+def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
+    """(line it begins on, cells) of every row that is not blank.
+
+    file  opened with AS_TEXT: what is no UTF-8 is found here, with its line
+    """
+    lines = _Lines(path, file)
+    reader = csv.reader(lines, delimiter=delimiter, strict=True)
+    while True:
+        begins = lines.number + 1
+        try:
+            cells = next(reader, None)
+        except csv.Error as error:
+            reason = _reason(str(error), lines.number > begins, delimiter)
+            raise InputError(f"{path}: line {begins}: {reason}") from None
+        if cells is None:
+            return
+        if cells:
+            yield begins, cells
+
+
+class _Lines:
+    """The lines of a file; `number` is that of the last one given."""
+
+    def __init__(self, path: str, file: TextIO) -> None:
+        self.path, self.number, self._readline = path, 0, file.readline
+
+    def __iter__(self) -> "_Lines":
+        return self
+
+    def __next__(self) -> str:
+        line = self._readline(LONGEST_LINE)
+        if not line:
+            raise StopIteration
+        self.number += 1
+        if self.number == 1:
+            self._check_kind(line)
+        if not line.isascii():
+            self._check_encoding(line)
+        if len(line) == LONGEST_LINE:
+            raise InputError(f"{self.path}: line {self.number}: more than {LONGEST_LINE} characters; expected one "
+                             "sample a line")
+        return line
+
+    def _check_kind(self, line: str) -> None:
+        first = line.encode("utf-8", "surrogateescape")
+        for magic, what in KINDS:
+            if first.startswith(magic):
+                raise InputError(f"{self.path}: this is {what}; expected a UTF-8 CSV file")
+        if "\0" in line:
+            raise InputError(f"{self.path}: line 1: a NUL character, as UTF-16 and binary files have; expected a UTF-8 "
+                             "CSV file")
+
+    def _check_encoding(self, line: str) -> None:
+        try:
+            line.encode("utf-8")
+        except UnicodeEncodeError as error:
+            byte = line[error.start].encode("utf-8", "surrogateescape")[0]
+            raise InputError(f"{self.path}: line {self.number}: the byte 0x{byte:02x} is not UTF-8; expected a UTF-8 "
+                             "CSV file") from None
+
+
+def _reason(error: str, over_lines: bool, delimiter: str) -> str:
+    """What the csv module means."""
+    if "end of data" in error or ("field limit" in error and over_lines):
+        return "a quote is opened and not closed; expected a closing quote, or none"
+    if "field limit" in error:
+        return f"a cell of more than {csv.field_size_limit()} characters; expected a number"
+    if "expected after" in error:
+        return f"text behind a closing quote; expected {delimiter!r} there"
+    return f"{error}; expected cells between {delimiter!r}"

@@ -1,0 +1,142 @@
+"""Which column of a log is which, and its cells as numbers.
+
+Rows become numbers in blocks, column by column: what a whole log takes is its columns, 8 bytes a number.
+"""
+
+import itertools
+import math
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from .errors import InputError
+
+REQUIRED = ("t", "theta", "beta")
+OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
+BLOCK = 4096       # rows that are text at a time
+SHOWN = 40         # characters of a cell in a message
+DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
+
+# float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf(inity)?\Z", re.ASCII | re.IGNORECASE)
+_NOT_MEASURED = re.compile(r"([+-]?nan)?\Z", re.ASCII | re.IGNORECASE)  # C prints -nan
+_INTEGER = re.compile(r" *[+-]?\d+ *\Z", re.ASCII)
+_PLAIN = re.compile(r"[0-9+\-.eE \n]*\Z")       # where float() takes what _NUMBER does, but for
+_LONG_EXPONENT = re.compile(r"[eE][+-]?\d{5}")  # these
+
+
+def number(text: str) -> float | None:
+    """A cell as a number, NaN: not measured; None if it is none."""
+    text = text.strip()
+    if _NOT_MEASURED.match(text):
+        return math.nan
+    return float(text) if _NUMBER.match(text) else None
+
+
+def numbers(cells: Sequence[str]) -> list[float] | None:
+    """A column as numbers, all that `number` gives; None if one is none."""
+    text = "\n".join(cells)
+    if _PLAIN.match(text) and not _LONG_EXPONENT.search(text):
+        try:
+            return list(map(float, cells))
+        except ValueError:  # an empty cell, most likely
+            pass
+    found = [number(cell) for cell in cells]
+    return None if None in found else found  # type: ignore[return-value]
+
+
+def shown(cell: str) -> str:
+    """A cell for a message: escaped and cut."""
+    return ascii(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")
+
+
+def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
+    """Name -> place of the columns; InputError for a header that cannot be a log's."""
+    names = [name.strip() for name in header]
+    for name, times in Counter(names).items():
+        if times > 1 and name:
+            raise InputError(f"{path}: {where}column {shown(name)} stands {times} times; expected once")
+    if "gamma" in names and "alpha" in names:
+        raise InputError(f"{path}: {where}columns gamma and alpha; expected one of them, the other follows from theta")
+    for name in required:
+        if name not in names:
+            raise InputError(f"{path}: {where}{_without(name, names)}; expected a header with {', '.join(required)}")
+    return {name: k for k, name in enumerate(names)}
+
+
+def _without(name: str, names: list[str]) -> str:
+    """That a column is missing, and what seems to be the reason."""
+    if len(names) == 1:
+        for character, words in DELIMITERS.items():
+            if character in names[0]:
+                return f"{words} where commas should be (found {shown(names[0])})"
+    return f"column '{name}' is missing (found {shown(','.join(names))})"
+
+
+class Columns:
+    """Which column of a CSV log is which: its header, read once, and its rows, as many at a time as there are.
+
+    known, ignored   name -> place of the columns that are used; names of the others, those that have one
+    InputError for a header that cannot be a log's.
+    """
+
+    def __init__(self, path: str, header: list[str], required: tuple[str, ...] = REQUIRED,
+                 where: str = "line 1: ") -> None:
+        names = places(path, header, required, where)
+        self.path, self.width, self._header = path, len(header), header
+        self.known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
+        self.ignored = tuple(name for name in names if name and name not in self.known)
+
+    def numbers(self, line: int, cells: list[str], is_last: bool = False) -> list[float]:
+        """One row's known cells; InputError naming line and column.  `is_last`: of a file."""
+        if len(cells) != self.width:
+            raise InputError(f"{self.path}: line {line}: {self._odd_width(cells, is_last)}")
+        if cells == self._header:
+            raise InputError(f"{self.path}: line {line}: the header stands here again; expected one log in a file")
+        return [self._cell(line, name, cells[k]) for name, k in self.known.items()]
+
+    def _odd_width(self, cells: list[str], is_last: bool) -> str:
+        if any("\0" in cell for cell in cells):
+            return "NUL characters; expected a sample (a file that was not closed may end so)"
+        hint = ""
+        if is_last and len(cells) < self.width:
+            hint = "; the file ends there: cut short, or still being written"
+        elif len(cells) == 2 * self.width and all(_INTEGER.match(cell) for cell in cells):
+            hint = "; the numbers seem to have decimal commas: expected points"
+        return f"{len(cells)} cell{'s' * (len(cells) != 1)}, expected {self.width} as in the header{hint}"
+
+    def _cell(self, line: int, name: str, text: str) -> float:
+        value = number(text)
+        if value is None:
+            raise InputError(f"{self.path}: line {line}, column {name}: {shown(text.strip())} is no number; "
+                             "expected one such as -0.0123, or an empty cell")
+        return value
+
+    def _block(self, rows: list[tuple[int, list[str]]]) -> Iterator[Sequence[float]]:
+        """The known columns of these rows; InputError for the first that cannot be read."""
+        if all(len(cells) == self.width for _, cells in rows):
+            turned = list(zip(*(cells for _, cells in rows), strict=True))
+            columns = [numbers(turned[k]) for k in self.known.values()]
+            whole = [column for column in columns if column is not None]
+            if len(whole) == len(columns):
+                return iter(whole)
+        last = rows[-1] if len(rows) < BLOCK else None
+        return zip(*[self.numbers(*row, is_last=row is last) for row in rows], strict=True)
+
+    def read(self, rows: Iterable[tuple[int, list[str]]]) -> dict[str, np.ndarray]:
+        """The known columns of all these rows, each (rows,); `rows` as `csv_text.rows` gives them."""
+        columns = [array("d") for _ in self.known]  # grows where it is: no second copy at the end
+        rows = iter(rows)
+        while block := list(itertools.islice(rows, BLOCK)):
+            for column, values in zip(columns, self._block(block), strict=True):
+                column.extend(values)
+        return {name: np.frombuffer(column) if column else np.zeros(0)
+                for name, column in zip(self.known, columns, strict=True)}
+
+    def values(self, rows: list[list[float]]) -> dict[str, np.ndarray]:
+        """The known columns of rows that `numbers` made."""
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.known))
+        return {name: table[:, k].copy() for k, name in enumerate(self.known)}

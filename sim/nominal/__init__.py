@@ -1,0 +1,78 @@
+"""What the simulation believes: a TOML file <-> the frozen dataclasses of `sections`.
+
+The schema by example is `sim/data/nominal/constant.toml`.  Unknown keys are
+refused; every message names the file, the key, the value and what was expected.
+SI units throughout (s, rad).
+"""
+
+import tomllib
+from pathlib import Path
+
+from ..errors import InputError
+from ..files import reads
+from ..sections import (
+    Actuator,
+    Controller,
+    Diagnosis,
+    Drift,
+    Forecast,
+    Guidance,
+    Multisine,
+    Nominal,
+    Offsets,
+    Profile,
+    Section,
+    Sensors,
+    Simulation,
+    Wind,
+)
+from .profiles import constant_profile, read_profile
+from .reader import nominal_of
+from .table import Table
+from .writer import nominal_lines, write_nominal
+
+__all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
+           "Offsets", "Profile", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
+           "load_nominal", "locate", "nominal_lines", "read_profile", "write_nominal"]
+
+DATA = Path(__file__).parents[1] / "data"
+BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
+STANDS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
+          "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
+
+
+def built_in(name: str) -> Path:
+    """Path of a nominal that comes with the package."""
+    return DATA / "nominal" / f"{name}.toml"
+
+
+def locate(text: str) -> Path:
+    """A nominal by path, or by the name of a built-in one when no such file exists."""
+    path = Path(text)
+    return built_in(text) if text in BUILT_IN + STANDS and not path.exists() else path
+
+
+def load_nominal(path: str | Path) -> Nominal:
+    """Read and check a nominal file; InputError in one line if it cannot be used."""
+    path = locate(str(path))
+    reads(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a nominal TOML file "
+                         f"or one of {', '.join(BUILT_IN)}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a nominal TOML file") from None
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
+        raise InputError(one_line(f"{path}: {error}; expected TOML")) from None
+    try:
+        return nominal_of(Table(path, table))
+    except InputError as error:
+        raise InputError(one_line(str(error))) from None
+
+
+def one_line(text: str) -> str:
+    """A message in one line, whatever keys and paths hold."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -1,0 +1,91 @@
+"""The table of one TOML file, its keys and values checked one by one, each by its place."""
+
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .profiles import read_columns
+
+LARGEST = 1e300  # a number beyond it is no physical quantity
+WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air")}  # keys that are no numbers
+POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
+            "time_limit"}
+SIGNED = {"kp", "kd", "ki"}
+
+
+class Table:
+    """The parsed table of one file; InputError naming the place of whatever is wrong."""
+
+    def __init__(self, path: Path, table: dict[str, Any]) -> None:
+        self.path = path
+        self.table = table
+
+    def fail(self, place: str, value: object, expected: str) -> InputError:
+        shown = repr(value) if not isinstance(value, int) or abs(value) < 10**40 else "an integer of many digits"
+        return InputError(f"{self.path}: {place} = {shown}: expected {expected}")
+
+    def keys(self, section: str, allowed: set[str], required: set[str]) -> dict[str, Any]:
+        table = self.table[section]
+        if not isinstance(table, dict):
+            raise self.fail(section, table, "a section")
+        for key in table:
+            if key not in allowed:
+                raise InputError(f"{self.path}: unknown key '{section}.{key}'; "
+                                 f"expected one of {', '.join(sorted(allowed))}")
+        for key in sorted(required - set(table)):
+            raise InputError(f"{self.path}: key '{section}.{key}' is missing")
+        return table
+
+    def number(self, place: str, value: object, above: float | None = None, least: float | None = None) -> float:
+        expected = "a number" + (f" above {above:g}" if above is not None else "") + \
+            (f" of at least {least:g}" if least is not None else "")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not -LARGEST < value < LARGEST:
+            raise self.fail(place, value, expected)
+        if (above is not None and not value > above) or (least is not None and not value >= least):
+            raise self.fail(place, value, expected)
+        return float(value)
+
+    def section(self, section: str, kind: type) -> Any:
+        """A section whose keys are the fields of a dataclass of numbers and words."""
+        if section not in self.table:
+            return None
+        names = {f.name for f in fields(kind)}
+        required = {f.name for f in fields(kind) if f.default is MISSING}
+        return kind(**self.values(section, self.keys(section, names, required)))
+
+    def values(self, section: str, table: dict[str, Any]) -> dict[str, Any]:
+        """The numbers and words of a section, checked by their keys."""
+        return {key: self.value(f"{section}.{key}", key, value) for key, value in table.items()}
+
+    def value(self, place: str, key: str, value: object) -> float | str:
+        if key in WORDS:
+            if not isinstance(value, str) or value not in WORDS[key]:
+                raise self.fail(place, value, " or ".join(f'"{word}"' for word in WORDS[key]))
+            return value
+        if key in POSITIVE:
+            return self.number(place, value, above=0.0)
+        return self.number(place, value, least=None if key in SIGNED else 0.0)
+
+    def csv(self, place: str, value: object, header: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
+        """The columns of a CSV file beside the nominal, and its path."""
+        if not isinstance(value, str):
+            raise self.fail(place, value, f"the path of a CSV file {','.join(header)}")
+        path = self.path.parent / value
+        return read_columns(path, header), str(path)
+
+    def numbers(self, place: str, value: object, above: float | None = None,
+                least: float | None = None) -> tuple[float, ...]:
+        """A list of at least one number."""
+        if not isinstance(value, list) or not value:
+            raise self.fail(place, value, "a list of numbers")
+        return tuple(self.number(f"{place}[{i}]", x, above, least) for i, x in enumerate(value))
+
+    def same_length(self, section: str, columns: dict[str, tuple[float, ...]]) -> None:
+        (first, head), *others = columns.items()
+        for key, column in others:
+            if len(column) != len(head):
+                raise InputError(f"{self.path}: {section}.{first} has {len(head)} numbers and {section}.{key} "
+                                 f"{len(column)}; expected as many")
