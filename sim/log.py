@@ -27,9 +27,12 @@ from launchid_core import Sample
 
 from .errors import InputError
 from .files import is_read, reads, write_text
+from .result import Result
 
 if TYPE_CHECKING:
     from .flight import Flight
+    from .result import Columns as Table
+    from .result import Figure
 
 MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 REQUIRED = ("t", "theta", "beta")
@@ -41,7 +44,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf\Z", 
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class Log(Result):
     """A log as arrays of equal length; NaN where not measured, whole columns of NaN where the file has none."""
 
     path: str
@@ -66,6 +69,24 @@ class Log:
     def measured(self) -> dict[str, np.ndarray]:
         """The known columns that there are."""
         return {name: getattr(self, name) for name in self.columns}
+
+    def table(self) -> "Table":
+        return {name: x.tolist() for name, x in self.measured().items()}
+
+    def summary(self, of: str | None = None) -> str:
+        """Its rows, its time, and the share of them in which each column is measured."""
+        shares = ", ".join(f"{name} {100.0 * np.isfinite(x).mean():.4g} %"
+                           for name, x in self.measured().items() if name != "t")
+        t = self.t[np.isfinite(self.t)]
+        steps = np.diff(t)
+        rows = f"{len(self.t)} rows over {np.ptp(t) if len(t) else 0.0:.6g} s"
+        if (steps > 0).any():
+            rows += f", {np.median(steps[steps > 0]):.6g} s apart"
+        return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
+
+    def _figure(self) -> "Figure":
+        from .answers.figures import log_figure
+        return log_figure(self)
 
     @property
     def flight_path(self) -> np.ndarray:
@@ -145,7 +166,7 @@ class Columns:
 
     def log(self, rows: list[list[float]]) -> Log:
         """These rows as a log, even if none of them can be used."""
-        return _log(self.path, self.values(rows), self.ignored)
+        return log_of_any(self.path, self.values(rows), self.ignored)
 
 
 def measured_logs() -> tuple[str, ...]:
@@ -214,10 +235,11 @@ def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], i
     rows = len(values["t"])
     if rows == 0 or not np.isfinite(np.stack([values[name] for name in required])).all(axis=0).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
-    return _log(path, values, ignored)
+    return log_of_any(path, values, ignored)
 
 
-def _log(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...]) -> Log:
+def log_of_any(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...] = ()) -> Log:
+    """A log of these columns, even if no row of it can be used."""
     missing = {name: np.full(len(values["t"]), math.nan) for name in REQUIRED + OPTIONAL if name not in values}
     return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
 

@@ -91,11 +91,12 @@ def read_csv(path: str, options: dict[str, str]) -> Channels:
     for k, row in enumerate(rows):
         if len(row) != len(names):
             raise InputError(f"{path}: row {k + 2}: {len(row)} cells, expected {len(names)} as in the header")
-    table = {name: np.array([_number(row[k], decimal) for row in rows]) for k, name in enumerate(names)}
+    table = {name: np.array([number(row[k], decimal) for row in rows]) for k, name in enumerate(names)}
     return Channels({name: x for name, x in table.items() if np.isfinite(x).any()})
 
 
-def _number(cell: str, decimal: str) -> float:
+def number(cell: str, decimal: str) -> float:
+    """A cell with this decimal point; NaN for what is no number."""
     try:
         return float(cell.replace(decimal, ".") if decimal != "." else cell)
     except ValueError:
