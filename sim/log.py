@@ -27,9 +27,12 @@ from .csv_text import AS_TEXT, rows
 from .errors import InputError
 from .files import is_read, reads, write_text
 from .log_table import OPTIONAL, REQUIRED, Columns, places, shown
+from .result import Result
 
 if TYPE_CHECKING:
     from .flight import Flight
+    from .result import Columns as Table
+    from .result import Figure
 
 MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
@@ -37,7 +40,7 @@ FED = 4096         # rows that are samples at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class Log(Result):
     """A log as arrays of equal length; NaN where not measured, whole columns of NaN where the file has none."""
 
     path: str
@@ -67,6 +70,24 @@ class Log:
         """(rows,) bool: where this column is a number that the estimator does not reject as out of range."""
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
+
+    def table(self) -> "Table":
+        return {name: x.tolist() for name, x in self.measured().items()}
+
+    def summary(self, of: str | None = None) -> str:
+        """Its rows, its time, and the share of them in which each column is measured."""
+        shares = ", ".join(f"{name} {100.0 * np.isfinite(x).mean():.4g} %"
+                           for name, x in self.measured().items() if name != "t")
+        t = self.t[np.isfinite(self.t)]
+        steps = np.diff(t)
+        rows = f"{len(self.t)} rows over {np.ptp(t) if len(t) else 0.0:.6g} s"
+        if (steps > 0).any():
+            rows += f", {np.median(steps[steps > 0]):.6g} s apart"
+        return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
+
+    def _figure(self) -> "Figure":
+        from .answers.figures import log_figure
+        return log_figure(self)
 
     @property
     def flight_path(self) -> np.ndarray:

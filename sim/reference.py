@@ -9,11 +9,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .answers.answer import Answer, Columns, flat
+from .answers.answer import Answer, flat
 from .diagnosis.causes import RECORDS
 from .effects import CATALOGUE, Parameter
 from .effects.words import MEANING
 from .files import write_text
+from .result import Columns
 
 HEAD = """# Commands
 

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InputError
+from .result import Result
 
 if TYPE_CHECKING:
     from .effects import Effect
+    from .result import Columns, Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +228,7 @@ class Diagnosis:
 
 
 @dataclass(frozen=True, eq=False)
-class Nominal:
+class Nominal(Result):
     """One nominal file.  Sections a command does not need may be absent (None); `require` asks for them.
 
     theta_ddot = a6 alpha + k1 (beta + m) + sum coefficient*term, alpha = theta - gamma + w: without [drift] gamma is 0,
@@ -250,6 +252,42 @@ class Nominal:
     effects: tuple["Effect", ...] = ()
     terms: tuple[tuple[str, float], ...] = ()  # (library term, coefficient)
     path: str = ""
+
+    def nodes(self) -> np.ndarray:
+        """Times (n,) [s] at which a6, k1 or their range are given."""
+        return self.vehicle.t if self.uncertainty is None else np.union1d(self.vehicle.t, self.uncertainty.t)
+
+    def table(self) -> "Columns":
+        t = self.nodes()
+        a6, k1 = self.vehicle.at(t)
+        given = {"t": t, "a6": a6, "k1": k1}
+        if self.uncertainty is not None:
+            given |= dict(zip(("sigma_a6", "sigma_k1"), self.uncertainty.at(t), strict=True))
+        return {name: x.tolist() for name, x in given.items()}
+
+    def summary(self) -> str:
+        """Its parameters with their ranges over time, its sensors, and what else it says something of."""
+        def span(x: np.ndarray) -> str:
+            return f"{x[0]:.4g}" if np.ptp(x) == 0.0 else f"{np.min(x):.4g} .. {np.max(x):.4g}"
+
+        head = f"{self.name or 'nominal'}: a6 {span(self.vehicle.a6)}, k1 {span(self.vehicle.k1)} 1/s^2"
+        if len(self.vehicle.t) > 1:
+            head += f", over {self.vehicle.t[0]:g} .. {self.vehicle.t[-1]:g} s"
+        if self.uncertainty is not None:
+            head += f"; range sigma {span(self.uncertainty.a6)}, {span(self.uncertainty.k1)}"
+        s = self.sensors
+        lines = [head, f"sensors: every {s.period:g} s; one sigma of theta {s.theta_std:g} rad, theta_dot "
+                       f"{s.theta_dot_std:g} rad/s, beta {s.beta_std:g} rad"]
+        lines += ["terms: " + ", ".join(f"{x:g} {name}" for name, x in self.terms)] if self.terms else []
+        there = [name for name in ("actuator", "controller", "guidance", "simulation", "test_input", "drift", "wind",
+                                   "offsets") if getattr(self, name) is not None]
+        lines += [f"sections: {', '.join(there)}"] if there else []
+        lines += [f"effects: {', '.join(each.name for each in self.effects)}"] if self.effects else []
+        return "\n".join(lines)
+
+    def _figure(self) -> "Figure":
+        from .answers.figures import range_figure
+        return range_figure(self)
 
     def require(self, *sections: str) -> None:
         """Raise InputError naming the first of these sections that the file lacks."""

@@ -34,10 +34,11 @@ def slow_hint(period: float) -> str:
 
 def html_table(columns: dict[str, list[Any]]) -> str:
     """Columns of equal length as HTML; what is beyond MOST_ROWS is counted."""
-    rows = list(zip(*columns.values(), strict=True))
+    rows = len(next(iter(columns.values()), []))
+    shown = zip(*(x[:MOST_ROWS] for x in columns.values()), strict=True)
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in rows[:MOST_ROWS])
-    more = f"<p>... and {len(rows) - MOST_ROWS} more rows</p>" if len(rows) > MOST_ROWS else ""
+    body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in shown)
+    more = f"<p>... and {rows - MOST_ROWS} more rows</p>" if rows > MOST_ROWS else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
 
 

@@ -18,11 +18,11 @@ NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: no
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/plots.py", "sim/uncertainty/figures.py", "sim/diagnosis/report/figures.py",  # figures
            "sim/diagnosis/report/canvas.py", "sim/diagnosis/report/misfit.py",
-           "sim/answers/answer.py", "sim/answers/figures.py", "sim/requirement/figures.py",
+           "sim/result.py", "sim/answers/figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
 FORMATS = {"sim/convert/readers.py"}  # of other people's logs
 CLUSTER = {"sim/requirement/executor.py"}  # beyond one machine
-FRAMES = {"sim/answers/answer.py"}  # answers as data frames
+FRAMES = {"sim/result.py"}  # answers as data frames
 COMPLETION = {"sim/cli.py"}  # of the shell
 FRONT = sorted((ROOT / "launchid").rglob("*.py"))
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",

@@ -184,10 +184,11 @@ def test_small_weather_beside_causes_is_not_worth_a_word(judged):
 def test_a_moment_that_nobody_declared_must_not_outweigh_the_causes(judged):
     """A hobby rocket's late command, in weather that took the delay in: a bending mode of 54 nats beside 357."""
     made = judged(Found(cause(evidence=54.0), weather=weather(357.0, SLOW_MOMENT))).made
-    assert (made.verdict, made.causes) == ("unexplained", ()) and any("stand for anything" in said for said in made.doubts)
-    for evidence, verdict in ((OUTSIDE * 357.0 / measure.DOMINANT.left, "dominant"),
+    assert (made.verdict, made.causes) == ("unexplained", ())
+    assert any("stand for anything" in said for said in made.doubts)
+    for evidence, expected in ((OUTSIDE * 357.0 / measure.DOMINANT.left, "dominant"),
                               (INSIDE * 357.0 / measure.DOMINANT.left, "unexplained")):
-        assert judged(Found(cause(evidence=evidence), weather=weather(357.0, SLOW_MOMENT))).made.verdict == verdict
+        assert judged(Found(cause(evidence=evidence), weather=weather(357.0, SLOW_MOMENT))).made.verdict == expected
     assert judged(Found(cause(evidence=54.0), weather=weather(357.0))).made.verdict != "unexplained"  # wind has a name
 
 

@@ -18,7 +18,7 @@ import launchid_core
 from sim.cli import main
 from sim.log import read_log
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import MOST_ROWS, html_table, with_std
+from sim.shown import html_table, with_std
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -167,8 +167,7 @@ def test_wrong_words_are_usage_errors(folder):
                   lambda: launchid.identify(log, tracked=True), lambda: launchid.uncertainty(log, nominal, window=-1),
                   lambda: launchid.fit_lft([], nominal), lambda: launchid.fit_lft([log], nominal, share=2.0),
                   lambda: launchid.simulate(nominal, seed=-1), lambda: launchid.simulate(nominal, effects=["wings"]),
-                  lambda: launchid.plan(nominal, accuracy=2.0, window=5), lambda: launchid.export_c(nominal, window=0),
-                  lambda: launchid.export_c(nominal).plot()):
+                  lambda: launchid.plan(nominal, accuracy=2.0, window=5), lambda: launchid.export_c(nominal, window=0)):
         with pytest.raises(launchid.UsageError):
             wrong()
     with pytest.raises(launchid.InputError):
@@ -176,29 +175,6 @@ def test_wrong_words_are_usage_errors(folder):
 
 
 # ---- results
-
-
-def results(folder: Path) -> list:
-    log, nominal = folder / "log.csv", folder / "n.toml"
-    return [launchid.identify(log, nominal, window=5, tracked=True), launchid.uncertainty(log, nominal, window=5),
-            launchid.simulate(nominal), launchid.plan(nominal, accuracy=0.02, window=5),
-            launchid.fit_lft([log], nominal)]
-
-
-def test_results_are_drawn_and_put_into_frames(folder, tmp_path):
-    pytest.importorskip("matplotlib")
-    pandas = pytest.importorskip("pandas")
-    for k, made in enumerate(results(folder)):
-        figure = made.plot(tmp_path / f"{k}.png")
-        assert (tmp_path / f"{k}.png").read_bytes().startswith(b"\x89PNG")
-        for axis in figure.axes:
-            assert axis.get_ylabel() and "[" in axis.get_ylabel()
-        frame = made.to_frame()
-        assert isinstance(frame, pandas.DataFrame) and len(frame) == len(next(iter(made.columns().values()))) > 0
-        html = made._repr_html_()
-        assert html.count("<tr>") == min(len(frame), MOST_ROWS) + 1 and "<script" not in html
-    with pytest.raises(launchid.UsageError, match="png"):
-        made.plot(tmp_path / "x.txt")
 
 
 def test_the_frame_of_an_identification_is_its_windows(folder):

@@ -356,15 +356,16 @@ def plan_figure(plan: Plan) -> Figure:
 
 
 def range_figure(nominal: Nominal) -> Figure:
-    """The nominal's parameters with their range."""
+    """The nominal's parameters, with their range if it has one."""
     sigma, simulation = nominal.uncertainty, nominal.simulation
-    assert sigma is not None
-    ends = [float(nominal.vehicle.t[-1]), float(sigma.t[-1]), simulation.duration if simulation is not None else 1.0]
+    ends = [float(nominal.nodes()[-1]), simulation.duration if simulation is not None else 1.0]
     t = np.linspace(0.0, max(ends), 400)
-    figure, axes = panels(2, f"{nominal.name}: parameters and their range")
+    figure, axes = panels(2, f"{nominal.name}: parameters" + (" and their range" if sigma is not None else ""))
     for k, name in enumerate(("a6", "k1")):
-        value, spread = nominal.vehicle.at(t)[k], sigma.at(t)[k]
-        axes[k].fill_between(t, value * (1.0 - spread), value * (1.0 + spread), color="0.82", label="range")
+        value = nominal.vehicle.at(t)[k]
+        if sigma is not None:
+            spread = sigma.at(t)[k]
+            axes[k].fill_between(t, value * (1.0 - spread), value * (1.0 + spread), color="0.82", label="range")
         axes[k].plot(t, value, "--", color="0.3", label="nominal")
         axes[k].set_ylabel(f"{name} [{UNIT}]")
     _legend(axes[0])

@@ -18,10 +18,11 @@ from ..requirement.identity import Definition
 from ..requirement.order_statistics import Planned
 from ..requirement.sequential import Sequential
 from ..requirement.verdict import judged, said
-from .answer import Answer, Columns, flat
+from ..result import Columns
+from .answer import Answer, flat
 
 if TYPE_CHECKING:
-    from .answer import Figure
+    from ..result import Figure
 
 VERDICT, PICTURE = "verdict.json", "campaign.png"
 STOPS = ("decided", "never")

@@ -11,10 +11,11 @@ from ..convert.columns import converted
 from ..convert.mapping import Map
 from ..convert.readers import read_channels
 from ..log import REQUIRED, Log, write_columns
-from .answer import Answer, Columns
+from ..result import Columns
+from .answer import Answer
 
 if TYPE_CHECKING:
-    from .answer import Figure
+    from ..result import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +27,13 @@ class Converted(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self, of: str = "log") -> str:
-        r = self.report
-        shares = ", ".join(f"{name} {100 * share:.4g} %" for name, share in r["measured"].items())
-        return f"{of}: {r['rows']} rows over {r['span']:.6g} s, {r['period']:.6g} s apart; measured: {shares}"
+        return self.log.summary(of)
 
     def columns(self) -> Columns:
-        return {name: x.tolist() for name, x in self.log.measured().items()}
+        return self.log.table()
 
     def _figure(self) -> "Figure":
-        from .figures import log_figure
-        return log_figure(self.log)
+        return self.log._figure()
 
     def write(self, path: str | Path) -> None:
         """The log, as CSV."""

@@ -18,12 +18,13 @@ from ..errors import UsageError
 from ..identify import log_config, report, run, table
 from ..log import Log
 from ..nominal import Nominal, write_nominal
+from ..result import Columns, drawn
 from ..uncertainty import greybox, level
-from .answer import Answer, Columns, drawn, flat
+from .answer import Answer, flat
 from .residuals import residuals
 
 if TYPE_CHECKING:
-    from .answer import Figure
+    from ..result import Figure
 
 
 # ---- identify

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from launchid_core import Config
+import numpy as np
+
+from launchid_core import Config, Sample
 
 from ..believed import onboard_model
 from ..checked import profile_note
@@ -16,15 +18,16 @@ from ..export_c.kit import exported
 from ..export_c.vectors import flown
 from ..files import make_folder, write_text
 from ..flight import Flight, fly_whole
-from ..log import Log, flown_log, write_flight
+from ..log import Log, flown_log, log_of, write_flight
 from ..nominal import Nominal, write_nominal
 from ..plan import Plan
 from ..plan import plan as planned
+from ..result import Columns
 from ..uncertainty import level
-from .answer import Answer, Columns
+from .answer import Answer
 
 if TYPE_CHECKING:
-    from .answer import Figure
+    from ..result import Figure
 
 
 # ---- simulate
@@ -139,6 +142,7 @@ class Exported(Answer):
 
     files: dict[str, str]
     config: Config
+    samples: list[Sample]   # of the vectors that it is checked with
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -147,6 +151,11 @@ class Exported(Answer):
 
     def columns(self) -> Columns:
         return {"file": list(self.files), "lines": [text.count("\n") for text in self.files.values()]}
+
+    def _figure(self) -> "Figure":
+        columns = dict(zip(Sample._fields, np.array(self.samples).T, strict=True))
+        known = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+        return log_of(known, "vectors.h")._figure()
 
     def write(self, folder: str | Path) -> None:
         """The files, into a folder that is made if need be."""
@@ -167,5 +176,6 @@ def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = No
                         formulation=formulation, model=model, **choices)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    files = exported(config, flown(nominal, config))
-    return Exported(files, config, {"files": list(files)})
+    samples = flown(nominal, config)
+    files = exported(config, samples)
+    return Exported(files, config, samples, {"files": list(files)})

@@ -52,13 +52,18 @@ def read_noting(path: str, *required: str, of: str | None = None) -> "Log":
         made = convert(path, load_map(of), required or REQUIRED)
         warn(made)
         return made.log
-    from ..convert.readers import foreign_format
-    if foreign := foreign_format(path):
-        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
+    refuse_foreign(path)
     log = read_log(path, required or REQUIRED)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
     return log
+
+
+def refuse_foreign(path: str) -> None:
+    """Refuse a file of another format than a log's."""
+    from ..convert.readers import foreign_format
+    if foreign := foreign_format(path):
+        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
 
 
 def check_plot(path: str | None) -> None:

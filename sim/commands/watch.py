@@ -6,8 +6,8 @@ from typing import Any
 from launchid_core import NOISE_LEVELS
 
 from ..terminal import say
-from ..words import NOMINAL_HELP, add_command
-from .talk import check_outputs, tell
+from ..words import NOMINAL_HELP, add_command, add_map, add_strict
+from .talk import check_outputs, refuse_foreign, tell, warn
 
 
 def add(commands: Any) -> None:
@@ -30,6 +30,8 @@ def add(commands: Any) -> None:
     sub.add_argument("--once", action="store_true",
                      help="end with the file's last row, the TCP sender, or an empty datagram (default: with "
                           "Ctrl-C alone)")
+    add_map(sub)
+    add_strict(sub)
     sub.add_argument("--json", metavar="PATH|-", help="write the answer at the end as JSON too, as identify's; -: JSON "
                                                       "alone, on stdout (default: none)")
     sub.set_defaults(run=run)
@@ -37,16 +39,31 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """launchid watch"""
+    from ..answers.of_files import convert
+    from ..convert.mapping import load_map
+    from ..convert.readers import foreign_format
     from ..errors import UsageError
     from ..nominal import load_nominal
-    from ..watch.sources import open_source
+    from ..watch.sources import Source, Whole, open_source
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = load_nominal(args.nominal)
-    source = open_source(args.source, args.once)
+    of = load_map(args.map) if args.map else None
+    source: Source
+    if of is not None and (foreign := foreign_format(args.source)):
+        if not args.once:
+            raise UsageError(f"{args.source}: a file of the format {foreign} is not followed while it grows; expected "
+                             "--once")
+        converted = convert(args.source, of)
+        warn(converted)
+        source, of = Whole(converted.log), None
+    else:
+        refuse_foreign(args.source)
+        source = open_source(args.source, args.once)
     check_outputs(args.json)
     from ..watch.session import watch
-    made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise, http=args.http, say=say)
+    made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
+                 strict=args.strict, of=of, http=args.http, say=say)
     tell(made, args.json)
     if made.interrupted:
         raise KeyboardInterrupt

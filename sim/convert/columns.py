@@ -35,7 +35,7 @@ def converted(path: str, of: Map, required: tuple[str, ...]) -> tuple[Log, tuple
 
 def mapped(path: str, channels: Mapping[str, np.ndarray], of: Map) -> dict[str, np.ndarray]:
     """The log's columns (n,) of a file's channels; InputError naming what the file lacks."""
-    found = {source.column: _sampled(path, channels, of, source) for source in of.sources}
+    found = {source.column: sampled(path, channels, of, source) for source in of.sources}
     clock = of.clock or _slower(found)
     origin = _origin(found[clock][0]) if of.from_first else 0
     times = {name: (stamps - origin) / of.units for name, (stamps, _) in found.items()}
@@ -69,19 +69,21 @@ def _channel(path: str, channels: Mapping[str, np.ndarray], name: str, map_path:
     return channels[name]
 
 
-def _stamps_of(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source) -> np.ndarray:
-    """The stamps of a source: its own `time`, or the map's in its group, or that anywhere."""
+def stamps_name(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source) -> str:
+    """The channel of a source's stamps: its own `time`, or the map's in its group, or that anywhere; InputError."""
     group = source.channels[0].rpartition("/")[0]
     inside = f"{group}/{of.time}" if group else of.time
     name = source.time or (inside if inside in channels else of.time)
-    return _channel(path, channels, name if name in channels else inside, of.path)
+    found = name if name in channels else inside
+    _channel(path, channels, found, of.path)
+    return found
 
 
-def _sampled(path: str, channels: Mapping[str, np.ndarray], of: Map,
+def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map,
              source: Source) -> tuple[np.ndarray, np.ndarray]:
     """Stamps as in the file and values in SI units of one source, (n,) each."""
     parts = [_channel(path, channels, name, of.path) for name in source.channels]
-    stamps = _stamps_of(path, channels, of, source)
+    stamps = channels[stamps_name(path, channels, of, source)]
     for name, part in zip(source.channels, parts, strict=True):
         if len(part) != len(stamps):
             raise InputError(f"{path}: channel {name!r} has {len(part)} rows, its stamps {len(stamps)}; expected "

@@ -91,12 +91,13 @@ def read_csv(path: str, options: dict[str, str]) -> Channels:
             if len(cells) != len(names):
                 raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(names)} as in the header")
             for column, cell in zip(columns, cells, strict=True):
-                column.append(_number(cell, decimal))
+                column.append(decimal_number(cell, decimal))
     table = {name: np.array(column) for name, column in zip(names, columns, strict=True)}
     return Channels({name: x for name, x in table.items() if np.isfinite(x).any()})
 
 
-def _number(cell: str, decimal: str) -> float:
+def decimal_number(cell: str, decimal: str) -> float:
+    """A cell with this decimal point; NaN for what is no number."""
     value = number(cell.replace(decimal, ".") if decimal != "." else cell)
     return math.nan if value is None else value
 

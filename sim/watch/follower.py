@@ -11,7 +11,7 @@ import numpy as np
 
 from launchid_core import EDGES, Config, Estimate, Estimator, Status
 
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..identify import REASONS, change_json, log_config, number, onboard_model, report, tracked_json
 from ..log import Log, log_of
 from ..nominal import Nominal
@@ -34,12 +34,15 @@ class Follower:
     The compiled code is loaded here, before the first row: nothing that comes is kept waiting for it.
 
     period   [s] between samples; None: the median step of the first rows, which wait until there are PERIOD_ROWS
+    strict   what the data check finds is an InputError
     say      told what is worth a line
     """
 
     def __init__(self, source: str, nominal: Nominal, *, window: float = 1.0, period: float | None = None,
-                 noise: str = "estimated", say: Callable[[str], None] = lambda text: None) -> None:
+                 noise: str = "estimated", strict: bool = False,
+                 say: Callable[[str], None] = lambda text: None) -> None:
         self._source, self._nominal, self._window, self._noise, self._say = source, nominal, window, noise, say
+        self._strict = strict
         onboard_model(nominal)
         clock = nominal.sensors if nominal.controller is None else nominal.controller
         ready = Estimator(self._config(clock.period if period is None else period))
@@ -94,6 +97,8 @@ class Follower:
     def _check(self, ended: bool) -> None:
         assert self.estimator is not None
         if found := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
+            if self._strict:
+                raise InputError(found)
             self._note(found)
 
     def _note(self, text: str) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 
 from launchid_core import Sample
 
+from ..convert.mapping import Map
+from ..convert.stream import MappedColumns, MappedStream
 from ..errors import InputError
 from ..log import Log, log_of_values
 from ..log_table import REQUIRED, Columns
@@ -25,11 +27,14 @@ class Lines:
     path       what messages call the stream
     strict     no usable columns are an InputError (of a file), not a row that cannot be read (of a socket, where
                anybody may send anything)
+    of         the map of rows with other names and units; None: those of a log
     malformed, last   how many rows could not be read; what was said of the last one
     """
 
-    def __init__(self, path: str, strict: bool, say: Callable[[str], None]) -> None:
+    def __init__(self, path: str, strict: bool, say: Callable[[str], None], of: Map | None = None) -> None:
         self.path, self._strict, self._say = path, strict, say
+        self._mapped = None if of is None else MappedStream(of)
+        self._clock = "t" if of is None else of.time
         self.malformed, self.last = 0, ""
         self.number, self._torn = 0, b""
         self.begin_anew()
@@ -39,7 +44,7 @@ class Lines:
         if self._torn:
             self._refuse(f"{self.path}: line {self.number + 1}: cut short")
         self._torn, self._too_long, self.number = b"", False, 0
-        self._columns: Columns | None = None
+        self._columns: Columns | MappedColumns | None = None
         self._headless = True  # no header was refused, so rows without one are in ORDER
 
     def logs(self, piece: bytes) -> Iterator[Log]:
@@ -83,24 +88,30 @@ class Lines:
     def _cells(self, line: bytes) -> list[str]:
         try:
             text = line.removeprefix(BOM if self.number == 1 else b"").rstrip(b"\r").decode("utf-8")
-            return next(csv.reader([text], strict=True), [])
+            delimiter = "," if self._mapped is None else self._mapped.delimiter
+            return next(csv.reader([text], strict=True, delimiter=delimiter), [])
         except UnicodeDecodeError:
             raise InputError(f"{self.path}: line {self.number}: not UTF-8; expected a UTF-8 CSV row") from None
         except csv.Error as error:
             raise InputError(f"{self.path}: line {self.number}: {error}; expected comma-separated cells") from None
 
     def _is_header(self, cells: list[str]) -> bool:
-        """The column t is named; of a file also a first line that is no row of numbers."""
-        return "t" in map(str.strip, cells) or (self._strict and self.number == 1 and not _are_numbers(cells))
+        """The stamps' column is named; of a file also a first line that is no row of numbers."""
+        return self._clock in map(str.strip, cells) or (self._strict and self.number == 1 and not _are_numbers(cells))
 
     def _take_header(self, cells: list[str]) -> None:
         self._columns, self._headless = None, False
-        self._columns = Columns(self.path, cells, REQUIRED, f"line {self.number}: ")
+        where = f"line {self.number}: "
+        self._columns = (Columns(self.path, cells, REQUIRED, where) if self._mapped is None else
+                         self._mapped.columns(self.path, cells, where))
         if self._columns.ignored:
             self._say(f"{self.path}: columns ignored: "
                       + ", ".join(ascii(name)[1:-1] for name in self._columns.ignored))
 
     def _by_order(self, cells: list[str]) -> Columns:
+        if self._mapped is not None:
+            raise InputError(f"{self.path}: line {self.number}: a row before a header row, without which "
+                             f"{self._mapped.of.path} tells nothing; expected one with {self._clock!r}")
         if not self._headless:
             raise InputError(f"{self.path}: line {self.number}: its header row could not be used")
         if not LEAST <= len(cells) <= len(ORDER):
@@ -118,7 +129,9 @@ class Lines:
             self._say(f"{self.path}: further rows that cannot be read are only counted")
 
 
-def _log(columns: Columns, rows: list[list[float]]) -> Log:
+def _log(columns: Columns | MappedColumns, rows: list[list[float]]) -> Log:
+    if isinstance(columns, MappedColumns):
+        return columns.log(rows)
     return log_of_values(columns.path, columns.values(rows), columns.ignored)
 
 

@@ -5,10 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..answers.answer import Answer, Columns, flat
+from ..answers.answer import Answer, flat
 from ..checked import profile_note
+from ..convert.mapping import Map
 from ..identify import table
 from ..nominal import Nominal
+from ..result import Columns
 from .follower import Follower
 from .lines import Lines
 from .server import Server
@@ -35,16 +37,19 @@ class Watched(Answer):
 
 
 def watch(source: Source, nominal: Nominal, *, window: float = 1.0, period: float | None = None,
-          noise: str = "estimated", http: int = 0, say: Callable[[str], None] = lambda text: None) -> Watched:
+          noise: str = "estimated", strict: bool = False, of: Map | None = None, http: int = 0,
+          say: Callable[[str], None] = lambda text: None) -> Watched:
     """Follow a source and serve the page until it ends or Ctrl-C comes.
 
     window, period   [s] of the estimator; period None: what the first rows say
+    strict           what the data check of the first rows finds is an InputError
+    of               the map of rows with other names and units
     http             port of the page on the loopback; 0: any free one
     say              told where the page is, and of rows that cannot be read
     KeyboardInterrupt if it came before there was anything to tell.
     """
-    follower = Follower(source.name, nominal, window=window, period=period, noise=noise, say=say)
-    lines = Lines(source.name, isinstance(source, (File, Pipe)), say)
+    follower = Follower(source.name, nominal, window=window, period=period, noise=noise, strict=strict, say=say)
+    lines = Lines(source.name, isinstance(source, (File, Pipe)), say, of)
     server = Server(follower.live, http)
     say(f"watch: {source.name} on {server.url} (Ctrl-C ends)")
     interrupted = False

@@ -14,11 +14,12 @@ from typing import Protocol
 
 from ..errors import InputError, UsageError
 from ..files import reads
-from ..log import STANDARD_INPUT, locate_log
+from ..log import STANDARD_INPUT, Log, locate_log
 
 LOOPBACK = "127.0.0.1"   # the only address that anything here is bound to
 IDLE = 0.05              # s, between looks for something new: as often as a page is told
 PIECE = 1 << 16          # bytes at most: about a thousand rows, a few milliseconds of the estimator's time
+PIECE_ROWS = 1000        # about as much, of a log that is whole
 DATAGRAM = 1 << 16       # bytes: longer than any
 DATAGRAMS = 256          # in a piece at most
 BACKLOG = 1 << 22        # bytes that the system is asked to keep of UDP while the estimator is busy
@@ -114,6 +115,21 @@ class File:
         self._file.close()
         self._file = another
         return True
+
+
+class Whole:
+    """A log that is all there, of a file of another format, as its rows would have come."""
+
+    def __init__(self, log: Log) -> None:
+        self.name, self._log = log.path, log
+
+    def pieces(self) -> Pieces:
+        """In the shortest numbers that read back to the same bits."""
+        columns = self._log.measured()
+        yield (",".join(columns) + "\n").encode()
+        for k in range(0, len(self._log.t), PIECE_ROWS):
+            rows = zip(*(x[k:k + PIECE_ROWS].tolist() for x in columns.values()), strict=True)
+            yield "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
 
 
 class Pipe:

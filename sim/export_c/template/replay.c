@@ -1,7 +1,7 @@
 /* Runs the estimator over samples on stdin, one a line: t theta theta_dot beta theta_ddot beta_cmd gamma, `nan`
-   where not measured.  Prints what it answers: a line a sample (its status), a line a window, its uncertainty level, at the end the sudden changes
-   and what the filter did of its own accord (outliers, restarts, level clamps); numbers as hexadecimal floats, so that
-   bits can be compared.
+   where not measured; anything else, such as a CSV, is status 1 and a line on stderr.  Prints what it answers: a line a
+   sample (its status), a line a window, its uncertainty level, at the end the sudden changes and what the filter did of
+   its own accord (outliers, restarts, level clamps); numbers as hexadecimal floats, so that bits can be compared.
 
    cc -std=c99 -O2 -ffp-contract=off replay.c launchid.c -lm -o replay */
 
@@ -43,9 +43,12 @@ int main(void)
     launchid_estimate estimate;
     launchid_level a6, k1;
     launchid_change change[2 * LAUNCHID_MAX_CHANGES];
+    int found;
+    long samples = 0;
     launchid_reset(&estimator);
-    while (scanf("%lf %lf %lf %lf %lf %lf %lf", &s.t, &s.theta, &s.theta_dot, &s.beta, &s.theta_ddot, &s.beta_cmd,
-                 &s.gamma) == 7) {
+    while ((found = scanf("%lf %lf %lf %lf %lf %lf %lf", &s.t, &s.theta, &s.theta_dot, &s.beta, &s.theta_ddot,
+                          &s.beta_cmd, &s.gamma)) == 7) {
+        samples++;
         const launchid_status status = launchid_update(&estimator, &s);
         printf("%d\n", (int)status);
         if (status == LAUNCHID_WINDOW_COMPLETE && launchid_get_estimate(&estimator, &estimate)) {
@@ -55,6 +58,11 @@ int main(void)
                 print_level("k1", &k1);
             }
         }
+    }
+    if (found != EOF) {
+        fprintf(stderr, "replay: sample %ld: expected seven numbers with blanks between, t theta theta_dot beta "
+                        "theta_ddot beta_cmd gamma (nan: not measured), and no header\n", samples + 1);
+        return 1;
     }
     const int64_t changes = launchid_get_changes(&estimator, change);
     for (int64_t k = 0; k < changes; k++) {

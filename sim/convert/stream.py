@@ -1,0 +1,101 @@
+"""Rows of a CSV with other names, by a map, while they come: the numbers that `convert` makes of the whole file.
+
+Limitation: a stream has one clock, so every column is stamped by the same channel.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from ..errors import InputError
+from ..log import Log, log_of_values
+from .columns import sampled, stamps_name
+from .mapping import Map, Source
+from .readers import decimal_number
+
+ONE_TURN = 2.0 * math.pi
+
+
+class MappedStream:
+    """What a map remembers from row to row: the first stamp, and each quaternion's reference and last turn.
+
+    of  the map
+    """
+
+    def __init__(self, of: Map) -> None:
+        self.of = of
+        self.delimiter, self._decimal = of.options.get("delimiter", ","), of.options.get("decimal", ".")
+        self._sources = list(of.sources)
+        self._origin: float | None = None if of.from_first else 0.0
+        self._turned: dict[str, float] = {}
+
+    def columns(self, path: str, header: list[str], where: str) -> "MappedColumns":
+        """Which cell is which channel, by a header row; InputError for one that lacks a channel, or has two clocks."""
+        names = [name.strip() for name in header]
+        there = dict.fromkeys(names, np.empty(0))
+        clocks = {stamps_name(path, there, self.of, source) for source in self._sources}
+        if len(clocks) > 1:
+            raise InputError(f"{path}: {where}{self.of.path} has the clocks {', '.join(sorted(clocks))}; a log that "
+                             "grows can have one: expected launchid convert, of the whole file")
+        for source in self._sources:
+            sampled(path, there, self.of, source)
+        return MappedColumns(self, path, names)
+
+    def log(self, path: str, channels: dict[str, np.ndarray]) -> Log:
+        """Further rows of the log, of channels (n,)."""
+        values = {}
+        for k, source in enumerate(self._sources):
+            if source.axis is not None and source.reference is None:
+                self._sources[k] = _referred(channels, source)
+            stamps, found = sampled(path, channels, self.of, self._sources[k])
+            values[source.column] = found if source.axis is None else self._unwrapped(source, found)
+        fair = stamps[np.isfinite(stamps)]
+        if self._origin is None and len(fair):
+            self._origin = float(fair[0])
+        return log_of_values(path, {"t": (stamps - (self._origin or 0.0)) / self.of.units, **values})
+
+    def number(self, cell: str) -> float:
+        """A cell; NaN for what is no number, as in a whole file."""
+        return decimal_number(cell, self._decimal)
+
+    def _unwrapped(self, source: Source, found: np.ndarray) -> np.ndarray:
+        """The same turns (n,), as a continuation of those before."""
+        fair = found[np.isfinite(found)]
+        if len(fair) == 0:
+            return found
+        turn = ONE_TURN * source.scale * source.factor
+        last = self._turned.get(source.column, fair[0])
+        shift = turn * round((last - fair[0]) / turn) if turn else 0.0
+        self._turned[source.column] = fair[-1] + shift
+        return found + shift
+
+
+class MappedColumns:
+    """As `sim.log_table.Columns`, of a header with a map's names.
+
+    ignored  none: a map takes what it names
+    """
+
+    ignored: tuple[str, ...] = ()
+
+    def __init__(self, stream: MappedStream, path: str, names: list[str]) -> None:
+        self._stream, self._path, self._names = stream, path, names
+
+    def numbers(self, line: int, cells: list[str]) -> list[float]:
+        """One row's cells; InputError naming the line."""
+        if len(cells) != len(self._names):
+            raise InputError(f"{self._path}: line {line}: {len(cells)} cells, expected {len(self._names)} as in the "
+                             "header")
+        return [self._stream.number(cell) for cell in cells]
+
+    def log(self, rows: list[list[float]]) -> Log:
+        """These rows as a log, even if none of them can be used."""
+        return self._stream.log(self._path, dict(zip(self._names, np.array(rows).T, strict=True)))
+
+
+def _referred(channels: dict[str, np.ndarray], source: Source) -> Source:
+    """The source with its reference, once a row tells the attitude."""
+    q = np.stack([channels[name] for name in source.channels], axis=1)
+    fair = q[np.isfinite(q).all(axis=1)]
+    return source if len(fair) == 0 else dataclasses.replace(source, reference=tuple(fair[0].tolist()))

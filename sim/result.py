@@ -1,0 +1,74 @@
+"""What every result, log and nominal can do for who looks at it: text, a picture, a table, a page of a notebook."""
+
+import functools
+import io
+import sys
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import UsageError, extra_needed
+from .shown import html_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Columns = dict[str, list[Any]]
+PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is written
+
+
+class Result:
+    """A class of its own says how: `summary`, `table` and, where there is something to draw, `_figure`."""
+
+    def summary(self) -> str:
+        """It in words, the first line the most important."""
+        raise NotImplementedError
+
+    def table(self) -> Columns:
+        """It as columns of equal length."""
+        raise NotImplementedError
+
+    def _figure(self) -> "Figure":
+        raise UsageError(f"{type(self).__name__.lower()}: there is nothing to draw")
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """A matplotlib figure, which a notebook shows, written to a .png, .svg or .pdf if there is a path."""
+        return drawn(self._figure, path)
+
+    def to_frame(self) -> Any:
+        """The columns as a pandas DataFrame."""
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise extra_needed(error) from None
+        return pandas.DataFrame(self.table())
+
+    def _repr_html_(self) -> str:
+        first, *rest = self.summary().splitlines()
+        more = f"<details><summary>as text</summary><pre>{escape(chr(10).join(rest))}</pre></details>" if rest else ""
+        return f"<p><b>{escape(first)}</b></p>{html_table(self.table())}{more}"
+
+
+def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
+    """A figure, written if there is a path; UsageError for a path that is no picture's, and without matplotlib."""
+    try:
+        from .plots import check_suffix, save
+        if path is not None:
+            check_suffix(path)
+        figure = make()
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None
+    if path is not None:
+        save(figure, path)
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:  # of a figure that it made it would open a window, or show it a second time
+        pyplot.close(figure)
+    figure.__dict__["_repr_png_"] = functools.partial(_png, figure)
+    return figure
+
+
+def _png(figure: "Figure") -> bytes:
+    made = io.BytesIO()
+    figure.savefig(made, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
+    return made.getvalue()
