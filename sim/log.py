@@ -176,7 +176,7 @@ def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], i
     return log_of_values(path, values, ignored)
 
 
-def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...]) -> Log:
+def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...] = ()) -> Log:
     """A log of these columns, even if no row of it can be used; those that it lacks are one array of NaN."""
     nothing = np.full(len(values["t"]), math.nan)
     missing = {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
