@@ -151,10 +151,12 @@ def test_the_truth_is_recognised_and_nothing_is_explained_by_it(nominal):
     """Its own noise-free flight was EXPLAINED by a size of 1 +- 1.9e-07, its `ideal` suite UNEXPLAINED."""
     quiet = dataclasses.replace(nominal, sensors=dataclasses.replace(
         nominal.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
+    log = launchid.simulate(quiet, seed=3).log.measured()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = launchid.diagnose(launchid.simulate(quiet, seed=3).log.measured(), nominal)
-    assert made.verdict == "consistent", made.summary()
+        own, other = launchid.diagnose(log, quiet), launchid.diagnose(log, nominal)
+    assert own.verdict == "consistent", own.summary()
+    assert other.report["causes"] == [] and other.extension is None, other.summary()
     with pytest.warns(launchid.DataWarning, match="ideal suite"):
         launchid.diagnose(launchid.simulate(nominal, seed=3, suite="ideal").log.measured(), nominal)
 

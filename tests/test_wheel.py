@@ -30,10 +30,11 @@ WORKS = ("--version", "effects", "simulate short.toml --out log.csv --seed 3", "
          "watch log.csv --nominal short.toml --once", "identify dfki_pendulum_dircol --window all",
          "watch log.csv --nominal short.toml --once --map map.toml")
 NEEDS = {"identify log.csv --plot x.png": "plots", "identify log.csv --resid x.png": "plots",
-         "uncertainty log.csv short.toml --plot x.png": "plots", "reproduce --case windowed --seeds 1 --out r": "plots",
+         "uncertainty log.csv short.toml --plot x.png": "plots",
          "convert log.mat --map map.toml --out y.csv": "logs", "identify log.mat --map map.toml": "logs",
          "watch log.mat --nominal short.toml --once --map map.toml": "logs",
          "campaign short.toml --flights 2 --out dask --executor dask:tcp://127.0.0.1:1": "cluster"}
+WITHOUT_FIGURES = "reproduce --case windowed --seeds 1 --out r"  # whose tables and verdicts need no extra
 PYTHON = """
 import launchid
 made = launchid.identify("log.csv")
@@ -103,7 +104,7 @@ def test_nothing_but_the_wheel_and_its_dependencies_is_there(fresh):
 
 def test_every_command_is_tried(fresh):
     listed = re.findall(r"^    ([a-z][a-z-]+)(?: |$)", fresh.run("launchid", "--help")[1], re.MULTILINE)
-    assert set(listed) == {words.split()[0] for words in (*WORKS, *NEEDS)} - {"--version"}
+    assert set(listed) == {words.split()[0] for words in (*WORKS, *NEEDS, WITHOUT_FIGURES)} - {"--version"}
 
 
 def test_every_command_works_or_names_its_extra(fresh):
@@ -116,6 +117,8 @@ def test_every_command_works_or_names_its_extra(fresh):
         status, out, err = fresh.run("launchid", *words.split())
         assert (status, out) == (2, ""), f"{words}: {status} {out} {err}"
         assert len(err.splitlines()) == 1 and f"pip install 'launchid[{extra}]'" in err, f"{words}: {err}"
+    status, out, err = fresh.run("launchid", *WITHOUT_FIGURES.split())
+    assert (status, err) == (0, "") and "no figures (pip install 'launchid[plots]'" in out.splitlines()[-1]
     assert (fresh.at / "report" / "report.html").is_file() and (fresh.at / "port" / "launchid.c").is_file()
 
 
