@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
+SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
 
 
@@ -96,13 +97,22 @@ class Log(Result):
 
     @property
     def period(self) -> float:
-        """Median step between finite stamps that go forward [s]; InputError if there is none."""
-        t = self.t[np.isfinite(self.t)]
-        steps = np.diff(t)
-        steps = steps[steps > 0]
-        if len(steps) == 0:
+        """Median step between finite stamps that go forward [s]; InputError if there is none, or it is no time."""
+        period = self.check_clock()
+        if period is None:
             raise InputError(f"{self.path}: column t: no two increasing time stamps, so there is no sample period")
-        return float(np.median(steps))
+        return period
+
+    @np.errstate(over="ignore")
+    def check_clock(self) -> float | None:
+        """Median step between finite stamps that go forward [s], None if none does; InputError if it is no time."""
+        steps = np.diff(self.t[np.isfinite(self.t)])
+        steps = steps[steps > 0]
+        period = float(np.median(steps)) if len(steps) > 0 else None
+        if period is not None and not period >= SHORTEST:
+            raise InputError(f"{self.path}: column t: its median step is {period:g} s; expected at least "
+                             f"{SHORTEST:g} s")
+        return period
 
     def samples(self) -> Iterator[Sample]:
         """The rows as the estimator's samples."""

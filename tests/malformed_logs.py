@@ -1,6 +1,6 @@
-"""Logs that cannot be read: name -> (bytes, the message behind "launchid: PATH: ").
+"""Logs that cannot be read: name -> (bytes, the message behind "launchid: PATH: "); logs of absurd values, which are.
 
-The last rows were found by mutation (`test_malformed_logs.py`), each with the message that its traceback became.
+The latter, and the last rows of the former, were found by mutation (`mutated.py`).
 """
 
 import gzip
@@ -223,4 +223,28 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "one row": (HEAD + b"0,1,2\n", NO_STEP),
     "a clock that stands still": (HEAD + b"1,1,2\n" * 50, NO_STEP),
     "a clock that runs backwards": (HEAD + b"3,1,2\n2,1,2\n1,1,2\n", NO_STEP),
+    "a clock in microseconds": (
+        HEAD + b"".join(b"%d,%.3f,%.3f\n" % (20_000 * k, math.sin(k / 9), math.cos(k / 5)) for k in range(100)),
+        "column t: sample_period=20000.0: expected a number from 1e-06 to 10000; the log's step of 2e+04 looks like "
+        "microseconds: divide t by 1e+06"),
+    "a clock that hardly moves": (
+        HEAD + b"".join(b"%de-308,%.3f,%.3f\n" % (k, math.sin(k / 9), math.cos(k / 5)) for k in range(99)) + b"1,1,2\n",
+        "column t: its median step is 1e-308 s; expected at least 1e-06 s"),
 }
+
+
+def flown(column: str, value: str) -> bytes:
+    """A second of motion without noise in which one cell of a column is this."""
+    lines = ["t,theta,theta_dot,theta_ddot,beta"]
+    for k in range(100):
+        t = k / 100
+        row = {"t": t, "theta": math.sin(7 * t), "theta_dot": 7 * math.cos(7 * t), "theta_ddot": -49 * math.sin(7 * t),
+               "beta": 0.3 * math.sin(40 * t)}
+        cells = {name: repr(x) for name, x in row.items()} | ({column: value} if k == 50 else {})
+        lines.append(",".join(cells.values()))
+    return "\n".join(lines).encode()
+
+
+ABSURD = {  # what overflowed: the fit of what was held out, the look for ideal sensors, the stamps' gaps
+    f"{column} of {value}": flown(column, value) for column in ("t", "theta", "theta_dot", "theta_ddot", "beta")
+    for value in ("1e155", "-1e308", "5e-324", "1e400", "1e16")}

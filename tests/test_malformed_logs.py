@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from malformed_logs import CUT, GOOD, HEAD, MALFORMED
+from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
 from sim.cli import main
@@ -137,6 +137,18 @@ def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_p
     assert len(read_log(log).t) == 8_000 and seen
 
 
+@pytest.mark.parametrize("words", [["diagnose", "LOG", "constant"], ["uncertainty", "LOG", "constant"],
+                                   ["identify", "LOG", "--nominal", "constant"], ["nominal", "LOG", "--out", "OUT"]])
+def test_a_clock_that_is_none_is_refused_by_every_command(tmp_path, capsys, words):
+    """Rows in a second have no number there: a traceback before."""
+    log = tmp_path / "log.csv"
+    data, message = MALFORMED["a clock that hardly moves"]
+    log.write_bytes(data)
+    places = {"LOG": str(log), "OUT": str(tmp_path / "new.toml")}
+    assert main([places.get(word, word) for word in words]) == 3
+    assert capsys.readouterr() == ("", f"launchid: {log}: {message}\n")
+
+
 # ---- odd layouts that are read
 
 
@@ -192,6 +204,16 @@ def test_the_line_is_right_in_every_block(tmp_path, at):
 
 
 # ---- any damage
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("case", ABSURD)
+def test_one_absurd_value_is_left_out_without_a_warning_of_numpy(tmp_path, capsys, case):
+    log = tmp_path / "log.csv"
+    log.write_bytes(ABSURD[case])
+    assert main(["identify", str(log), "--json", "-", "--window", "0.2"]) == 0
+    samples = json.loads(capsys.readouterr().out)["samples"]
+    assert samples["accepted"] >= 99 and samples["accepted"] + sum(samples["rejected"].values()) == 100
 
 
 ASKED = (["--window", "0.2"], ["--window", "0.2"], ["--window", "all"], ["--window", "0.4", "--library", "quadratic"],

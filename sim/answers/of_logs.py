@@ -178,6 +178,9 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
+    for each in (log, holdout):
+        if each is not None:
+            each.check_clock()
     if strict:
         data_warnings(log, nominal, strict)
     made = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)

@@ -57,6 +57,7 @@ def channels(log: Log) -> Channels:
     if not moving or not driven:
         missing = "theta, theta_dot" if not moving else "beta, beta_cmd"
         raise InputError(f"{log.path}: line 1: expected at least one of the columns {missing}")
+    log.check_clock()
     rows = usable_rows(log.t)
     rows &= np.any([np.isfinite(getattr(log, name)) for name in (*moving, *driven)], axis=0)
     if np.count_nonzero(rows) < FEWEST:

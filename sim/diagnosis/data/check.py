@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...log import Log
+from ...log import SHORTEST, Log
 from ...sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
@@ -60,7 +60,7 @@ def _between(log: Log, nominal: Nominal, clock: stamps.Clock, masks: dict[str, n
     if len(t) < FEWEST_RELATED:
         return []
     grid = stamps.uniform_times(t)
-    if len(grid) < FEWEST_RELATED:
+    if len(grid) < FEWEST_RELATED or not grid[1] - grid[0] >= SHORTEST:
         return []
     columns: dict[str, np.ndarray] = {}
     for name in relations.RELATED:

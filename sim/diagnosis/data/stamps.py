@@ -139,5 +139,5 @@ def time_unit(t: np.ndarray, period: float) -> tuple[str, float]:
 def uniform_times(t: np.ndarray) -> np.ndarray:
     """Times (m,) [s], one median period apart, over increasing stamps t (n,), m at most LONGEST_GRID n."""
     period = float(np.median(np.diff(t)))
-    count = min(int((t[-1] - t[0]) / period + 1.5), LONGEST_GRID * len(t))
+    count = int(min((t[-1] - t[0]) / period + 1.5, LONGEST_GRID * len(t)))
     return np.asarray(t[0] + period * np.arange(count))
