@@ -12,6 +12,7 @@ from sim.cli import main
 from sim.diagnosis.causes import SOUGHT
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
+from sim.diagnosis.judge import threshold
 from sim.diagnosis.judge.limits import Isolability
 from sim.diagnosis.model.noise import declared, exponential, first_filter
 from sim.diagnosis.model.point import Point, innovations
@@ -206,7 +207,7 @@ def test_a_second_log_judges_the_extension():
 
 
 def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
-    monkeypatch.setenv("LAUNCHID_CACHE", str(tmp_path))
+    monkeypatch.setattr(threshold, "cache_folder", lambda: tmp_path)  # the kernels stay where they are shared
     log = flown(seed=4)
     said = []
     first = diagnose(log, NOMINAL, bootstrap=2, say=said.append)
