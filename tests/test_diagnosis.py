@@ -207,6 +207,9 @@ def test_a_second_log_judges_the_extension():
 
 
 def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
+    with monkeypatch.context() as inside:
+        inside.setenv("LAUNCHID_CACHE", str(tmp_path))
+        assert threshold.cache_folder() == tmp_path
     monkeypatch.setattr(threshold, "cache_folder", lambda: tmp_path)  # the kernels stay where they are shared
     log = flown(seed=4)
     said = []
