@@ -29,6 +29,7 @@ import numba.core.caching
 import numba.core.config
 
 from .compiling import compile_listeners
+from .parts import is_part, rebuilt
 
 try:
     import fcntl
@@ -187,6 +188,10 @@ if KNOWN:
 
     class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
         _locator_classes = (_Locator,)
+
+        def rebuild(self, target_context: Any, payload: Any) -> Any:
+            """What numba knows of a kernel, from what was kept."""
+            return (rebuilt if is_part(payload) else super().rebuild)(target_context, payload)
 
     class _Files(caching.FunctionCache):  # type: ignore[misc]
         _impl_class = _Impl

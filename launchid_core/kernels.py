@@ -1,9 +1,9 @@
 """The decorators of every compiled function in this package, why they are as they are, and what makes the simulator's.
 
 ``kernel``   an entry, called from Python (`step`, `report`)
-``inner``    called by kernels only: without the wrapper that Python would need it compiles in half the time; a test
-             that wants to call one compiles its own (`tests/compiled.py`)
-``once``     an inner one with a single caller, into which the compiler is told to put it: no machine code of its own
+``inner``    called by kernels only: no wrapper for Python, and machine code only inside the entries that call it
+             (`parts`); a test that wants to call one compiles its own (`tests/compiled.py`)
+``once``     an inner one with a single caller, into which the compiler is told to put it
 ``merged``   an inner one that numba itself puts into its caller, for the thin layers on the way to the work, each of
              which would otherwise hold all of it again; nothing in it may depend on a part being None
 ``shared``   plain Python when Python calls it, compiled into the kernels that call it: what cuts memory, what restarts
@@ -27,14 +27,19 @@ import numba
 from numba.extending import register_jitable
 
 from .kernel_cache import keep
+from .parts import OF_A_PART
 
 _numba: Any = numba  # some of the choices are not in its types
 Function = TypeVar("Function", bound=Callable[..., Any])
+_OF_A_PART: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OF_A_PART}
 
 
-def compiled(**choices: Any) -> Callable[[Function], Function]:
-    """A decorator of kernels that are kept on disk, with the choices above and these."""
-    jit = _numba.njit(error_model="numpy", nogil=True, **choices)
+def compiled(part: bool = False, **choices: Any) -> Callable[[Function], Function]:
+    """A decorator of kernels that are kept on disk, with the choices above and these.
+
+    part  what kernels call and Python cannot: no machine code of its own (`parts`)
+    """
+    jit = _numba.njit(error_model="numpy", nogil=True, **choices, **(_OF_A_PART if part else {}))
 
     def decorate(function: Function) -> Function:
         made: Function = keep(jit(function))
@@ -43,10 +48,8 @@ def compiled(**choices: Any) -> Callable[[Function], Function]:
     return decorate
 
 
-_NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-
 kernel = compiled(_nrt=False)
-inner = compiled(_nrt=False, **_NO_WRAPPERS)
-once = compiled(_nrt=False, forceinline=True, **_NO_WRAPPERS)
+inner = compiled(part=True, _nrt=False)
+once = compiled(part=True, _nrt=False, forceinline=True)
 merged = _numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
-shared: Callable[[Function], Function] = register_jitable(error_model="numpy", _nrt=False)
+shared: Callable[[Function], Function] = register_jitable(error_model="numpy", _nrt=False, **OF_A_PART)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from test_diagnosis import NOMINAL, flown, found, named
+from test_diagnosis import LONG, NOMINAL, flown, found, named
 
 from sim.diagnosis.controller.check import check_controller
 from sim.diagnosis.controller.command import record
@@ -20,9 +20,9 @@ from sim.log import OPTIONAL, REQUIRED
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
-    ("controller_mismatch:kp_scale=1.1", (1.1, 1.0, 0.0)),
-    ("controller_mismatch:kd_scale=0.8", (1.0, 0.8, 0.0)),
-    ("controller_mismatch:delay=0.013", (1.0, 1.0, 0.013)),
+    pytest.param("controller_mismatch:kp_scale=1.1", (1.1, 1.0, 0.0), marks=LONG),
+    pytest.param("controller_mismatch:kd_scale=0.8", (1.0, 0.8, 0.0), marks=LONG),
+    pytest.param("controller_mismatch:delay=0.013", (1.0, 1.0, 0.013), marks=LONG),
     ("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", (0.9, 1.2, 0.01))])
 def test_the_controllers_mismatch_is_named_exactly(effect, expected):
     result = found(effect)
@@ -34,10 +34,13 @@ def test_the_controllers_mismatch_is_named_exactly(effect, expected):
 SLOW = 0.02  # s: a log of every other command
 
 
-@pytest.mark.parametrize("effect", [
-    "kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
-    "kp_scale=1.1,delay=0.01"])
-@pytest.mark.parametrize("tau", [0.05, 0.045])
+QUICK = [("kd_scale=0.8", 0.05), ("delay=0.01", 0.05), ("kp_scale=1.1", 0.045)]  # in the default run
+
+
+@pytest.mark.parametrize(("effect", "tau"), [*QUICK, *(
+    pytest.param(effect, tau, marks=LONG)
+    for effect in ("kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
+                   "kp_scale=1.1,delay=0.01") for tau in (0.05, 0.045) if (effect, tau) not in QUICK)])
 def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
     """Between the rows the log has neither command nor attitude; with another derivative filter or without."""
     if (effect, tau) == ("kp_scale=1.1,delay=0.01", 0.045):
@@ -57,7 +60,7 @@ def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
         assert diagnose(log, made.extension).verdict == "consistent"
 
 
-@pytest.mark.parametrize("period", [0.005, 0.01])
+@pytest.mark.parametrize("period", [pytest.param(0.005, marks=LONG), 0.01])
 def test_gains_and_computing_time_are_named_beside_another_filter(period):
     """Exactly, and the extension has both: a second run on it says consistent."""
     controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.045)

@@ -17,7 +17,7 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
 from launchid_core import ring as rb
-from launchid_core import step as st
+from launchid_core.replay import loop_of
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -595,22 +595,13 @@ def test_a_kernel_that_allocates_does_not_compile():
             kernels.kernel(allocating)(1)
 
 
-def flown_by(step, options: tuple):
-    """A compiled loop: what the host's loop does, without its boundary."""
-    def fly(f, i, n, samples, period):
-        closed = 0
-        for k in range(n):
-            s = samples[k % samples.shape[0]]
-            code = step(f, i, *options, k * period, s[1], s[2], s[3], s[4], s[5], s[6])
-            closed += int(code == rb.WINDOW_COMPLETE)
-        return closed
-
-    return numba.njit(error_model="numpy")(fly)
-
-
-FLIGHTS = {"measured": flown_by(st.step_pointwise, ()), "difference": flown_by(st.step_pointwise, ()),
-           "integral": flown_by(st.step_integral, ()), "filtered": flown_by(st.step_filtered, (None, None)),
-           "structured": flown_by(st.step_filtered, (1, 1))}  # lazily: nothing compiles before the first call
+def flown(estimator: Estimator, samples: np.ndarray) -> int:
+    """The compiled loop of `replay`, without the estimates that the host makes; returns how many windows closed."""
+    loop, at, closed = loop_of(estimator.config.formulation), 0, 0
+    while at < len(samples):
+        at, code = loop(*estimator._block, *estimator._options, samples, at)
+        closed += int(code == rb.WINDOW_COMPLETE)
+    return closed
 
 
 @pytest.mark.parametrize(("formulation", "library", "solver"), [
@@ -624,12 +615,14 @@ def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
         model = dataclasses.replace(model, sigma_t=(0.0,), sigma_a6=(0.25,), sigma_k1=(0.25,))
     config = config_of("filtered" if filtered else formulation, rows, library=library, solver=solver,
                        model=model if filtered else None)
-    estimator, fly = Estimator(config), FLIGHTS[formulation]
+    estimator = Estimator(config)
     samples = np.array([s._replace(beta_cmd=s.beta) for s in jagged(rows)])
 
     def windows(n: int) -> int:
         estimator.reset()
-        used, closed = allocations(fly, *estimator._block, n * rows, samples, config.sample_period)
+        table = np.tile(samples, (n, 1))
+        table[:, rb.T] = np.arange(n * rows) * config.sample_period
+        used, closed = allocations(flown, estimator, table)
         assert closed == n
         assert filtered or estimator.estimate().status in (EstimateStatus.OK, *UNKNOWN)  # solved to the end
         return used

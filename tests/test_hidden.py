@@ -68,7 +68,7 @@ def found(result, label):
     return all(any(name in one for one in sets) for name in causes) and all(one & causes for one in sets)
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cause=st.sampled_from(FEW), seed=st.integers(0, 2**20), variant=st.sampled_from([PLAIN, OTHER]),
        rate=st.sampled_from([50.0, 100.0]))
 def test_what_is_hidden_is_found(tmp_path, cause, seed, variant, rate):
@@ -88,7 +88,9 @@ def test_every_cause_is_found_on_both_vehicles(tmp_path, nominal, cause, variant
     assert found(result, label), (spec, result["verdict"], answers(result), result["doubts"], result["nearest"])
 
 
-@pytest.mark.parametrize("name", ["servo_friction", "servo_curve", "attitude_curve", "gyro_warming"])
+@pytest.mark.parametrize("name", [
+    "servo_friction", "gyro_warming", pytest.param("servo_curve", marks=pytest.mark.campaign),
+    pytest.param("attitude_curve", marks=pytest.mark.campaign)])
 def test_what_nobody_listed_is_not_named(tmp_path, name):
     result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0, duration=SECONDS))
     assert result["verdict"] == "unexplained" and result["causes"] == [], (answers(result), label)
@@ -105,7 +107,8 @@ def test_no_unlisted_effect_is_named(tmp_path, nominal, name):
 
 
 @pytest.mark.parametrize(("seed", "options"), [
-    (1, {"reference": "rough"}), (2, {}), (3, {"nominal": "vega_like"}), (4, {"reference": "rough", "rate": 50.0})])
+    (1, {"reference": "rough"}), (3, {"nominal": "vega_like"}), pytest.param(2, {}, marks=pytest.mark.campaign),
+    pytest.param(4, {"reference": "rough", "rate": 50.0}, marks=pytest.mark.campaign)])
 def test_decoys_are_consistent(tmp_path, seed, options):
     """Wrong noise levels (0.67 to 1.5) and 2 % dispersion are drawn; nothing is hidden."""
     result, label, _ = diagnosed(tmp_path, draw_spec(seed, duration=SECONDS, **options))
@@ -129,10 +132,16 @@ def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path,
     thinned = {name: value[::2] for name, value in columns.items()}
     double, _ = fly(draw_spec(5, cause=cause, factor=2.0 * VISIBLE, variant=PLAIN, rate=100.0,
                             duration=seconds(cause)))
-    for k, (log, order) in enumerate([(mirrored(columns), None), (columns, sorted(columns, reverse=True)),
-                                      (thinned, None), (double, None)]):
+    plain, reordered = tmp_path / "plain.csv", tmp_path / "reordered.csv"
+    write_csv(plain, columns, None)
+    write_csv(reordered, columns, sorted(columns, reverse=True))
+    read = [read_log(path) for path in (plain, reordered)]
+    assert set(read[0].columns) == set(read[1].columns)
+    for name in read[0].columns:  # the diagnosis sees no more of a log than this
+        assert np.array_equal(getattr(read[0], name), getattr(read[1], name))
+    for k, log in enumerate((mirrored(columns), thinned, double)):
         path = tmp_path / f"{k}.csv"
-        write_csv(path, log, order)
+        write_csv(path, log, None)
         result = report(diagnose(read_log(path), nominal))
         assert found(result, label), (k, result["verdict"], answers(result), result["doubts"])
 
@@ -150,7 +159,7 @@ def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
 # ---- one hypothesis less
 
 
-@pytest.mark.parametrize("cause", [name if name in ("aero_cubic", "gyro_scale") else
+@pytest.mark.parametrize("cause", [name if name == "gyro_scale" else
                                    pytest.param(name, marks=pytest.mark.campaign)
                                    for name in LISTED if name != "controller_mismatch"])
 def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import sim.vehicle.step
-from launchid_core import kernel_cache
+from launchid_core import kernel_cache, kernels, parts
 
 ROOT = Path(__file__).resolve().parents[1]
 A = """
@@ -21,11 +21,15 @@ from .b import (
     FACTOR,
 )
 
-kernel = compiled()
+kernel, part = compiled(), compiled(part=True)
 
-@kernel
-def inner(x):
+@part
+def deep(x):
     return x * FACTOR
+
+@part
+def inner(x):
+    return deep(x)
 
 @kernel
 def outer(x):
@@ -42,7 +46,7 @@ event.register("numba:compile", Count())
 from sim import a
 if len(sys.argv) > 1:
     while time.time() < float(sys.argv[1]): pass
-print(a.outer(2.0), len(made))
+print(a.outer(2.0), len(made) - made.count("deep"))
 """
 
 
@@ -91,7 +95,7 @@ def toy(tmp_path: Path) -> Toy:
 def test_a_kernel_is_compiled_once_and_kept_outside_the_packages(toy):
     assert toy.run() == (7.0, 2)
     assert toy.run() == (7.0, 0)
-    assert len(toy.kept()) == 2
+    assert len(toy.kept()) == 3
     assert toy.kept("sim") == toy.kept("sim", "nbi") == []
 
 
@@ -120,7 +124,32 @@ def test_numba_s_own_variable_is_honoured(toy):
     mine = toy.root / "mine"
     assert toy.run(LAUNCHID_CACHE="", NUMBA_CACHE_DIR=str(mine)) == (7.0, 2)
     assert toy.run(LAUNCHID_CACHE="", NUMBA_CACHE_DIR=str(mine)) == (7.0, 0)
-    assert len(toy.kept("mine")) == 2 and toy.kept() == []
+    assert len(toy.kept("mine")) == 3 and toy.kept() == []
+
+
+def test_an_entry_is_compiled_anew_from_parts_that_are_kept(toy):
+    """Of a part on the disk there is no machine code: what it calls comes with it."""
+    assert toy.run() == (7.0, 2)
+    for path in toy.kept():
+        if ".deep-" in path.name or ".outer-" in path.name:
+            path.unlink()
+    assert toy.run() == (7.0, 1)
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or not parts.KNOWN, reason="there are no parts")
+def test_a_part_has_no_machine_code_and_its_entry_has_all_of_it():
+    @kernels.inner
+    def part(x):
+        return x + 1.0
+
+    @kernels.kernel
+    def entry(x):
+        return part(x)
+
+    assert entry(2.0) == 3.0
+    one, whole = (each.overloads[each.signatures[0]].library for each in (part, entry))
+    assert isinstance(one, parts.Part) and one.get_pointer_to_function("part") == 0
+    assert not isinstance(whole, parts.Part)
 
 
 def test_numba_s_settings_are_told_apart(toy):
@@ -181,7 +210,8 @@ def reach(module: str) -> set[str]:
 
 def test_an_edit_of_what_a_module_does_not_import_does_not_count():
     assert reach("launchid_core.linsolve") == {"launchid_core.linsolve", "launchid_core.kernels",
-                                               "launchid_core.kernel_cache", "launchid_core.compiling"}
+                                               "launchid_core.kernel_cache", "launchid_core.compiling",
+                                               "launchid_core.parts"}
     assert "launchid_core.linsolve" in reach("launchid_core.sparse")
 
 

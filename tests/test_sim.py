@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as hs
 
@@ -52,7 +53,7 @@ def fly_open_loop(steps: int, duration: float = 0.4, frequency: float = 20.0) ->
     vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), 2.0 + np.sin(9.0 * half),
                          -7.0 + np.cos(7.0 * half), one, one, one, one, one, one, one)
     for i in range(steps):
-        st.runge_kutta_4(vehicle, i, 1, 0.04, 0.1)
+        compiled(st.runge_kutta_4)(vehicle, i, 1, 0.04, 0.1)
     return state[:4].copy()
 
 
@@ -74,7 +75,7 @@ def test_runge_kutta_on_a_constant_plant_is_the_exponential():
     vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), np.full(2 * steps + 1, a6),
                          np.zeros(2 * steps + 1), one, one, one, one, one, one, one)
     for i in range(steps):
-        st.runge_kutta_4(vehicle, i, 1, 0.0, 0.0)
+        compiled(st.runge_kutta_4)(vehicle, i, 1, 0.0, 0.0)
     root, t = math.sqrt(a6), h * steps
     assert state[0] == pytest.approx(0.1 * math.cosh(root * t) + 0.3 / root * math.sinh(root * t), rel=1e-12)
     assert state[1] == pytest.approx(0.1 * root * math.sinh(root * t) + 0.3 * math.cosh(root * t), rel=1e-12)

@@ -8,7 +8,7 @@ Before the first the command was 0.
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
 
-from ..vehicle.kernels import inner, kernel
+from ..vehicle.kernels import asked, kernel
 from .actuator import LONGEST_DELAY
 from .table import CODE, P0, P1, P2, Cause, Parameter
 
@@ -34,7 +34,7 @@ def mismatched_gains(kp_scale, kd_scale, kp, kd):
 # ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
 
 
-@inner
+@asked
 def gains(fx, kp, kd):
     """The gains on board of the nominal's kp and kd [s]."""
     for e in range(fx.shape[0]):
@@ -43,7 +43,7 @@ def gains(fx, kp, kd):
     return kp, kd
 
 
-@inner
+@asked
 def latency(fx):
     """Computing time [s] between measuring and issuing."""
     delay = 0.0

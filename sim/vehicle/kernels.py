@@ -1,6 +1,6 @@
 """The decorators of the simulator's compiled functions; `launchid_core.kernels` has their common choices.
 
-`inner` is for what a step calls.  Its two further choices, each with its reason:
+`inner` is for what a step calls, and Python cannot; `asked` for what both call.  Their further choices, with reasons:
 
 * ``forceinline=True``: handing a `Vehicle` of twenty arrays to a function costs more than the step.
 * ``_nrt=False``: without numba's run time no array's references are counted, which costs as much again
@@ -12,5 +12,6 @@
 from launchid_core import compiled
 
 kernel = compiled()
-inner = compiled(forceinline=True, _nrt=False)
+inner = compiled(part=True, forceinline=True, _nrt=False)
+asked = compiled(forceinline=True, _nrt=False)
 apart = compiled(_nrt=False)
