@@ -7,6 +7,7 @@ data speak), one for the structure (with forgetting, over many windows), and one
 per block for the tracker.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from .elementary import exp_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
+from .model import N_NOISES
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .ring import BETA_CMD, GAMMA, THETA, T
 from .states import LEVEL_CLAMPS, N_STATES, N_TESTS, RESTARTS, RUNNING
@@ -28,6 +30,8 @@ WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data i
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
 WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
 LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
+WIND_STEP = 0.4         # and one of the wind: what follows a calm is wind within a second, or passes for sudden changes
+LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change nothing, and wind may rise again
 LEVEL_RELAXES = 0.97     # of a log level in a block, while the model is contradicted: 3 s at 0.1 s
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
@@ -292,8 +296,30 @@ def update_levels(belief, fil, acc, work):
     apply_q_transposed(work.square, work.tau, n, work.right)
     solve_triangle(work.square, n, work.right, work.step)
     for k in range(n):
-        fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > LEVEL_STEP)
-        fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
+        if work.order[k] < N_NOISES:
+            fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > LEVEL_STEP)
+            fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
+        else:
+            move_wind_level(fil, acc, work.order[k], work.step[k])
+
+
+@once
+def move_wind_level(fil, acc, j, step):
+    """A log level of the wind moves by `step`, and what is known of it is carried over.
+
+    The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
+    the level itself (the frequencies at which such a wind would show are), so information about its square root keeps
+    its value, and about its logarithm it falls as the level does.  Kept as it was made, at levels far above, it would
+    stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
+    the level stands at its least, what is known of it falls on, so that it rises with the first gust.
+    """
+    fil.note[LEVEL_CLAMPS] += int(abs(step) > WIND_STEP)
+    moved = min(max(step, -WIND_STEP), WIND_STEP)
+    fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
+    share = exp_of(0.5 * moved)
+    for i in range(acc.level_information.shape[0]):
+        acc.level_information[i, j] *= share
+        acc.level_information[j, i] *= share
 
 
 @once
