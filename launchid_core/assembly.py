@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import batch as rg
-from . import onboard as ob
 from . import ring as rb
 from . import step as st
 from .belief import AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NONE, Belief
@@ -19,10 +18,11 @@ from .guard import CARRIED, seal_of
 from .library import centred_variables, term_codes
 from .memory import Block
 from .model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
-from .onboard import Fixed, State, Work
-from .predictor import N_STATES
 from .report import Report
+from .states import N_STATES
 from .status import EstimateStatus
+from .stores import ENOUGH, ESTIMATE_LEVELS, Fixed, State, Work
+from .stores import restart as restart_filtered
 from .structure import Learner, Learning
 from .uncertainty import Gauge, Sigma, restart_gauge
 from .window import clear_outcome
@@ -139,7 +139,7 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
     _fill_nuisances(model, belief)
     belief.codes[:] = term_codes(config.terms)
     belief.term[AT_THETA], belief.term[AT_BETA] = config.terms.index("theta"), config.terms.index("beta")
-    option[ob.ESTIMATE_LEVELS], option[ob.ENOUGH] = int(config.noise == "estimated"), enough(config)
+    option[ESTIMATE_LEVELS], option[ENOUGH] = int(config.noise == "estimated"), enough(config)
     if parts.sigma is not None:
         sigma = parts.sigma
         sigma.time[:], sigma.a6[:], sigma.k1[:] = model.sigma_t, model.sigma_a6, model.sigma_k1
@@ -205,7 +205,7 @@ def restart(config: Config, parts: Parts) -> None:
     clear_outcome(parts.state.outcome, int(EstimateStatus.SHORT))
     if isinstance(parts.state, State):
         assert isinstance(parts.fixed, Fixed)
-        ob.restart(parts.fixed, parts.state, parts.learner)
+        restart_filtered(parts.fixed, parts.state, parts.learner)
     else:
         parts.state.random[0] = first_state(config.seed)
     if parts.gauge is not None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
 from .library import LIBRARIES, default_threshold, library_terms
 from .model import Model
-from .predictor import MAX_DELAY_SAMPLES
 from .ring import LAST_SAMPLE
+from .states import MAX_DELAY_SAMPLES
 
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4

@@ -18,10 +18,10 @@ from .belief import A6
 from .config import Config
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
 from .model import OFFSETS, Model
-from .onboard import State
-from .predictor import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .sample import NAN, Sample
+from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .status import EstimateStatus, Status
+from .stores import State
 
 _STATUSES = tuple(Status(code) for code in range(Status.BUSY, Status.RECOVERED + 1))
 _ESTIMATE_STATUSES = frozenset(EstimateStatus)

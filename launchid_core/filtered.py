@@ -7,33 +7,21 @@ data speak), one for the structure (with forgetting, over many windows), and one
 per block for the tracker.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, GYRO_SCALE, K1, OFFSET, SATURATION
+from .disturbances import spread_at
 from .elementary import exp_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
-from .predictor import (
-    LEVEL_CLAMPS,
-    N_SLOPES,
-    N_STATES,
-    N_TESTS,
-    RESTARTS,
-    RUNNING,
-    begins_anew,
-    correct,
-    is_lost,
-    is_outlier,
-    predict,
-    spread_at,
-    start_segment,
-    take_command,
-)
+from .model import N_NOISES
+from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .ring import BETA_CMD, GAMMA, THETA, T
-from .status import EstimateStatus
+from .states import LEVEL_CLAMPS, N_STATES, N_TESTS, RESTARTS, RUNNING
 from .tracker import N_BELIEF
 from .whiteness import forget_blocks, note_innovation, note_loss
 
@@ -42,21 +30,14 @@ WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data i
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
 WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
 LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
+WIND_STEP = 0.4         # and one of the wind: what follows a calm is wind within a second, or passes for sudden changes
+LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change nothing, and wind may rise again
 LEVEL_RELAXES = 0.97     # of a log level in a block, while the model is contradicted: 3 s at 0.1 s
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
 
-OK = int(EstimateStatus.OK)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-NUMERICS = int(EstimateStatus.NUMERICS)
-SHORT = int(EstimateStatus.SHORT)
-GAP = int(EstimateStatus.GAP)
-
-
 # counts (i8) of an accumulator: rows in the block, samples and gaps in the window
 ROWS, SAMPLES, GAPS = range(3)
-# deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
-STD_A6, STD_K1, CORR = range(3)
 
 
 class Accumulator(NamedTuple):
@@ -315,8 +296,30 @@ def update_levels(belief, fil, acc, work):
     apply_q_transposed(work.square, work.tau, n, work.right)
     solve_triangle(work.square, n, work.right, work.step)
     for k in range(n):
-        fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > LEVEL_STEP)
-        fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
+        if work.order[k] < N_NOISES:
+            fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > LEVEL_STEP)
+            fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
+        else:
+            move_wind_level(fil, acc, work.order[k], work.step[k])
+
+
+@once
+def move_wind_level(fil, acc, j, step):
+    """A log level of the wind moves by `step`, and what is known of it is carried over.
+
+    The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
+    the level itself (the frequencies at which such a wind would show are), so information about its square root keeps
+    its value, and about its logarithm it falls as the level does.  Kept as it was made, at levels far above, it would
+    stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
+    the level stands at its least, what is known of it falls on, so that it rises with the first gust.
+    """
+    fil.note[LEVEL_CLAMPS] += int(abs(step) > WIND_STEP)
+    moved = min(max(step, -WIND_STEP), WIND_STEP)
+    fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
+    share = exp_of(0.5 * moved)
+    for i in range(acc.level_information.shape[0]):
+        acc.level_information[i, j] *= share
+        acc.level_information[j, i] *= share
 
 
 @once
@@ -358,99 +361,3 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
             slip_j = fil.s[j, theta] * (after_a - before_a) + fil.s[j, beta] * (after_k - before_k)
             fil.p[i, j] += slip_i * slip_j / (12.0 * blocks * blocks)
     relinearise(belief, fil, after_a, after_k)
-
-
-@once
-def select_columns(n, active, theta, beta, columns):
-    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, tests, right-hand
-    side.
-
-    n            states
-    columns (c,) out int64;  returns how many.
-    """
-    m = n
-    for j in range(n):
-        columns[j] = j
-    for j in range(active.shape[0]):
-        if active[j] and j != theta and j != beta:
-            columns[m] = n + j
-            m += 1
-    if active[theta]:
-        columns[m] = n + theta
-        m += 1
-    if active[beta]:
-        columns[m] = n + beta
-        m += 1
-    for j in range(N_TESTS + 1):
-        columns[m + j] = n + active.shape[0] + j
-    return m + N_TESTS + 1
-
-
-@inner
-def reduce_columns(acc, work, r):
-    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
-    names."""
-    width, m = acc.window.shape[0], r.shape[0]
-    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
-    for c in range(m):
-        for i in range(m):
-            r[c, i] = 0.0
-        for i in range(width):
-            rt[c, i] = acc.window[i, work.columns[c]]
-    absorb_rows(r, rt, width)
-
-
-@once
-def solve_absent(acc, work, active, term):
-    """(coefficient, standard deviation) that a term would have beside the active ones, as of `solve_window`."""
-    n = acc.psi.shape[0]
-    m = n
-    for j in range(n):
-        work.columns[j] = j
-    for j in range(active.shape[0]):
-        if active[j] and j != term:
-            work.columns[m] = n + j
-            m += 1
-    work.columns[m], work.columns[m + 1] = n + term, acc.window.shape[0] - 1
-    r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
-    reduce_columns(acc, work, r)
-    return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
-
-
-@once
-def solve_window(belief, acc, work, active):
-    """Least squares of the window's active terms on its own data.
-
-    active (q,) in
-    work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
-                inactive)
-    Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
-    true.
-    """
-    n = acc.psi.shape[0]
-    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
-    columns, coefficient, deviation = work.columns, work.coefficient, work.deviation
-    m = select_columns(n, active, theta, beta, columns)
-    r = work.scratch[:m * m].reshape((m, m))
-    reduce_columns(acc, work, r)
-    coefficient[:] = 0.0
-    last = m - N_TESTS - 2  # of the terms
-    for k in range(last, n - 1, -1):
-        value = r[k, m - 1]
-        for j in range(k + 1, last + 1):
-            value -= r[k, j] * coefficient[columns[j] - n]
-        coefficient[columns[k] - n] = value / r[k, k]
-    deviation[:] = np.nan
-    if active[theta] and active[beta]:
-        a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
-        deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
-        deviation[STD_K1] = 1.0 / abs(c)
-        deviation[CORR] = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
-    elif active[theta]:
-        deviation[STD_A6] = 1.0 / abs(r[last, last])
-    elif active[beta]:
-        deviation[STD_K1] = 1.0 / abs(r[last, last])
-    unexplained = 0.0
-    for k in range(last + 1 + N_SLOPES, m - 1):
-        unexplained += r[k, m - 1] * r[k, m - 1]
-    return unexplained

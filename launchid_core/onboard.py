@@ -8,33 +8,17 @@ Three kinds of memory, apart: `Fixed`, `State`, `Work`.  Parts that a configurat
 many terms, the uncertainty level) are None, and are not compiled.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from . import ring as rb
-from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION, Belief, profile_at, view_belief
-from .changes import (
-    NEXT,
-    ONSETS,
-    THRESHOLD,
-    Watch,
-    follow_onsets,
-    open_onset,
-    raise_alarm,
-    settle_event,
-    view_watch,
-)
+from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
+from .changes import NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
+from .disturbances import let_offsets_wander, spread_at
 from .filtered import (
     BLOCK,
-    CORR,
     GAPS,
     ROWS,
     SAMPLES,
-    STD_A6,
-    STD_K1,
-    Accumulator,
-    AccumulatorWork,
     absorb_block,
     advance_psi,
     begin_block,
@@ -43,14 +27,11 @@ from .filtered import (
     reduce_block,
     relax_levels,
     relinearise,
-    solve_absent,
-    solve_window,
     start_window,
     take_sample,
     update_levels,
-    view_accumulator,
-    view_accumulator_work,
 )
+from .fit import limit_absent, report_filtered, solve_window
 from .guard import (
     CARRIED,
     close_control,
@@ -62,25 +43,15 @@ from .guard import (
     seal_carried,
     seal_newest,
 )
-from .kernels import inner, merged, once, shared
-from .memory import take, take2
+from .kernels import inner, merged, once
 from .model import TURBULENCE
-from .predictor import (
-    LAST,
-    N_STATES,
-    RUNNING,
-    Filter,
-    FilterWork,
-    begins_anew,
-    let_offsets_wander,
-    spread_at,
-    view_filter,
-    view_filter_work,
-)
+from .predictor import begins_anew
 from .report import report_air, report_changes, report_level, report_tracked
+from .states import LAST, N_STATES, RUNNING
 from .status import EstimateStatus
-from .structure import PRIOR, Learner, absorb_structure, select_terms
-from .stuck import N_LEARNED, N_WATCHED, stands_still
+from .stores import ENOUGH, ESTIMATE_LEVELS
+from .structure import absorb_structure, select_terms
+from .stuck import stands_still
 from .tracker import (
     COV,
     FIRST_STD,
@@ -90,143 +61,28 @@ from .tracker import (
     SLOPE_TIME,
     VAR_A6,
     VAR_K1,
-    Bank,
-    BankWork,
     absorb,
     mix,
     restart_bank,
     track,
-    view_bank,
-    view_bank_work,
 )
 from .uncertainty import close_range, watch_range
 from .whiteness import (
     IN_WINDOW,
     RAISED,
-    Check,
     contradict,
     drop_blocks,
     judge_window,
     likelihood_of_chance,
     queue_block,
-    view_check,
     watch_model,
 )
-from .window import (
-    ATTITUDE,
-    GAPS_SEEN,
-    O_A6,
-    O_A6_BOUND,
-    O_A6_STD,
-    O_CONDITION,
-    O_CORRELATION,
-    O_K1,
-    O_K1_BOUND,
-    O_K1_STD,
-    O_WHITENESS,
-    STATUS,
-    USED,
-    Outcome,
-    clear_outcome,
-    view_outcome,
-)
-
-INTERVAL = 1.96       # standard deviations: 95 %
-NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
-SEPARATE = 0.3       # relative: with both bounds above it and a correlation beyond INSEPARABLE a window knows only what
-INSEPARABLE = 0.99   # a6 and k1 have in common
-
-# option (i8)
-ESTIMATE_LEVELS, ENOUGH = range(2)  # follow the noise levels; samples below which a window is SHORT
-N_OPTIONS = 2
+from .window import GAPS_SEEN, O_WHITENESS, STATUS, USED, clear_outcome
 
 OK = int(EstimateStatus.OK)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-NUMERICS = int(EstimateStatus.NUMERICS)
 SHORT = int(EstimateStatus.SHORT)
 GAP = int(EstimateStatus.GAP)
-MODEL = int(EstimateStatus.MODEL)
-SEPARATION = int(EstimateStatus.SEPARATION)
 STUCK = int(EstimateStatus.STUCK)
-
-
-class Fixed(NamedTuple):
-    """Never changes in flight."""
-
-    limits: np.ndarray  # (N_LIMITS,) of the gate and the windows
-    belief: Belief
-    option: np.ndarray  # (N_OPTIONS,) int64
-
-
-class State(NamedTuple):
-    """What persists between samples."""
-
-    clock: np.ndarray   # (N_CLOCK,)
-    counts: np.ndarray  # (N_COUNT,) int64
-    ring: np.ndarray    # (m + 1, 7)
-    seals: np.ndarray   # (m + 1,) int64 of the ring's rows
-    guard: np.ndarray   # (2,) int64 seals of clock and counts, of what is carried on
-    outcome: Outcome
-    filter: Filter
-    acc: Accumulator
-    bank: Bank
-    watch: Watch
-    check: Check
-    active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
-    repeats: np.ndarray  # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
-
-
-class Work(NamedTuple):
-    """Meaningless between samples."""
-
-    filter: FilterWork
-    acc: AccumulatorWork
-    bank: BankWork
-
-
-@shared
-def view_fixed(f, at, i, m, q, nodes, r, levels, air_nodes):
-    """Cut it from floats f at `at` and integers i at `m` for q terms, r nuisances; returns (it, next at, next m)."""
-    limits, at = take(f, at, rb.N_LIMITS)
-    belief, at, m = view_belief(f, at, i, m, q, nodes, r, levels, air_nodes)
-    option, m = take(i, m, N_OPTIONS)
-    return Fixed(limits, belief, option), at, m
-
-
-@shared
-def view_state(f, at, i, m, q, rows, n, levels):
-    """Cut it from floats f at `at`, integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    clock, counts, ring, seals, guard, at, m = rb.view_ring(f, at, i, m, rows)
-    outcome, at, m = view_outcome(f, at, i, m, q)
-    fil, at, m = view_filter(f, at, i, m, q, n, levels)
-    acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
-    bank, at, m = view_bank(f, at, i, m)
-    watch, at, m = view_watch(f, at, i, m, n)
-    check, at, m = view_check(f, at, i, m)
-    active, m = take(i, m, q)
-    repeats, at = take2(f, at, N_WATCHED, N_LEARNED)
-    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, check, active, repeats), at, m
-
-
-@shared
-def view_work(f, at, i, m, q, n, levels):
-    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    fil, at, m = view_filter_work(f, at, i, m, q, n, levels)
-    acc, at, m = view_accumulator_work(f, at, i, m, q, n, levels)
-    bank, at, m = view_bank_work(f, at, i, m)
-    return Work(fil, acc, bank), at, m
-
-
-def restart(fixed: Fixed, state: State, learner: Learner | None) -> None:
-    """What is not zero before the first sample."""
-    acc, bank = state.acc, state.bank
-    np.fill_diagonal(acc.level_information, fixed.belief.prior)
-    start_window(acc)
-    bank.weight[...] = 1.0 / len(bank.weight)
-    restart_bank(bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
-    state.active[...] = 1
-    if learner is not None:
-        np.fill_diagonal(learner.r[:-1, :-1], PRIOR)
 
 
 @inner
@@ -380,56 +236,6 @@ def close_filtered(fixed, state, work, learner, learning):
     state.check.flag[IN_WINDOW] = state.check.flag[RAISED]
     let_offsets_wander(belief, state.filter, fixed.limits[rb.WINDOW])
     begin_window(fixed, state, state.filter.time[LAST])
-
-
-@inner
-def limit_absent(belief, state, work, t_centre, learner):
-    """95 % limits of the terms that were left out of a valid window, if the configuration learns which are there; an
-    absent a6 or k1 is 0 with the standard deviation that it would have."""
-    if learner is not None:
-        out = state.outcome
-        if out.flag[STATUS] != OK:
-            return
-        a6, k1 = profile_at(belief, state.filter.cell, t_centre)
-        for j in range(state.active.shape[0]):
-            if state.active[j]:
-                continue
-            value, std = solve_absent(state.acc, work, state.active, j)
-            if j == belief.term[AT_THETA]:
-                value, std = a6 * (1.0 + value), abs(a6) * std
-                out.number[O_A6_STD] = std
-            elif j == belief.term[AT_BETA]:
-                value, std = k1 * (1.0 + value), abs(k1) * std
-                out.number[O_K1_STD] = std
-            out.absent[j] = abs(value) + INTERVAL * std
-
-
-@inner
-def report_filtered(belief, state, work, t_centre):
-    """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
-    out, coefficient = state.outcome, work.coefficient
-    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
-    std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
-    a6, k1 = profile_at(belief, state.filter.cell, t_centre)
-    out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
-    out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
-    if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
-        return LOW_INFORMATION
-    if state.check.flag[IN_WINDOW] == 1:
-        return MODEL
-    if abs(correlation) > INSEPARABLE and std_a > SEPARATE and std_k > SEPARATE:
-        return SEPARATION
-    for j in range(coefficient.shape[0]):
-        out.xi[j, ATTITUDE] = coefficient[j]
-        out.support[j, ATTITUDE] = state.active[j]
-    out.xi[theta, ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
-    out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
-    out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
-    out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
-    out.number[O_CORRELATION] = correlation * (1.0 if a6 * k1 > 0.0 else -1.0)
-    if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
-        return NUMERICS
-    return OK
 
 
 @once

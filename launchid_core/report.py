@@ -22,7 +22,7 @@ from .changes import (
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import MISALIGNMENT, OFFSETS, TURBULENCE, WALK
-from .predictor import LAST, N_STATES
+from .states import LAST, N_STATES
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .uncertainty import OUT, RAISED
 

@@ -8,10 +8,11 @@ from .batch import view_fixed as view_regression
 from .batch import view_state as view_regression_state
 from .batch import view_work as view_regression_work
 from .kernels import kernel, shared
-from .onboard import report_now, update_filtered, view_fixed, view_state, view_work
-from .predictor import N_STATES
+from .onboard import report_now, update_filtered
 from .regression import update_integral, update_pointwise
 from .report import view_report
+from .states import N_STATES
+from .stores import view_fixed, view_state, view_work
 from .structure import view_learner, view_learning
 from .uncertainty import view_gauge, view_sigma
 

@@ -30,7 +30,7 @@ from .elementary import erfc_of, exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import N_NOISES
-from .predictor import ACCELERATION_NOISE, N_CHANNELS
+from .states import ACCELERATION_NOISE, N_CHANNELS
 from .tracker import COV, VAR_A6, VAR_K1
 
 LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s

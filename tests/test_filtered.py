@@ -13,7 +13,8 @@ from hypothesis import strategies as hs
 from launchid_core import Config, Estimator, Sample, Status, linsolve
 from launchid_core import belief as bl
 from launchid_core import filtered as fl
-from launchid_core import predictor as pr
+from launchid_core import servo as sv
+from launchid_core import transition as tn
 from launchid_core.assembly import allocate
 from sim.bound.flights import flight_bound
 from sim.flight import fly_whole
@@ -27,7 +28,7 @@ PERIOD = 0.01
 
 
 absorb_rows, fill_transition, profile_at, set_step, take_sample = map(compiled, (
-    linsolve.absorb_rows, pr.fill_transition, bl.profile_at, pr.set_step, fl.take_sample))
+    linsolve.absorb_rows, tn.fill_transition, bl.profile_at, sv.set_step, fl.take_sample))
 
 
 def parts(noise: str = "estimated"):

@@ -15,6 +15,8 @@ from launchid_core import filtered as fl
 from launchid_core import predictor as pr
 from launchid_core import report as rp
 from launchid_core import ring as rb
+from launchid_core import servo as sv
+from launchid_core import states as sx
 from launchid_core import tracker as tr
 from launchid_core.assembly import allocate
 from sim.flight import fly_whole
@@ -76,7 +78,7 @@ def test_a_measurement_is_an_outlier_beyond_eight_sigma_of_its_innovation(channe
     for e, outlier, row, total in ((limit, False, 0, 0), (1.001 * limit, True, 1, 1), (-1.001 * limit, True, 2, 2),
                                    (-limit, False, 0, 2), (1.001 * limit, True, 1, 3)):
         assert is_outlier(fil, channel, bl.NONE, 1.0 + e, 0.25) == outlier
-        assert fil.outliers[channel] == row and fil.note[pr.OUTLIERS] == total
+        assert fil.outliers[channel] == row and fil.note[sx.OUTLIERS] == total
     assert fil.outliers.sum() == 1  # the other channels' are their own
 
 
@@ -145,10 +147,10 @@ def test_a_gap_is_counted_and_leaves_the_window_its_terms_but_not_its_offset():
     acc, note = cut.state.acc, cut.state.filter.note
     take(cut, 0.0)
     take(cut, 0.01)
-    assert acc.counts[fl.GAPS] == 0 and note[pr.RESTARTS] == 0  # the first sample of all follows no gap
+    assert acc.counts[fl.GAPS] == 0 and note[sx.RESTARTS] == 0  # the first sample of all follows no gap
     acc.window[...], acc.psi[...] = 3.0, 4.0
     take(cut, 0.01 + MAX_GAP + 1e-6)
-    assert acc.counts[fl.GAPS] == 1 and note[pr.RESTARTS] == 1
+    assert acc.counts[fl.GAPS] == 1 and note[sx.RESTARTS] == 1
     assert not acc.window[:4].any() and (acc.window[4:] == 3.0).all() and acc.psi.tolist() == np.eye(4).tolist()
 
 
@@ -212,8 +214,8 @@ def test_an_irregular_step_has_its_own_constants():
     take(cut, 0.0)
     for t, h in ((0.01, 0.01), (0.02, 0.01), (0.032, 0.012), (0.042, 0.01)):
         take(cut, t)
-        assert step[pr.STEP] == pytest.approx(h, rel=1e-6)
-        assert step[pr.GAMMA] == pytest.approx(0.5 * (50.0 * h) ** 2, rel=0.3)  # of a nozzle at w = 50 rad/s, early on
+        assert step[sv.STEP] == pytest.approx(h, rel=1e-6)
+        assert step[sv.GAMMA] == pytest.approx(0.5 * (50.0 * h) ** 2, rel=0.3)  # of a nozzle at w = 50 rad/s, early on
 
 
 # ---- the command
@@ -244,7 +246,7 @@ def test_an_unknown_command_is_the_nozzles_place_and_some_doubt():
         take(cut, 0.01, theta=math.nan, theta_dot=math.nan, beta=math.nan)
     assert unknown.state.filter.x == pytest.approx(known.state.filter.x)
     doubt = pr.UNKNOWN_COMMAND_STD**2 - known.fixed.belief.variance[3]
-    gamma = known.state.filter.step[pr.GAMMA]
+    gamma = known.state.filter.step[sv.GAMMA]
     assert unknown.state.filter.p[2, 2] - known.state.filter.p[2, 2] == pytest.approx(gamma**2 * doubt)
 
 
@@ -327,7 +329,7 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     assert state.filter.level.tolist() == level.tolist() and learner.r.tolist() == structure.tolist()
     assert not state.acc.score.any() and not state.acc.information.any()
     terms = np.zeros_like(state.acc.window)
-    known = range(4, len(terms) - 1 - pr.N_TESTS)
+    known = range(4, len(terms) - 1 - sx.N_TESTS)
     terms[known, known] = fl.WEAK_PRIOR
     assert state.acc.window.tolist() == terms.tolist() and state.acc.counts[fl.SAMPLES] == 0
 

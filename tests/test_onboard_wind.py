@@ -19,11 +19,15 @@ from numba.core.runtime import _nrt_python, rtsys
 from launchid_core import Config, Estimate, Estimator, Model, Sample, Status
 from launchid_core import belief as bl
 from launchid_core import changes as ch
+from launchid_core import disturbances as ds
 from launchid_core import filtered as fl
-from launchid_core import onboard as ob
+from launchid_core import fit as ft
 from launchid_core import predictor as pr
 from launchid_core import ring as rb
+from launchid_core import servo as sv
+from launchid_core import states as sx
 from launchid_core import tracker as tr
+from launchid_core import transition as tn
 from launchid_core import whiteness as wh
 from launchid_core.assembly import allocate
 from launchid_core.model import OFFSETS, TURBULENCE
@@ -47,10 +51,11 @@ WINDY = dataclasses.replace(
 DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02])))
 
 set_step, fill_push, fill_transition, take_sample = map(compiled, (
-    pr.set_step, pr.fill_push, pr.fill_transition, fl.take_sample))
+    sv.set_step, ds.fill_push, tn.fill_transition, fl.take_sample))
 start_segment, let_offsets_wander, believe_nuisances = map(compiled, (
-    pr.start_segment, pr.let_offsets_wander, fl.believe_nuisances))
-solve_window, report_filtered = compiled(fl.solve_window), compiled(ob.report_filtered)
+    pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
+move_wind_level = compiled(fl.move_wind_level)
+solve_window, report_filtered = compiled(ft.solve_window), compiled(ft.report_filtered)
 note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
     compiled, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
                wh.likelihood_of_chance))
@@ -95,7 +100,7 @@ def calm_parts():
 @pytest.mark.parametrize("damping", [0.05, 0.3, 0.7, 1.0, 1.0 + 1e-9, 2.0, 10.0])
 def test_a_step_of_the_servo_is_the_matrix_exponential(calm_parts, damping):
     """States in units of one size: double integral/h^2, integral/h, beta, beta_dot/w, command."""
-    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(pr.N_STEP)
+    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(sv.N_STEP)
     constant[bl.DAMPING] = damping
     for turned in np.geomspace(1e-3, 50.0, 25):
         w = constant[bl.FREQUENCY] = turned / PERIOD
@@ -105,26 +110,26 @@ def test_a_step_of_the_servo_is_the_matrix_exponential(calm_parts, damping):
         a[2, 3], a[3] = turned, [0.0, 0.0, -turned, -2.0 * damping * turned, turned]
         exact = linalg.expm(a)
         unit = np.array([1.0, 1.0 / w, 1.0])
-        assert_close(step[pr.PHI:pr.GAMMA].reshape(2, 2) * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
-        assert_close(step[pr.GAMMA:pr.J1] * [1.0, 1.0 / w], exact[2:4, 4])
-        assert_close(step[pr.J1:pr.J2] / unit / PERIOD, exact[1, 2:])
-        assert_close(step[pr.J2:pr.KEEP] / unit / PERIOD**2, exact[0, 2:])
+        assert_close(step[sv.PHI:sv.GAMMA].reshape(2, 2) * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
+        assert_close(step[sv.GAMMA:sv.J1] * [1.0, 1.0 / w], exact[2:4, 4])
+        assert_close(step[sv.J1:sv.J2] / unit / PERIOD, exact[1, 2:])
+        assert_close(step[sv.J2:sv.KEEP] / unit / PERIOD**2, exact[0, 2:])
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 1.0, 7.0, 50.0])
 def test_a_step_of_a_first_order_servo_and_of_turbulence_is_their_exponential(calm_parts, share):
-    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(pr.N_STEP)
+    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(sv.N_STEP)
     constant[bl.FREQUENCY] = constant[bl.DAMPING] = math.nan  # not used
     h, t = PERIOD, PERIOD / share
     constant[bl.TIME_CONSTANT], constant[bl.TURBULENCE_TIME] = t, 3.0 * t
     set_step(constant, h, work, step)
     gone = -math.expm1(-share)
-    assert step[pr.STEP] == h
-    assert_close(step[pr.PHI:pr.J1], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
-    assert_close(step[pr.J1:pr.J2], [t * gone, 0.0, h - t * gone], 1e-12)
+    assert step[sv.STEP] == h
+    assert_close(step[sv.PHI:sv.J1], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
+    assert_close(step[sv.J1:sv.J2], [t * gone, 0.0, h - t * gone], 1e-12)
     held = t * h - t * t * gone
-    assert_close(step[pr.J2:pr.KEEP], [held, 0.0, 0.5 * h * h - held], 1e-11)
-    assert step[pr.KEEP] == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
+    assert_close(step[sv.J2:sv.KEEP], [held, 0.0, 0.5 * h * h - held], 1e-11)
+    assert step[sv.KEEP] == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
 
 
 def all_of_it(a6: float, k1: float, roles, turbulence_time: float) -> np.ndarray:
@@ -259,7 +264,7 @@ def test_offsets_wander_where_a_window_ends_and_the_wind_does_not():
     _, cut = allocate(config())
     p = cut.state.filter.p
     let_offsets_wander(cut.fixed.belief, cut.state.filter, 60.0)
-    expected = [0.0, 0.0, *(getattr(onboard_model(WINDY), name)**2 * 60.0 / pr.OFFSET_TIME for name in OFFSETS)]
+    expected = [0.0, 0.0, *(getattr(onboard_model(WINDY), name)**2 * 60.0 / ds.OFFSET_TIME for name in OFFSETS)]
     assert np.diag(p)[4:] == pytest.approx(expected, rel=1e-12) and np.count_nonzero(p) == 5
 
 
@@ -316,6 +321,44 @@ def test_the_covariance_stays_one_for_a_whole_flight(seed):
             assert np.max(np.abs(correlation - correlation.T)) < 1e-12
             assert np.linalg.eigvalsh(correlation)[0] > 0.0
     assert k == 6999 and (estimator.counts["OUTLIER"], estimator.counts["RESTART"]) == (0, 0)
+
+
+# ---- the wind's levels
+
+
+def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_than_least():
+    """Information about the square root of the level stays what it was; the sensors' own is left alone."""
+    _, cut = allocate(config())
+    fil, acc = cut.state.filter, cut.state.acc
+    random = np.random.default_rng(8).standard_normal((7, 7))
+    before = random @ random.T
+    acc.level_information[...] = before
+    move_wind_level(fil, acc, 5, -0.3)
+    ratio = acc.level_information / before
+    assert fil.level.tolist() == [0.0] * 5 + [-0.3, 0.0] and fil.note[sx.LEVEL_CLAMPS] == 0
+    assert ratio[5, 5] == pytest.approx(math.exp(-0.3)) and ratio[5, 2] == pytest.approx(math.exp(-0.15))
+    assert (acc.level_information == acc.level_information.T).all()
+    assert (np.delete(np.delete(ratio, 5, 0), 5, 1) == 1.0).all()
+    move_wind_level(fil, acc, 5, 7.0)
+    assert fil.level[5] == pytest.approx(-0.3 + fl.WIND_STEP) and fil.note[sx.LEVEL_CLAMPS] == 1
+    for _ in range(20):
+        move_wind_level(fil, acc, 5, -0.35)
+    assert fil.level[5] == fl.LEAST_WIND == math.log(0.02)
+
+
+def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise():
+    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end; the
+    information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
+    wind."""
+    declared = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
+                                   offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
+    twice = dataclasses.replace(declared, wind=Wind(walk=0.01, turbulence=0.01))
+    for flown, low, high in ((CALM, 0.0, 0.045), (twice, 1.5, 2.7)):
+        estimator = Estimator(config(declared, window=1.0))
+        for sample in fly_whole(flown, 3).samples():
+            estimator.update(sample)
+        for name in ("walk", "turbulence"):
+            assert low < estimator.noise_levels[name] < high, (name, estimator.noise_levels)
 
 
 # ---- nothing where there is nothing
@@ -660,22 +703,22 @@ def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
     assert abs(work.deviation) == pytest.approx([std, std, abs(correlation)], rel=1e-9)
     assert work.coefficient == pytest.approx([0.1, -0.2], rel=1e-9)
     found = report_filtered(belief, cut.state, work, 2.5)
-    assert ob.EstimateStatus(found).name == status
+    assert ft.EstimateStatus(found).name == status
     number = cut.state.outcome.number
-    assert (number[ob.O_A6_BOUND], number[ob.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
+    assert (number[ft.O_A6_BOUND], number[ft.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
     if status == "OK":
-        assert (number[ob.O_A6], number[ob.O_K1]) == pytest.approx((2.2, -5.6))
+        assert (number[ft.O_A6], number[ft.O_K1]) == pytest.approx((2.2, -5.6))
     cut.state.check.flag[wh.IN_WINDOW] = 1
-    contradicted = ob.EstimateStatus(report_filtered(belief, cut.state, work, 2.5)).name
+    contradicted = ft.EstimateStatus(report_filtered(belief, cut.state, work, 2.5)).name
     assert contradicted == ("LOW_INFORMATION" if status == "LOW_INFORMATION" else "MODEL")
 
 
 @pytest.mark.parametrize("correlation", [-0.9, 0.5])
 def test_the_correlation_has_its_sign(correlation):
     cut = solved(correlation, 0.2)
-    assert cut.work.acc.deviation[fl.CORR] == pytest.approx(correlation, rel=1e-9)
+    assert cut.work.acc.deviation[ft.CORR] == pytest.approx(correlation, rel=1e-9)
     report_filtered(cut.fixed.belief, cut.state, cut.work.acc, 2.5)
-    assert cut.state.outcome.number[ob.O_CORRELATION] == pytest.approx(-correlation)  # a6 k1 < 0
+    assert cut.state.outcome.number[ft.O_CORRELATION] == pytest.approx(-correlation)  # a6 k1 < 0
 
 
 def test_the_correlation_is_that_of_the_errors():

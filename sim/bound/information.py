@@ -57,6 +57,7 @@ def predict(x, p, s, dp, u, known, f, fa, fk, a6, k1, full, full_a, full_k, air,
             for k in range(n):
                 new_p[i, j] += fp[i, k] * full[j, k]
     if n > N_STATES:
+        new_p = 0.5 * (new_p + new_p.T)  # what is not symmetric no measurement sees, and it grows as the vehicle does
         predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises)
     x[:] = new_x
     p[:, :] = new_p

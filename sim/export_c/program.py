@@ -20,7 +20,7 @@ TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
 BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
-OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|PREDICTOR)_([A-Z0-9_]+)\b")
+OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 
 

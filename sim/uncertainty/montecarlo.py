@@ -53,7 +53,11 @@ def factors(nominal: Nominal, job: Job) -> tuple[Factor, Factor]:
 
 def compare_gains(job: Job) -> dict[str, float | int | str]:
     """One vehicle flown twice, with the same noise: legacy and reconfigured."""
-    nominal = _nominal(job.nominal)
+    return compare_gains_of(_nominal(job.nominal), job)
+
+
+def compare_gains_of(nominal: Nominal, job: Job) -> dict[str, float | int | str]:
+    """The same of a nominal that the job only names."""
     a6_factor, k1_factor = factors(nominal, job)
     legacy = fly_legacy(nominal, job.seed, a6_factor, k1_factor)
     changed = fly_reconfigured(nominal, job.seed, a6_factor, k1_factor)

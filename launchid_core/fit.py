@@ -1,0 +1,171 @@
+"""A window closes: its triangle is solved, and what becomes of the answer."""
+
+import numpy as np
+
+from .belief import AT_BETA, AT_THETA, profile_at
+from .kernels import inner, once
+from .linsolve import absorb_rows
+from .states import N_SLOPES, N_TESTS
+from .status import EstimateStatus
+from .whiteness import IN_WINDOW
+from .window import ATTITUDE, O_A6, O_A6_BOUND, O_A6_STD, O_CONDITION, O_CORRELATION, O_K1, O_K1_BOUND, O_K1_STD, STATUS
+
+INTERVAL = 1.96       # standard deviations: 95 %
+NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
+SEPARATE = 0.3       # relative: with both bounds above it and a correlation beyond INSEPARABLE a window knows only what
+INSEPARABLE = 0.99   # a6 and k1 have in common
+
+OK = int(EstimateStatus.OK)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+NUMERICS = int(EstimateStatus.NUMERICS)
+MODEL = int(EstimateStatus.MODEL)
+SEPARATION = int(EstimateStatus.SEPARATION)
+
+# deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
+STD_A6, STD_K1, CORR = range(3)
+
+
+@once
+def select_columns(n, active, theta, beta, columns):
+    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, tests, right-hand
+    side.
+
+    n            states
+    columns (c,) out int64;  returns how many.
+    """
+    m = n
+    for j in range(n):
+        columns[j] = j
+    for j in range(active.shape[0]):
+        if active[j] and j != theta and j != beta:
+            columns[m] = n + j
+            m += 1
+    if active[theta]:
+        columns[m] = n + theta
+        m += 1
+    if active[beta]:
+        columns[m] = n + beta
+        m += 1
+    for j in range(N_TESTS + 1):
+        columns[m + j] = n + active.shape[0] + j
+    return m + N_TESTS + 1
+
+
+@inner
+def reduce_columns(acc, work, r):
+    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
+    names."""
+    width, m = acc.window.shape[0], r.shape[0]
+    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
+    for c in range(m):
+        for i in range(m):
+            r[c, i] = 0.0
+        for i in range(width):
+            rt[c, i] = acc.window[i, work.columns[c]]
+    absorb_rows(r, rt, width)
+
+
+@once
+def solve_absent(acc, work, active, term):
+    """(coefficient, standard deviation) that a term would have beside the active ones, as of `solve_window`."""
+    n = acc.psi.shape[0]
+    m = n
+    for j in range(n):
+        work.columns[j] = j
+    for j in range(active.shape[0]):
+        if active[j] and j != term:
+            work.columns[m] = n + j
+            m += 1
+    work.columns[m], work.columns[m + 1] = n + term, acc.window.shape[0] - 1
+    r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
+    reduce_columns(acc, work, r)
+    return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
+
+
+@once
+def solve_window(belief, acc, work, active):
+    """Least squares of the window's active terms on its own data.
+
+    active (q,) in
+    work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
+                inactive)
+    Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
+    true.
+    """
+    n = acc.psi.shape[0]
+    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
+    columns, coefficient, deviation = work.columns, work.coefficient, work.deviation
+    m = select_columns(n, active, theta, beta, columns)
+    r = work.scratch[:m * m].reshape((m, m))
+    reduce_columns(acc, work, r)
+    coefficient[:] = 0.0
+    last = m - N_TESTS - 2  # of the terms
+    for k in range(last, n - 1, -1):
+        value = r[k, m - 1]
+        for j in range(k + 1, last + 1):
+            value -= r[k, j] * coefficient[columns[j] - n]
+        coefficient[columns[k] - n] = value / r[k, k]
+    deviation[:] = np.nan
+    if active[theta] and active[beta]:
+        a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
+        deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
+        deviation[STD_K1] = 1.0 / abs(c)
+        deviation[CORR] = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
+    elif active[theta]:
+        deviation[STD_A6] = 1.0 / abs(r[last, last])
+    elif active[beta]:
+        deviation[STD_K1] = 1.0 / abs(r[last, last])
+    unexplained = 0.0
+    for k in range(last + 1 + N_SLOPES, m - 1):
+        unexplained += r[k, m - 1] * r[k, m - 1]
+    return unexplained
+
+
+@inner
+def limit_absent(belief, state, work, t_centre, learner):
+    """95 % limits of the terms that were left out of a valid window, if the configuration learns which are there; an
+    absent a6 or k1 is 0 with the standard deviation that it would have."""
+    if learner is not None:
+        out = state.outcome
+        if out.flag[STATUS] != OK:
+            return
+        a6, k1 = profile_at(belief, state.filter.cell, t_centre)
+        for j in range(state.active.shape[0]):
+            if state.active[j]:
+                continue
+            value, std = solve_absent(state.acc, work, state.active, j)
+            if j == belief.term[AT_THETA]:
+                value, std = a6 * (1.0 + value), abs(a6) * std
+                out.number[O_A6_STD] = std
+            elif j == belief.term[AT_BETA]:
+                value, std = k1 * (1.0 + value), abs(k1) * std
+                out.number[O_K1_STD] = std
+            out.absent[j] = abs(value) + INTERVAL * std
+
+
+@inner
+def report_filtered(belief, state, work, t_centre):
+    """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
+    out, coefficient = state.outcome, work.coefficient
+    theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
+    std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
+    a6, k1 = profile_at(belief, state.filter.cell, t_centre)
+    out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
+    out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
+    if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
+        return LOW_INFORMATION
+    if state.check.flag[IN_WINDOW] == 1:
+        return MODEL
+    if abs(correlation) > INSEPARABLE and std_a > SEPARATE and std_k > SEPARATE:
+        return SEPARATION
+    for j in range(coefficient.shape[0]):
+        out.xi[j, ATTITUDE] = coefficient[j]
+        out.support[j, ATTITUDE] = state.active[j]
+    out.xi[theta, ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
+    out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
+    out.number[O_CORRELATION] = correlation * (1.0 if a6 * k1 > 0.0 else -1.0)
+    if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
+        return NUMERICS
+    return OK
