@@ -94,7 +94,7 @@ def main() -> int:
 
 
 def print_operations() -> int:
-    """Of the linear algebra beside its formulas, and of whole updates; exit status 1 if a formula is not what is done."""
+    """Of the linear algebra beside its formulas, and of whole updates; exit status 1 if a formula does not hold."""
     stated = [k for k, name in enumerate(COUNTED) if name != "stores"]
     names = " | ".join(COUNTED[k] for k in stated)
     sizes, wrong = [(m, q) for q in (2, 5, 10) for m in (20, 100)], 0

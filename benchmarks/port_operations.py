@@ -76,7 +76,9 @@ CALLS        }
 
 FORMULAS = {  # of COUNTED without stores, for m numbers in each of q columns; qr_factor: 2 m loads more an exchange
     "scale_columns": ("5 m q", "m q + 3 q", "m q + q", "2 m q", "q"),
-    "qr_factor": ("3 m q^2 - q^3 + q^2 + 2 q", "3 m q^2/2 - m q/2 - q^3/2 + 4 q^2 + 3 q/2", "3 m q^2/2 + m q/2 - q^3/2 + q/2", "2 q", "q"),
+    "qr_factor": ("3 m q^2 - q^3 + q^2 + 2 q",
+                  "3 m q^2/2 - m q/2 - q^3/2 + 4 q^2 + 3 q/2",
+                  "3 m q^2/2 + m q/2 - q^3/2 + q/2", "2 q", "q"),
     "apply_q_transposed": ("4 m q - 2 q^2 + q", "2 m q - q^2 + 4 q", "2 m q - q^2", "0", "0"),
     "solve_triangle": ("q^2 + q", "q^2/2 - q/2", "q^2/2 - q/2", "q", "0"),
     "invert_triangle": ("q^3/3 + q^2/2 + q/6", "q^3/6 - q/6", "q^3/6 - q/6", "q^2/2 + q/2", "0"),
@@ -118,8 +120,8 @@ def _counts(source: str, given: str) -> np.ndarray:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "counted.cpp").write_text(source, encoding="utf-8")
-        subprocess.run([CXX, "-std=c++20", "-O0", "-ffp-contract=off", "-w", "counted.cpp", "-o", "counted"], cwd=folder,
-                       check=True)
+        subprocess.run([CXX, "-std=c++20", "-O0", "-ffp-contract=off", "-w", "counted.cpp", "-o", "counted"],
+                       cwd=folder, check=True)
         done = subprocess.run(["./counted"], cwd=folder, input=given, capture_output=True, text=True, check=True)
     return np.array([[int(x) for x in line.split()] for line in done.stdout.splitlines()])
 
