@@ -39,7 +39,7 @@ def test_a_saved_state_of_the_double_one_is_foreign():
 
 
 @pytest.mark.parametrize(("config", "why"), [
-    (filtered(), "formulation filtered: its covariance"), (regression("integral"), "library 1, theta"),
+    (filtered(), "formulation filtered: what it carries"), (regression("integral"), "library 1, theta"),
     (regression("integral", library="theta,beta", window=0.1), "window 0.1 s")])
 def test_what_fails_is_refused_in_one_line(config, why):
     with pytest.raises(InputError, match=f"--float32: {why}") as told:
