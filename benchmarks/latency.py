@@ -1,6 +1,6 @@
-"""Time of Estimator.update from a Python host loop, of a window close beside numpy and pysindy, of a simulated flight.
+"""Time of Estimator.update from a Python host loop, of a window close beside C, numpy and pysindy, of a flight.
 
-    python benchmarks/latency.py [--repeats 5]
+    python benchmarks/latency.py [--repeats 5] [--long 10000000]
 
 Every call is timed alone by perf_counter_ns; the clock's own cost stands beside and is not subtracted.  The cyclic
 garbage collector is off in the timed loops, as a flight host would have it.  Ratios are of medians in the same run.
@@ -11,7 +11,7 @@ Exit status 1 if a demand is missed.
 import argparse
 import gc
 import importlib.util
-import math
+import shutil
 import sys
 import time
 import warnings
@@ -20,25 +20,31 @@ from typing import Any
 
 import numpy as np
 from flights import in_air, nominal
+from latency_c import above_empty, exported, long_run, plain_close
 
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core.library import LIBRARIES
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 
-PYSINDY_RATIO = 100.0   # demand: a window close at least so much faster than pysindy.SINDy.fit on the same rows
+PYSINDY_RATIO = 600.0   # demand: a window close at least so much faster than pysindy.SINDy.fit on the same rows
 FLIGHT_TIME = 0.1       # s, demand: 70 s of flight at 1 kHz
+ABOVE_EMPTY = 0.5       # us, demand: `update` of the regression formulations above an empty compiled call
+REPLAY_RATE = 3.0       # million samples a second, demand: `integral` with two terms in one call
+REPLAY_SHARE = 0.5      # demand: of the C rate, calm `filtered`
+STEADY = 1.1            # demand: the last million of a long run over the first
 FILTERED_MEAN = 5.0     # us, demand: update of the filtered form, close included
 WINDY = "filtered, wind and two offsets"
 WINDY_SHARE = 3.0
 A6, K1 = 2.0, -7.0      # 1/s^2, of the noise-free rows
+CLOSE_CLOCK = time.process_time_ns  # other processes only add to the wall's
 ROWS, PERIOD, THRESHOLD = 100, 0.01, 0.5
 TONES = ((0.05, 2.0, 0.3), (0.03, 4.5, 1.1), (0.02, 7.0, 2.0))  # amplitude [rad], frequency [rad/s], phase
 
 
-def timed(call: Callable[[Any], Any], arguments: list[Any]) -> tuple[np.ndarray, list[Any]]:
+def timed(call: Callable[[Any], Any], arguments: list[Any],
+          clock: Callable[[], int] = time.perf_counter_ns) -> tuple[np.ndarray, list[Any]]:
     """Microseconds of every call, and what it returned; garbage collector off."""
-    clock = time.perf_counter_ns
     spent, answers = [0] * len(arguments), []
     gc.collect()
     gc.disable()
@@ -121,18 +127,27 @@ def worst(a6: float, k1: float) -> float:
 def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
     """Microseconds and worst relative error of one window, 100 rows x ten terms, by each tool.
 
-    All get theta_ddot exactly; numpy and pysindy get the exact beta_dot too, which launchid differences.
+    Processor time, but of the exported C, whose clock is the wall's.  All get theta_ddot exactly; numpy, pysindy and
+    plain C get the exact beta_dot too, which launchid differences.
     """
     t, states, slopes = noise_free()
     estimator = Estimator(Config(window=ROWS * PERIOD, sample_period=PERIOD, library="quadratic",
                                  formulation="measured", threshold=THRESHOLD))
     windows = [np.column_stack([t + k * ROWS * PERIOD, states, slopes[:, 1]]) for k in range(100 * repeats)]
-    spent, status = timed(estimator.update, [Sample(*row) for row in np.concatenate(windows).tolist()])
+    spent, status = timed(estimator.update, [Sample(*row) for row in np.concatenate(windows).tolist()], CLOSE_CLOCK)
     estimate = estimator.estimate()
     assert estimate is not None
     results = {"launchid": (spent[np.array(status) == Status.WINDOW_COMPLETE], worst(estimate.a6, estimate.k1))}
     theta, beta = (LIBRARIES["quadratic"].index(term) for term in ("theta", "beta"))
-    spent, answers = timed(lambda _: numpy_stls(states, slopes), [None] * 100 * repeats)
+    if shutil.which("gcc") is not None:
+        spent, a6, k1 = plain_close(states, slopes, 100 * repeats)
+        results["plain C, the regression alone"] = (spent, worst(a6, k1))
+        missing = np.full((ROWS, 2), np.nan)
+        rows = np.concatenate([np.column_stack([window, missing]) for window in windows])
+        whole = exported(estimator.config, [Sample(*row) for row in rows.tolist()], 1) / 1000.0
+        closes = whole[np.array(status) == Status.WINDOW_COMPLETE]
+        results["exported C, bits of launchid"] = (closes, worst(estimate.a6, estimate.k1))
+    spent, answers = timed(lambda _: numpy_stls(states, slopes), [None] * 100 * repeats, CLOSE_CLOCK)
     results["numpy"] = (spent, worst(answers[-1][theta, 1], answers[-1][beta, 1]))
     if importlib.util.find_spec("pysindy") is not None:
         import pysindy
@@ -146,7 +161,7 @@ def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit(None)
-            spent, answers = timed(fit, [None] * 10 * repeats)
+            spent, answers = timed(fit, [None] * 10 * repeats, CLOSE_CLOCK)
         coefficients = answers[-1].coefficients()[1]
         results["pysindy"] = (spent, worst(coefficients[theta], coefficients[beta]))
     return results
@@ -187,27 +202,65 @@ def all_updates(repeats: int) -> dict[str, float]:
     return means
 
 
-def replay_rates(repeats: int) -> None:
-    """Rows of whole logs in one call: samples a second, best repeat."""
+def replay_rates(repeats: int) -> dict[str, float]:
+    """Rows of whole logs in one call, and of the same in C; million samples a second, medians of processor time."""
     believed = nominal("constant")
-    table = np.array(list(fly_whole(believed, 0).samples()))
-    print(f"\n{'whole log in one call, 7000 samples':44} {'million/s':>10}")
+    samples = list(fly_whole(believed, 0).samples())
+    table, rates = np.array(samples), {}
+    print(f"\n{'whole log in one call, 7000 samples':44} {'million/s':>10} {'in C':>10}")
     for name, more in (("integral, two terms", {"formulation": "integral"}),
                        ("filtered, rigid-body, estimated", {"formulation": "filtered",
                                                             "model": onboard_model(believed)})):
         estimator = Estimator(Config(window=1.0, sample_period=0.01, **more))
         estimator.replay(table[:200])  # compiles
-        best = math.inf
+        spent = []
         for _ in range(max(repeats, 5)):
             estimator.reset()
-            best = min(best, float(timed(estimator.replay, [table])[0][0]))
-        print(f"{name:44} {len(table) / best:10.2f}")
+            start = time.process_time_ns()
+            estimator.replay(table)
+            spent.append((time.process_time_ns() - start) / len(table))
+        rates[name] = 1000.0 / float(np.median(spent))
+        in_c = np.nan
+        if shutil.which("gcc") is not None:
+            in_c = 1000.0 / float(np.median(exported(estimator.config, samples, max(repeats, 5), "whole")))
+        rates[f"{name}: share of C"] = rates[name] / in_c
+        print(f"{name:44} {rates[name]:10.2f} {in_c:10.2f}")
+    return rates
+
+
+def calls(repeats: int) -> float:
+    """Rows of an empty compiled call, the compiled step and `update`; the largest of `update` above empty [us]."""
+    believed = nominal("constant")
+    print(f"\n{'one call, median of 2000 in turn [us]':44} {'empty':>10} {'step':>10} {'update':>10}")
+    above = []
+    for formulation in ("integral", "difference"):
+        samples = list(fly_whole(believed, 0).samples())
+        empty, step, update = above_empty(Config(window=1.0, sample_period=0.01, formulation=formulation), samples,
+                                          repeats)
+        print(f"{formulation + ', two terms, closes included':44} {empty:10.2f} {step:10.2f} {update:10.2f}")
+        above.append(update - empty)
+    return max(above)
+
+
+def further(repeats: int, samples: int) -> list[tuple[str, str, bool]]:
+    """Rates, calls and a long run, with their demands."""
+    rates, above = replay_rates(repeats), calls(repeats)
+    chunks = long_run(Config(window=1.0, sample_period=0.01, formulation="integral"), samples)
+    drift = float(np.median(chunks[-3:]) / np.median(chunks[:3]))
+    print(f"\nlong run, integral, {samples} samples, ns a sample of each million: first three {chunks[:3].round()}, "
+          f"last three {chunks[-3:].round()}")
+    two, calm = rates["integral, two terms"], rates["filtered, rigid-body, estimated: share of C"]
+    return [(f"replay of `integral` at {REPLAY_RATE:g} million samples a second", f"{two:.2f}", two >= REPLAY_RATE),
+            (f"replay of calm `filtered` at {REPLAY_SHARE:g} of the C rate", f"{calm:.2f}", not calm < REPLAY_SHARE),
+            (f"update at most {ABOVE_EMPTY:g} us above an empty call", f"{above:.2f} us", above <= ABOVE_EMPTY),
+            (f"the end of a long run at most {STEADY:g} times its beginning", f"{drift:.2f}", drift <= STEADY)]
 
 
 def main() -> int:
     """Run and print; exit status 1 if a demand is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--long", type=int, default=10_000_000, metavar="N", help="samples of the long run")
     args = parser.parse_args()
     print(f"70 s flights of `constant`, seed 0, {args.repeats} repeats; Python host loop, garbage collector off while "
           "timing; clock included\n")
@@ -217,7 +270,7 @@ def main() -> int:
     base = float(np.median(closes["launchid"][0]))
     for name, (spent, error) in closes.items():
         print(f"{name:44} {np.median(spent):10.2f} {np.median(spent) / base:14.1f} {error:15.1e}")
-    replay_rates(args.repeats)
+    more = further(args.repeats, args.long)
     flight = flight_time(args.repeats)
     print(f"\n70 s flight at 1 kHz: {1000 * flight:.1f} ms\n")
     ratio = float(np.median(closes["pysindy"][0])) / base if "pysindy" in closes else float("nan")
@@ -228,6 +281,10 @@ def main() -> int:
                  mean <= FILTERED_MEAN) for name, mean in filtered.items() if name != WINDY]
     share = filtered[WINDY] / filtered["filtered, rigid-body, estimated"]
     demands.append((f"{WINDY}: at most {WINDY_SHARE:g} times calm filtered", f"{share:.2f}", share <= WINDY_SHARE))
+    demands += more
+    if "plain C, the regression alone" in closes:
+        slower = base / float(np.median(closes["plain C, the regression alone"][0]))
+        demands.append(("close no slower than plain C's regression", f"{slower:.1f} times its time", slower <= 1.0))
     if "pysindy" not in closes:
         print("pysindy is not installed: its demand is not checked")
         demands = demands[1:]

@@ -1,6 +1,6 @@
 """The C port beside the Python estimator on one flight: time of an update, memory, code; and on emulated targets.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--flags -O2] [--targets-only]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--flags -O2] [--targets-only] [--operations]
 
 Every sample's least time over the repeats (the machine may be shared); the longest are those that close a block or a
 window.  Python's include the call from the interpreter.  The second table needs arm-none-eabi-gcc and qemu-system-arm:
@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from port_operations import COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
 from port_stack import graph_of
 
 from launchid_core import Config, Estimator, Sample
@@ -82,11 +83,38 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--flags", nargs="+", default=["-O2"])
     parser.add_argument("--targets-only", action="store_true", help="without the times on this machine")
+    parser.add_argument("--operations", action="store_true", help="instead of times, what is computed")
     args = parser.parse_args()
+    if args.operations:
+        return print_operations()
     if not args.targets_only:
         print_times(args)
     print_targets()
     return 0
+
+
+def print_operations() -> int:
+    """Of the linear algebra beside its formulas, and of whole updates; exit status 1 if a formula does not hold."""
+    stated = [k for k, name in enumerate(COUNTED) if name != "stores"]
+    names = " | ".join(COUNTED[k] for k in stated)
+    sizes, wrong = [(m, q) for q in (2, 5, 10) for m in (20, 100)], 0
+    of = {"measured": Config(formulation="measured", library="quadratic", window=1.0, sample_period=0.01)} | configs()
+    of["filtered"] = of["filtered, rigid-body"]
+    print(f"| of m numbers in each of q columns | {names} | as counted |\n|---|---|---|---|---|---|---|")
+    for formulation in KERNELS:
+        for name, counted in kernel_operations(formulation, of[formulation], sizes).items():
+            said = [[value(formula, m, q) for formula in FORMULAS[name]] for m, q in sizes]
+            same = said == counted[:, stated].tolist()
+            wrong += not same
+            print(f"| `{name}` | {' | '.join(FORMULAS[name])} | {'yes' if same else 'NO'} |")
+    samples = list(fly(load_nominal(NOMINAL), seed=SEED))
+    print(f"\n| {NOMINAL}, seed {SEED}, windows of 1 s: an update | {names} |\n|---|---|---|---|---|---|")
+    for name, config in configs().items():
+        counts = operations(config, samples)[1][:, stated]
+        for what, row in (("mean", counts.mean(axis=0)), ("most frequent", np.median(counts, axis=0)),
+                          ("largest of each", counts.max(axis=0))):
+            print(f"| {name}: {what} | {' | '.join(f'{x:.0f}' for x in row)} |")
+    return int(wrong > 0)
 
 
 def print_times(args: argparse.Namespace) -> None:

@@ -113,10 +113,15 @@ def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
     return warned(of_nominals.plan(load_nominal(nominal), accuracy=accuracy, window=window))
 
 
-def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, **choices: Any) -> Exported:
-    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
+def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, float32: bool = False,
+             **choices: Any) -> Exported:
+    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s.
+
+    float32: in single precision, not the same bits; refused where that fails.
+    """
     from sim.answers import of_nominals
-    return warned(of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices))
+    return warned(of_nominals.export_c(load_nominal(nominal), window=window, period=period, float32=float32,
+                                      **choices))
 
 
 def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int | None = None,

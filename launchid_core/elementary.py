@@ -1,7 +1,10 @@
-"""exp, log and erfc of their own: sums, products and powers of two alone, so the same bits on every machine.
+"""exp, log, erfc, sin and cos of their own: sums, products and powers of two alone, so the same bits on every machine.
 
 A platform's libm rounds the last digit as it likes (within glibc even by the processor, with and without fused
-multiply-add); these round as IEEE 754 says.  Within 1 ulp of the true value (exp, log), 8 ulp (erfc).
+multiply-add); these round as IEEE 754 says.  Within 1 ulp of the true value (exp, log, sin, cos), 8 ulp (erfc).
+
+The other functions of the kernels are exact, or rounded once, by definition: sqrt, fabs, floor, fmod, copysign, frexp,
+ldexp.
 """
 
 import math
@@ -18,9 +21,16 @@ SMALLEST = -745.1332191019412        # log of the smallest
 ROOT_HALF = math.sqrt(0.5)
 NARROW = 134217729.0                 # 2^27 + 1 splits a double into two of 26 bits (Dekker 1971)
 NOTHING = 27.3                       # erfc is 0 beyond
+TWO_OVER_PI = 2.0 / math.pi
+TURN = 2.0 * math.pi                 # to half a unit in its last place
+FAR = 1.0e6                          # rad; below it there are fewer than 2^20 quarters of a turn
+QUARTER = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487111665e-21, 8.4784276603689e-32)
+# pi/2 in three parts of 33 bits, of which a whole number below 2^20 times each is exact, and the rest
 CENTRE = 3.75                        # of erfc's variable (x - CENTRE)/(x + CENTRE)
 EXP = np.array([1.0 / math.factorial(k) for k in range(15)])   # |r| <= ln2/2: the next is below 2^-60 of the sum
 ATANH = np.array([2.0 / (2 * k + 1) for k in range(13)])       # |s| <= 0.1716: the next is below 2^-66
+SINE = np.array([(-1.0)**k / math.factorial(2 * k + 1) for k in range(9)])    # |r| <= pi/4: the next is below 2^-63
+COSINE = np.array([(-1.0)**k / math.factorial(2 * k) for k in range(10)])      # and 2^-68
 # Chebyshev coefficients of (1 + 2x) exp(x^2) erfc(x) (Shepherd and Laframboise, Math. Comp. 36, 1981), computed to 50
 # digits from the function; the next is below 2^-58
 ERFC = np.array([
@@ -110,3 +120,53 @@ def erfc_of(x):
     low = a - high
     value *= exp_of(-high * high) * exp_of(-low * (a + high)) / (1.0 + 2.0 * a)
     return value if x >= 0.0 else 2.0 - value
+
+
+@shared
+def difference(a, b):
+    """a - b as the rounded difference and what rounding took from it, exactly (Knuth 1969)"""
+    rounded = a - b
+    back = rounded - a
+    return rounded, (a - (rounded - back)) - (b + back)
+
+
+@shared
+def wave(a, ahead):
+    """sin(a + ahead pi/2), a >= 0 and finite: sin or cos of what is left of the nearest quarter of a turn.
+
+    From FAR on that of a number within half a unit in the last place of a: whole turns are taken off by fmod, exactly.
+    """
+    x = a if a < FAR else np.fmod(a, TURN)
+    n = math.floor(x * TWO_OVER_PI + 0.5)
+    first, lost = difference(x - n * QUARTER[0], n * QUARTER[1])
+    second, more = difference(first, n * QUARTER[2])
+    rest = (lost + more) - n * QUARTER[3]
+    r = second + rest
+    rest += second - r
+    z = r * r
+    quarter = (int(n) + ahead) % 4
+    if quarter % 2 == 0:
+        total = SINE[8]
+        for back in range(6):
+            total = total * z + SINE[7 - back]
+        value = r + (rest + z * (r * (total * z + SINE[1]) - 0.5 * rest))  # sin(r + rest)
+    else:
+        total = COSINE[9]
+        for back in range(7):
+            total = total * z + COSINE[8 - back]
+        half = 0.5 * z
+        near = 1.0 - half
+        value = near + (((1.0 - near) - half) + (z * z * total - r * rest))
+    return value if quarter < 2 else -value
+
+
+@shared
+def sin_of(x):
+    """sin(x); NaN of what is not finite."""
+    return math.copysign(1.0, x) * wave(abs(x), 0) if np.isfinite(x) else math.nan
+
+
+@shared
+def cos_of(x):
+    """cos(x); NaN of what is not finite."""
+    return wave(abs(x), 1) if np.isfinite(x) else math.nan

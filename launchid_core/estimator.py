@@ -16,6 +16,7 @@ from . import window as wn
 from .assembly import allocate, is_ranged, is_structured, restart, state_arrays
 from .belief import A6
 from .config import Config
+from .elementary import exp_of
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
 from .model import OFFSETS, Model
 from .sample import NAN, Sample
@@ -184,7 +185,7 @@ class Estimator:
         if not isinstance(state, State) or self.config.model is None:
             return {}
         levels = state.filter.level.tolist()
-        return {name: math.exp(level) for name, level in zip(self.config.model.levels, levels, strict=True)}
+        return {name: exp_of(level) for name, level in zip(self.config.model.levels, levels, strict=True)}
 
     @property
     def counts(self) -> dict[str, int]:

@@ -19,6 +19,7 @@ import re
 
 import numpy as np
 
+from .elementary import cos_of, sin_of
 from .kernels import inner, once
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
@@ -146,9 +147,9 @@ BINOMIAL = np.array([[math.comb(n, k) for k in range(MAX_POWER + 1)] for n in ra
 def function_value(function, x):
     """Value of function number `function` (index into FUNCTIONS) at x; 1 for none, sign(0) = 0."""
     if function == 1:
-        return math.sin(x)
+        return sin_of(x)
     if function == 2:
-        return math.cos(x)
+        return cos_of(x)
     if function == 3:
         return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
     return 1.0

@@ -144,4 +144,5 @@ class Model:
         the walk's is a second's."""
         held = self.noise_period / sample_period
         scale = {"command_noise_std": held, "acceleration_noise_std": held}
-        return np.array([scale.get(name, 1.0) * getattr(self, name) ** 2 for name in self.levels])
+        squares = {name: getattr(self, name) * getattr(self, name) for name in self.levels}
+        return np.array([scale.get(name, 1.0) * square for name, square in squares.items()])

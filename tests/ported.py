@@ -84,6 +84,7 @@ CONFIGS = {
     "integral-ssr": regression("integral", solver="ssr", seed=7),
     "integral-lasso": regression("integral", solver="lasso", compression=2),
     "filtered-functions": filtered("greensite_cr826", library="theta,beta,sign(theta_dot),cos(theta),theta*beta"),
+    "filtered-sine": filtered(library="quadratic+sin", window=5.0),
     "lpv": regression("integral", library="lpv", window=0.3),
 }
 

@@ -15,6 +15,7 @@ from ..checked import profile_note
 from ..effects import Effect, from_text
 from ..errors import UsageError
 from ..export_c.kit import exported
+from ..export_c.single import single_files
 from ..export_c.vectors import flown
 from ..files import make_folder, write_text
 from ..flight import Flight, fly_whole
@@ -147,7 +148,8 @@ class Exported(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self, of: str = "C files") -> str:
-        return f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off launchid.c; make check"
+        proof = "; make check" if "check.c" in self.files else ""
+        return f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off launchid.c{proof}"
 
     def columns(self) -> Columns:
         return {"file": list(self.files), "lines": [text.count("\n") for text in self.files.values()]}
@@ -165,8 +167,11 @@ class Exported(Answer):
 
 
 def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = None, formulation: str | None = None,
-             **choices: Any) -> Exported:
-    """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s."""
+             float32: bool = False, **choices: Any) -> Exported:
+    """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s.
+
+    float32: in single precision, where that is accurate; InputError elsewhere.
+    """
     formulation = formulation or "filtered"
     model = None
     if formulation == "filtered":
@@ -177,5 +182,5 @@ def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = No
     except ValueError as error:
         raise UsageError(str(error)) from None
     samples = flown(nominal, config)
-    files = exported(config, samples)
+    files = single_files(config) if float32 else exported(config, samples)
     return Exported(files, config, samples, {"files": list(files)})

@@ -17,6 +17,8 @@ def add(commands: Any) -> None:
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
                      help="length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="between samples [s] (default: the nominal's)")
+    sub.add_argument("--float32", action="store_true",
+                     help="single precision: not the same bits; refused where its error matters")
     add_choices(sub)
     sub.set_defaults(run=run)
 
@@ -26,6 +28,7 @@ def run(args: argparse.Namespace) -> None:
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
     from ..answers.of_nominals import export_c
-    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation, **choices(args))
+    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
+                    float32=args.float32, **choices(args))
     made.write(args.out)
     say(made.summary(args.out))

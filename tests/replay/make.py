@@ -13,11 +13,8 @@ import dataclasses
 import itertools
 import math
 import sys
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-
-import numba
 
 FOLDER = Path(__file__).resolve().parent
 if __name__ == "__main__":
@@ -48,11 +45,10 @@ CHANGE = ("t", "t_std", "parameter", "before", "after", "size", "size_std", "ala
 
 @dataclasses.dataclass(frozen=True)
 class Vector:
-    """A flight and who is to identify it.  `plain`: its kernels take from libm nothing but roots, which are exact."""
+    """A flight and who is to identify it."""
 
     config: Config
     samples: Callable[[], Iterable[Sample]]
-    plain: bool
 
 
 def flown(nominal, seconds: float, *effects: str, suite: str = "flight") -> Callable[[], Iterator[Sample]]:
@@ -84,14 +80,13 @@ def config(formulation: str = "filtered", **choices) -> Config:
 
 
 VECTORS = {
-    "integral": Vector(config("integral"), flown(CALM, 3.0), plain=True),
+    "integral": Vector(config("integral"), flown(CALM, 3.0)),
     "measured-ten-terms": Vector(config("measured", library="quadratic", compression=2, seed=3),
-                                 flown(CALM, 2.0, suite="ideal"), plain=True),
-    "integral-faults": Vector(config("integral"), faulty, plain=True),
-    "filtered": Vector(config(model=ranged_model(RANGED)), flown(RANGED, 7.5, "control_loss:fraction=0.6,time=5"),
-                       plain=False),
-    "filtered-faults": Vector(config(model=onboard_model(CALM)), faulty, plain=False),
-    "wind": Vector(config(model=onboard_model(WINDY)), flown(WINDY, 3.0), plain=False),
+                                 flown(CALM, 2.0, suite="ideal")),
+    "integral-faults": Vector(config("integral"), faulty),
+    "filtered": Vector(config(model=ranged_model(RANGED)), flown(RANGED, 7.5, "control_loss:fraction=0.6,time=5")),
+    "filtered-faults": Vector(config(model=onboard_model(CALM)), faulty),
+    "wind": Vector(config(model=onboard_model(WINDY)), flown(WINDY, 3.0)),
 }
 
 
@@ -151,21 +146,6 @@ def write(name: str, rows: list[dict[str, str]]) -> None:
         writer.writerows(rows)
 
 
-LIBM = FOLDER / "libm.txt"  # of the machine that the vectors were made on
-
-
-@numba.njit(error_model="numpy")
-def _functions(x: float) -> tuple[float, float, float]:
-    """What the filtered formulation takes from libm beside roots, for 0 < x < 1; one at a time, as its kernels do."""
-    return math.exp(-20.0 * x), math.log(x), math.erfc(6.0 * x - 3.0)
-
-
-def libm() -> str:
-    """A digest of every last digit that this machine's libm gives."""
-    values = [_functions((k + 0.5) / 4096) for k in range(4096)]
-    return f"{zlib.crc32(repr(values).encode()):08x}"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", action="store_true")
@@ -177,7 +157,6 @@ def main() -> None:
         else:
             samples = samples_of(read(name))
         write(name, answers(vector, samples))
-    LIBM.write_text(libm() + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

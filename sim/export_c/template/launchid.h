@@ -1,7 +1,7 @@
 /* On-board identification of theta_ddot = a6 theta + k1 beta: $formulation, library $library.
 
    Made by launchid from the kernels of its Python package: the same operations in the same order, so the same bits
-   (IEEE 754 double precision, the same libm; compile with -ffp-contract=off, without -ffast-math).
+   (IEEE 754 double precision; compile with -ffp-contract=off, without -ffast-math).
 
    What persists is a `launchid_state`, scratch a `launchid_work`, both owned by the caller, who may place them in
    different memory.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset,
