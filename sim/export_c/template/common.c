@@ -63,7 +63,7 @@ static inline int64_t xor_double(int64_t seal, double x)
     return xor_integer(seal, bits.word);
 }
 
-/* x is fraction_of(x) 2^exponent_of(x), the fraction from 0.5 to 1. */
+/* x as a fraction from 0.5 to 1 times a power of two. */
 static inline double fraction_of(double x)
 {
     int power = 0;
