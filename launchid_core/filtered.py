@@ -313,13 +313,14 @@ def move_wind_level(fil, acc, j, step):
     stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
     the level stands at its least, what is known of it falls on, so that it rises with the first gust.
     """
-    fil.note[LEVEL_CLAMPS] += int(abs(step) > WIND_STEP)
-    moved = min(max(step, -WIND_STEP), WIND_STEP)
-    fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
-    share = exp_of(0.5 * moved)
-    for i in range(acc.level_information.shape[0]):
-        acc.level_information[i, j] *= share
-        acc.level_information[j, i] *= share
+    if j < fil.level.shape[0]:  # always; of a model without wind a compiler of the exported C sees that there is none
+        fil.note[LEVEL_CLAMPS] += int(abs(step) > WIND_STEP)
+        moved = min(max(step, -WIND_STEP), WIND_STEP)
+        fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
+        share = exp_of(0.5 * moved)
+        for i in range(acc.level_information.shape[0]):
+            acc.level_information[i, j] *= share
+            acc.level_information[j, i] *= share
 
 
 @once

@@ -1,6 +1,7 @@
 """What every result, log and nominal can do for who looks at it: text, a picture, a table, a page of a notebook."""
 
 import functools
+import importlib
 import io
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Columns = dict[str, list[Any]]
+FIGURES = "sim.answers.figures"
 PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is written
 
 
@@ -50,6 +52,11 @@ class Result:
         return f"<p><b>{escape(first)}</b></p>{html_table(self.table())}{more}"
 
 
+def drawing(name: str) -> Any:
+    """A function of FIGURES, loaded when it is asked for: what is drawn does not know what draws it."""
+    return getattr(importlib.import_module(FIGURES), name)
+
+
 def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
     """A figure, written if there is a path; UsageError for a path that is no picture's, and without matplotlib."""
     try:
@@ -70,5 +77,5 @@ def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
 
 def _png(figure: "Figure") -> bytes:
     made = io.BytesIO()
-    figure.savefig(made, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
+    figure.canvas.print_figure(made, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
     return made.getvalue()

@@ -9,7 +9,7 @@ from test_diagnosis_used import as_record
 
 from sim.diagnosis.data.record import DIRECT, DIRECT_PARTS, LONGEST_AT_ONCE, fastest_servo
 from sim.diagnosis.model.noise import declared, first_filter
-from sim.diagnosis.model.pace import DELAYED_STEP, OSCILLATION_STEP, servo_of
+from sim.diagnosis.model.pace import OSCILLATION_STEP, WITHIN, servo_of
 from sim.diagnosis.model.point import Point, innovations
 from sim.effects import effect
 from sim.flight import packed
@@ -49,7 +49,7 @@ def test_a_servo_faster_than_the_rows_resolve_stands_for_none(record):
     assert paced(fast, effect("actuator_bandwidth", scale=0.02, lag=1.0))[0] == 2000.0  # in proportion to the servo
 
 
-def test_late_sensors_delays_and_oscillations_ask_for_short_steps(record):
+def test_late_sensors_onsets_and_oscillations_ask_for_short_steps(record):
     assert paced(record, effect("gyro_delay", delay=0.02))[1] == 1
     grid = dataclasses.replace(record, step=record.step / 8.0, every=8 * record.every, tick=8 * record.tick)
     longest = math.floor(LONGEST_AT_ONCE / grid.step + 1e-9)
@@ -57,7 +57,9 @@ def test_late_sensors_delays_and_oscillations_ask_for_short_steps(record):
     for frequency in (100.0, 300.0):
         swinging = effect("bending", gain=0.1, frequency=frequency, damping_ratio=0.01)
         assert paced(grid, swinging)[1] == int(OSCILLATION_STEP / frequency / grid.step)
-    assert paced(grid, effect("actuator_delay", delay=0.013))[1] == int(DELAYED_STEP * record.period / grid.step)
+    for begins in (effect("actuator_delay", delay=0.013), effect("gust", angle=0.05, time=2.0, duration=1.0),
+                   effect("moment_step", acceleration=0.1, time=2.0), effect("control_loss", fraction=0.3, time=2.0)):
+        assert paced(grid, begins)[1] == int(WITHIN * record.period / grid.step)
     assert paced(grid, effect("periodic_disturbance", amplitude=0.1, frequency=150.0))[1] == \
         int(OSCILLATION_STEP / 150.0 / grid.step)
 

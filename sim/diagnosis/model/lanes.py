@@ -12,14 +12,14 @@ import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import extending
-from numba.core import types
+from numba.core import cgutils, types
 
 from ...vehicle.kernels import inner, kernel
 from .likelihood import LOG_TWO_PI, N_CHANNELS
 
 LANES = 8
+ir = cgutils.ir         # of LLVM, as numba's own extensions write it
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _BYTES = 8               # of a double, on which rows are aligned
 

@@ -10,12 +10,12 @@ only where it ends counts.
 import numpy as np
 
 from ...effects import actuator
-from ...effects.environment import PERIODIC_DISTURBANCE
-from ...effects.plant import BENDING, SLOSH
+from ...effects.environment import GUST, PERIODIC_DISTURBANCE
+from ...effects.plant import BENDING, CONTROL_LOSS, MOMENT_STEP, SLOSH
 from ...effects.table import CODE, P0, P1, Table
 from ..data.record import AT_ONCE, DIRECT, FAST_SERVO, FAST_STEP, LONGEST_AT_ONCE, Record
 
-DELAYED_STEP = 0.25     # of a row: where a delay lets commands begin within a step, which takes their mean
+WITHIN = 0.25           # of a row: where a late command, a loss, a moment or a gust begins within a step
 OSCILLATION_STEP = 0.4  # rad a step: an amplitude is then exact to (wh)^4/120 = 2e-4
 
 
@@ -40,8 +40,10 @@ def servo_of(record: Record, table: Table, later: float, slowest: float) -> tupl
         longest = DIRECT / seen
     else:
         longest = min(LONGEST_AT_ONCE, (FAST_STEP if seen > FAST_SERVO else AT_ONCE) / seen)
-    if servo.delay + table.actuator[table.actuator[:, CODE] == actuator.ACTUATOR_DELAY, P0].sum() > 0.0:
-        longest = min(longest, DELAYED_STEP * record.period)
+    late = servo.delay + table.actuator[table.actuator[:, CODE] == actuator.ACTUATOR_DELAY, P0].sum()
+    sudden = np.isin(table.plant[:, CODE], (CONTROL_LOSS, MOMENT_STEP)).any()
+    if late > 0.0 or sudden or (table.environment[:, CODE] == GUST).any():
+        longest = min(longest, WITHIN * record.period)
     swinging = np.concatenate([table.plant[np.isin(table.plant[:, CODE], (SLOSH, BENDING)), P1],
                                table.environment[table.environment[:, CODE] == PERIODIC_DISTURBANCE, P1]])
     if len(swinging) > 0:
