@@ -27,7 +27,7 @@ from .csv_text import AS_TEXT, rows
 from .errors import InputError
 from .files import is_read, reads, write_text
 from .log_table import OPTIONAL, REQUIRED, Columns, places, shown
-from .result import Result, drawing
+from .result import Result
 
 if TYPE_CHECKING:
     from .flight import Flight
@@ -87,8 +87,8 @@ class Log(Result):
         return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
 
     def _figure(self) -> "Figure":
-        figure: Figure = drawing("log_figure")(self)
-        return figure
+        from .pictures import log_figure
+        return log_figure(self)
 
     @property
     def flight_path(self) -> np.ndarray:

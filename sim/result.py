@@ -1,7 +1,6 @@
 """What every result, log and nominal can do for who looks at it: text, a picture, a table, a page of a notebook."""
 
 import functools
-import importlib
 import io
 import sys
 from collections.abc import Callable
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Columns = dict[str, list[Any]]
-FIGURES = "sim.answers.figures"
 PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is written
 
 
@@ -52,15 +50,10 @@ class Result:
         return f"<p><b>{escape(first)}</b></p>{html_table(self.table())}{more}"
 
 
-def drawing(name: str) -> Any:
-    """A function of FIGURES, loaded when it is asked for: what is drawn does not know what draws it."""
-    return getattr(importlib.import_module(FIGURES), name)
-
-
 def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
     """A figure, written if there is a path; UsageError for a path that is no picture's, and without matplotlib."""
     try:
-        from .plots import check_suffix, save
+        from .canvas import check_suffix, save
         if path is not None:
             check_suffix(path)
         figure = make()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import InputError
-from .result import Result, drawing
+from .result import Result
 
 if TYPE_CHECKING:
     from .effects import Effect
@@ -286,8 +286,8 @@ class Nominal(Result):
         return "\n".join(lines)
 
     def _figure(self) -> "Figure":
-        figure: Figure = drawing("range_figure")(self)
-        return figure
+        from .pictures import range_figure
+        return range_figure(self)
 
     def require(self, *sections: str) -> None:
         """Raise InputError naming the first of these sections that the file lacks."""

@@ -258,7 +258,7 @@ def test_a_folder_that_cannot_be_made_is_one_line(diagnoses, tmp_path):
 def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
-    for name in ("sim.plots", "sim.diagnosis.report.figures"):
+    for name in ("sim.canvas", "sim.plots", "sim.diagnosis.report.figures"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delattr(sys.modules["sim.diagnosis.report"], "figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)

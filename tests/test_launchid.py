@@ -209,7 +209,7 @@ def test_importing_costs_no_numba_and_no_optional_package():
 def test_a_missing_extra_is_named(folder, monkeypatch, module, extra):
     made = launchid.simulate(folder / "n.toml", period=0.1)
     for name in [name for name in sys.modules if name.split(".")[0] == module or name in
-                 ("sim.plots", "sim.answers.figures")]:
+                 ("sim.canvas", "sim.plots", "sim.pictures", "sim.answers.figures")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(launchid.UsageError, match=rf"launchid\[{extra}\]"):

@@ -20,7 +20,7 @@ from sim.nominal import built_in, load_nominal
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 
-from sim import plots
+from sim import canvas, plots
 from sim.answers import figures
 
 WINDOWS = 12
@@ -124,19 +124,19 @@ def test_the_text_has_the_digits_of_the_standard_deviation():
 
 
 def test_a_first_delta_of_7_7_does_not_crush_the_bands():
-    axis = plots.panels(1, "test")[1][0]
+    axis = canvas.panels(1, "test")[1][0]
     levels = [Level(7.7, 5.0, "undecided", (), True, np.nan), *[Level(0.1, 0.05, "0-30", (), True, np.nan)] * 5]
     figures._delta_panel(axis, np.arange(6.0), levels, "a6")
     assert axis.get_ylim() == (-1.3, 1.3)
     assert any(line.get_label() == "value beyond the edge" for line in axis.lines)
-    known = plots.panels(1, "test")[1][0]
+    known = canvas.panels(1, "test")[1][0]
     figures._delta_panel(known, np.arange(6.0), [Level(1.8, 0.1, "out", (), False, 0.0)] * 6, "a6")
     assert known.get_ylim()[1] > 1.8, "a delta that is known, and out, is shown"
 
 
 def test_errors_at_rounding_leave_a_readable_range_and_are_counted():
     """Eighteen decades for an error of 1e-16 and a tolerance of 1 %."""
-    axis = plots.panels(1, "test")[1][0]
+    axis = canvas.panels(1, "test")[1][0]
     axis.plot(np.arange(10.0), np.array([*[4e-16] * 8, 1e-3, 2e-3]), ".")
     plots._error_scale(axis, 0.01)
     low, high = axis.get_ylim()

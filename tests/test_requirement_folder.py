@@ -324,8 +324,8 @@ def test_without_a_requirement_nothing_is_claimed(tmp_path, capsys):
 
 def test_without_matplotlib_the_picture_is_one_line(tmp_path, capsys, monkeypatch):
     nominal_of(tmp_path)
-    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name == "sim.plots"
-                   or name == "sim.requirement.figures"]:
+    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name in
+                   ("sim.canvas", "sim.plots", "sim.requirement.figures")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from launchid_core import EDGES, Estimate, Level
 
+from ..canvas import UNIT, panels
 from ..errors import UsageError
 from ..flight import Flight
 from ..log import Log
 from ..nominal import Nominal
 from ..plan import Plan
-from ..plots import UNIT, panels
 from ..shown import with_std
 from .residuals import APART, INCREMENT, Predicted, Residuals
 
@@ -301,18 +301,6 @@ def _prediction_panel(axis: Any, of: Predicted) -> None:
 # ---- flights, inputs, ranges
 
 
-def log_figure(log: Log) -> Figure:
-    """What a log holds."""
-    units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
-    names = [name for name in log.columns if name != "t"]
-    figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)
-    for axis, name in zip(axes, names, strict=True):
-        axis.plot(log.t, getattr(log, name), ".", color="0.1", markersize=1.5)
-        axis.set_ylabel(f"{name} [{units.get(name, 'rad')}]")
-    axes[-1].set_xlabel("t [s]")
-    return figure
-
-
 def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
     """The signals of a flight, and its true parameters over the nominal's."""
     figure, axes = panels(5, f"{nominal.name}: a flight" + (", LOST at its end" if flight.lost else ""), 1.4)
@@ -355,19 +343,3 @@ def plan_figure(plan: Plan) -> Figure:
     return figure
 
 
-def range_figure(nominal: Nominal) -> Figure:
-    """The nominal's parameters, with their range if it has one."""
-    sigma, simulation = nominal.uncertainty, nominal.simulation
-    ends = [float(nominal.nodes()[-1]), simulation.duration if simulation is not None else 1.0]
-    t = np.linspace(0.0, max(ends), 400)
-    figure, axes = panels(2, f"{nominal.name}: parameters" + (" and their range" if sigma is not None else ""))
-    for k, name in enumerate(("a6", "k1")):
-        value = nominal.vehicle.at(t)[k]
-        if sigma is not None:
-            spread = sigma.at(t)[k]
-            axes[k].fill_between(t, value * (1.0 - spread), value * (1.0 + spread), color="0.82", label="range")
-        axes[k].plot(t, value, "--", color="0.3", label="nominal")
-        axes[k].set_ylabel(f"{name} [{UNIT}]")
-    _legend(axes[0])
-    axes[1].set_xlabel("t [s]")
-    return figure

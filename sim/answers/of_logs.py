@@ -206,7 +206,7 @@ class FittedRange(Answer):
         return flat([{"parameter": name, **values} for name, values in self.report["ranges"].items()])
 
     def _figure(self) -> "Figure":
-        from .figures import range_figure
+        from ..pictures import range_figure
         return range_figure(self.nominal)
 
     def write(self, path: str | Path) -> None:

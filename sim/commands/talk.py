@@ -69,5 +69,5 @@ def refuse_foreign(path: str) -> None:
 def check_plot(path: str | None) -> None:
     """Refuse a plot that cannot be drawn before anything is computed."""
     if path:
-        from ..plots import check_suffix
+        from ..canvas import check_suffix
         check_suffix(path)

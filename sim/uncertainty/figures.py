@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..canvas import UNIT, save
 from ..experiments.confidence import (
     A6,
     A6_STD,
@@ -25,7 +26,6 @@ from ..experiments.confidence import (
 )
 from ..flight import dispersion, parameters
 from ..nominal import Nominal, built_in, load_nominal
-from ..plots import UNIT, save
 
 SHOWN_SEED = 1
 LABELS = {"constant": "constant", "vega_like": "VEGA-like (derived)"}

@@ -36,7 +36,7 @@ def _plays(record: Record) -> list[float]:
 
 
 def _resolved(record: Record) -> float:
-    return max(SERVO_RESOLVED / (record.step * record.actuator.frequency), 1.0)
+    return max(SERVO_RESOLVED / (record.at_once * record.step * record.actuator.frequency), 1.0)
 
 
 def _as_lag(record: Record, values: Values) -> Values:

@@ -26,7 +26,8 @@ from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s of the grid
-LONGEST_AT_ONCE = 0.005  # s of steps that are integrated at once (`model.pace`)
+LONGEST_AT_ONCE = 0.005  # s of steps that are integrated at once
+WITHIN = 0.25            # of a row at once: late commands, losses, moments and gusts begin within a step, unseen
 SERVO_STEP = 0.2         # rad a step of the grid, of the servo
 AT_ONCE = 0.3            # rad of it at once: Runge-Kutta 4 is then exact to (wh)^4/120 = 7e-5 of what it moves
 FAST_SERVO = 300.0       # rad/s: of a faster one, which stands for none, only where it ends counts
@@ -114,8 +115,18 @@ class Record:
 
     @property
     def resolution(self) -> float:
-        """[s] the coarser of the grid's step and the nominal's: frequencies must be resolved by both"""
-        return max(self.step, self.nominal.simulation.step if self.nominal.simulation is not None else 0.0)
+        """[s] the coarser of the integration's step and the nominal's: frequencies must be resolved by both"""
+        simulation = self.nominal.simulation
+        return max(self.at_once * self.step, simulation.step if simulation is not None else 0.0)
+
+    @functools.cached_property
+    def at_once(self) -> int:
+        """Steps of the grid that are integrated at once, within one command: of a jittered or thinned log many stand
+        for a row.  Whatever the effects: models are compared, and integrated otherwise they would differ by that."""
+        servo = self.actuator.frequency
+        longest = DIRECT / self.fastest if servo >= self.fastest else \
+            min(LONGEST_AT_ONCE, (FAST_STEP if servo > FAST_SERVO else AT_ONCE) / servo)
+        return max(1, int(min(longest, WITHIN * self.period) / self.step * (1.0 + 1e-9)))
 
     @functools.cached_property
     def tau(self) -> np.ndarray:

@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ...effects import Effect, plant, sensor
+from ...effects import Effect, actuator, plant, sensor
+from ...effects.table import CODE, P0, P1, Table
 from ...flight import packed
 from ...vehicle import step as st
 from ..data.record import BETA, THETA, THETA_DOT, Record
 from .linear import Modes, slots_of
-from .pace import servo_of
 from .predictor import AT_ONCE, follow, horizon_errors, tick_attitudes
 
 DEVIATIONS = 5
@@ -44,13 +44,14 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
         half = np.arange(len(a6)) * (0.5 * record.step)
         plant.parameters_over_time(table.plant, half, a6, k1)
     servo = record.actuator
-    frequency, at_once = servo_of(record, table, later, FASTEST)
+    frequency = servo_frequency(record, table, later)
     constant = np.zeros(st.N_CONSTANTS)
     constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY, st.FIRST_ORDER]] = (
         record.step, record.tick * record.step, frequency, servo.damping_ratio, servo.delay, servo.is_first_order)
     constant[st.LIMIT] = constant[st.LOST_ANGLE] = math.inf
     counter = np.zeros(st.N_COUNTERS + 1, np.int64)
-    counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY, AT_ONCE]] = record.first_step, record.tick, record.every, at_once
+    counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY, AT_ONCE]] = (
+        record.first_step, record.tick, record.every, record.at_once)
     state = np.zeros(st.N_STATE)
     nulls = sensor.nulls(table.sensor)  # a bias is in the first row as in all: the vehicle is not where it seems to be
     state[st.THETA] = _first(record.z[:, THETA]) - nulls[0]
@@ -67,6 +68,22 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     return st.Vehicle(constant, state, counter, a6, k1, none, none,
                       np.zeros(len(record.commands)) if extra is None else extra, none, none, none, record.commands,
                       none, none, history, *table, record.wind, drifting)
+
+
+def servo_frequency(record: Record, table: Table, later: float) -> float:
+    """The servo's natural frequency [rad/s] before the table's effects, answering `later` [s] than the nominal's.
+
+    One that is faster than the log resolves stands for none: it is as slow as its rows allow (`Record.fastest`), since
+    only where it ends counts.
+    """
+    servo = record.actuator
+    own = seen = servo.frequency / max(1.0 + later / servo.lag, FASTEST)
+    for row in table.actuator:
+        if row[CODE] == actuator.ACTUATOR_BANDWIDTH:
+            seen, lag = actuator.slowed(row[P0], row[P1], seen, servo.damping_ratio)
+            if lag > 0.0:
+                return own  # a lag before the servo is in proportion to it
+    return own * min(1.0, record.fastest / seen)
 
 
 def _first(values: np.ndarray) -> float:

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...effects import actuator, sensor
+from ...effects import actuator, plant, sensor
 from ...effects.plant import SLOSH
 from ...effects.table import CODE, MEMORY, MEMORY_DOT
 from ...vehicle.actuator import delayed_command
@@ -110,6 +110,16 @@ def correct_row(v, slots, held, world, air, i, k, z, gains, row):
 
 
 @inner
+def remember_between(v, i, n):
+    """What the sensors' past has of the steps that were passed over, on a line from step i to where the state is."""
+    eta, eta_dot = plant.deflection(v.plant)
+    for k in range(1, n):
+        share = k / n
+        for row, value in ((sensor.ATTITUDE, v.state[THETA] + eta), (sensor.RATE, v.state[THETA_DOT] + eta_dot)):
+            v.history[row, i + k] = (1.0 - share) * v.history[row, i] + share * value
+
+
+@inner
 def advance_row(v, held, pushed, first, last, begin):
     """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0].
 
@@ -129,6 +139,8 @@ def advance_row(v, held, pushed, first, last, begin):
         u = delayed_command(v.commands, tick, phase * c[STEP], n * c[STEP], c[PERIOD], delay) + held[0]
         u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], n * c[STEP], u)
         runge_kutta_4(v, i, n, u, v.acceleration[tick] + held[1] + pushed)
+        if remembers:
+            remember_between(v, i, n)
         i += n
 
 

@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from ...canvas import save
 from ...effects import Effect
 from ...errors import InputError
 from ...flight import Flight, fly_whole
-from ...plots import save
 from ..data.record import BETA, CHANNELS, THETA, Record
 from ..data.world import CALM
 from ..judge.closed_loop import as_flown

@@ -1,0 +1,44 @@
+"""How every figure is made and written: panels with one abscissa, whole files, the same bytes each time."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from .errors import UsageError
+from .files import atomic_path
+
+DPI = 110
+UNIT = "1/s$^2$"
+METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is left out
+    ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+
+
+def check_suffix(path: str | Path) -> str:
+    """The format that the path's suffix asks for; UsageError if it is none."""
+    suffix = Path(path).suffix.lower() or ".png"
+    if suffix not in METADATA:
+        raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
+    return suffix
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a PNG (or what the suffix says) whole or not at all, the same bytes each time."""
+    suffix = check_suffix(path)
+    with atomic_path(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "launchid"}):
+        figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=METADATA[suffix])
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:  # which keeps the figures that it made
+        pyplot.close(figure)
+
+
+def panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:
+    """Axes below each other with one abscissa, of a figure that no window shows by itself."""
+    figure = Figure(figsize=(9, 0.8 + height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    figure.suptitle(title, fontsize=11)
+    for axis in axes:
+        axis.grid(True, color="0.85", linewidth=0.6)
+    return figure, axes
