@@ -13,7 +13,8 @@ import numpy as np
 from ..causes import Cause, pinned
 from ..controller.kind import ControllerCheck
 from ..data.record import CHANNELS, Record
-from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, fit_levels, run_filter
+from ..model.level_fit import fit_levels
+from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, run_filter
 from ..model.nuisance import WORST_WHITE, Problem
 from ..model.point import DEVIATIONS, Point, innovations, prediction_errors
 from ..search.fit import Fit, fit

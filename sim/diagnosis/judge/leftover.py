@@ -11,7 +11,8 @@ import numpy as np
 
 from ..data.record import Record
 from ..model.lanes import LANES
-from ..model.noise import Disturbance, Refilter, fit_levels
+from ..model.level_fit import fit_levels
+from ..model.noise import Disturbance, Refilter
 from ..model.nuisance import Problem
 from ..search.scan import lines
 from ..search.selection import Model

@@ -7,7 +7,8 @@ import numpy as np
 
 from ..data.record import CHANNELS
 from ..data.world import WEATHER
-from ..model.noise import LEVEL_STEP, LEVELS, Refilter, declared
+from ..model.level_fit import LEVEL_STEP
+from ..model.noise import LEVELS, Refilter, declared
 from ..search.selection import Model
 from .measure import NOISE
 from .named import SIGNIFICANT

@@ -2,7 +2,7 @@
 
 Levels are sought by differences, which asks for the same filter again and again with other variances and nothing else
 different.  Here eight of them run side by side, each in its lane: an instruction that adds one number adds eight, so
-eight cost less than one of `likelihood.likelihood`, whose numbers, operation by operation, these are.
+eight cost less than two of `likelihood.likelihood`, whose numbers, operation by operation, these are.
 
 A compiler does not find this by itself: it would have to know that no two arrays overlap.  Hence the vector
 instructions below, each over one row of arrays (rows, LANES).

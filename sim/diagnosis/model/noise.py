@@ -8,7 +8,6 @@ unlikely.  Upwards the acceleration has no bound: what no model explains must be
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +30,9 @@ SMALLEST = 1.0e-3      # of a level over the declared: below it a log is as good
 LARGEST = 1.0e3
 BOUNDED = (0.3, 3.0)   # of a level over the declared, as the contract says
 WRONG_NOISE = 1.5      # factor by which levels may be declared wrong without a word
-PRIOR = 1.0            # one sigma of the log of a factor: nobody declares noise within better than e
-WIDE, WIDE_PRIOR = 1e4, 3.0  # span of a level that is sought, not declared, and its prior's sigma
 STILL = 0.25           # s: a6, k1 of a launcher move by less than 1 % meanwhile
 FLOOR = 1e-6           # rad, rad/s, rad, rad, rad/s^2: declared 0 becomes this
 START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
-LEVEL_TOLERANCE = 0.02  # of a log factor: levels are found to 2 %
-LEVEL_ITERATIONS = 12
-LEVEL_GAIN = 0.03      # nats that an iteration must bring to go on
-LEVEL_STEP = 0.05      # of a log factor, for slopes and curvatures
 SENSOR_OF = {ATTITUDE: THETA, GYRO: THETA_DOT, NOZZLE_SENSOR: BETA}
 TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
 
@@ -345,69 +338,3 @@ def _with_disturbance(record: Record, dyn: Dynamics, of: Disturbance, f: np.ndar
         source = dyn.entry[:, :, 0 if of.place == "actuator" else 1]
         new_f[:, :m, m] = source[:, :m]
     return new_f, new_q, new_c, new_p
-
-
-def fit_levels(record: Record, dyn: Dynamics, base: np.ndarray, of: Filter, start: np.ndarray,
-               disturbance: Disturbance | None = None, counts: np.ndarray | None = None) -> Filter:
-    """The most likely levels, from a start (5 + the world's,): Newton's method on the logarithms with a numerical
-    curvature.
-
-    base, of     innovations (n, 3), and the filter that made them
-    disturbance  beside the model, if any;  counts (n,) bool, rows that count, None: all
-    """
-    reference, (least, most) = declared(record), bounds(record)
-    low, high = np.log(least), np.log(most)
-    free = [k for k in range(len(reference)) if high[k] > low[k] and (k >= 3 or np.isfinite(base[:, k]).any())]
-    wide = np.where(most / least > WIDE, WIDE_PRIOR, PRIOR)
-    refilter = Refilter(record, dyn, base, of, counts)
-
-    def values(x: np.ndarray) -> np.ndarray:
-        return refilter.log_likelihoods(reference * np.exp(x), disturbance) - 0.5 * np.sum((x / wide)**2, axis=1)
-
-    x = np.clip(np.log(start / reference), low, high)
-    best, curvature = values(x[None])[0], np.zeros(len(x))
-    for iteration in range(LEVEL_ITERATIONS):
-        step, promised, curvature = _newton_step(values, x, best, free, curvature, anew=iteration % 3 == 0)
-        if promised < LEVEL_GAIN:
-            break
-        size = 1.0
-        while size > 0.05:
-            trial = np.clip(x + size * step, low, high)
-            new = values(trial[None])[0]
-            if new > best:
-                break
-            size *= 0.4
-        else:
-            break
-        moved, gained = float(np.max(np.abs(trial - x))), new - best
-        x, best = trial, new
-        if moved < LEVEL_TOLERANCE or gained < LEVEL_GAIN:
-            break
-    return refilter.filter(reference * np.exp(x), disturbance)
-
-
-Values = Callable[[np.ndarray], np.ndarray]
-
-
-def _newton_step(values: Values, x: np.ndarray, best: float, free: list[int], curvature: np.ndarray,
-                 anew: bool) -> tuple[np.ndarray, float, np.ndarray]:
-    """Ascent direction and the gain it promises: each level's own slope over its own curvature (they are nearly
-    independent).
-
-    values     of each row of numbers (k, levels)
-    curvature  (levels,) of the last step; made anew by central differences, or kept for one-sided ones
-    """
-    step, slopes, curvature = np.zeros(len(x)), np.zeros(len(x)), curvature.copy()
-    if not free:
-        return step, 0.0, curvature
-    moves = LEVEL_STEP * np.eye(len(x))[free]
-    found = values(x + (np.concatenate([moves, -moves]) if anew else moves))
-    high = found[:len(free)]
-    if anew:
-        curvature[free] = (high - 2.0 * best + found[len(free):]) / LEVEL_STEP**2
-    slopes[free] = (high - best) / LEVEL_STEP - 0.5 * LEVEL_STEP * curvature[free]
-    for k in free:
-        flattest = max(-curvature[k], 1.0 / WIDE_PRIOR**2)
-        step[k] = slopes[k] / flattest if curvature[k] < 0.0 else np.sign(slopes[k]) * 0.5
-    step = np.clip(step, -1.5, 1.5)
-    return step, 0.5 * float(slopes @ step), curvature

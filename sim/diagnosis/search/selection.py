@@ -14,6 +14,7 @@ import numpy as np
 from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
+from ..model.level_fit import fit_levels
 from ..model.noise import (
     WRONG_NOISE,
     Dynamics,
@@ -23,7 +24,6 @@ from ..model.noise import (
     declared,
     dynamics,
     first_filter,
-    fit_levels,
     run_filter,
 )
 from ..model.nuisance import Problem

@@ -14,7 +14,8 @@ import numpy as np
 from ..causes import SOUGHT, Cause, Hypothesis
 from ..data.record import Record
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK, Source, sought
-from ..model.noise import LEVEL_STEP, Disturbance, Filter, Refilter, declared, dynamics, first_filter, fit_levels
+from ..model.level_fit import LEVEL_STEP, fit_levels
+from ..model.noise import Disturbance, Filter, Refilter, declared, dynamics, first_filter
 from ..model.point import innovations
 from .selection import (
     FURTHER,
