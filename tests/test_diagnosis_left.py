@@ -137,6 +137,7 @@ def sizes_searched(monkeypatch, gain):
     refilter = SimpleNamespace(log_likelihood=lambda levels: 0.0, with_sizes=lambda levels, place, sizes, tau: np.array(
         [gain(math.log(size)) for size in sizes]))
     monkeypatch.setattr(leftover_module, "_refilter", lambda *given: refilter)
+    monkeypatch.setattr(leftover_module, "largest", lambda record, place: 0.3)
     model = SimpleNamespace(fit=SimpleNamespace(filter=SimpleNamespace(levels=None)))
     return leftover_module._best_size(None, model, "plant", 2.0)
 
@@ -146,7 +147,7 @@ def test_the_size_of_a_disturbance_is_sought_where_it_gains_anything(monkeypatch
     found = sizes_searched(monkeypatch, lambda x: 20.0 - 3.0 * (x - true)**2)
     assert found.gain > 19.9 and math.log(found.disturbance.std) == pytest.approx(true, abs=0.3)
     assert found.disturbance.time_constant == 2.0
-    least, most = leftover_module.SIZES["plant"]
+    least, most = 0.3 * leftover_module.SMALLEST, 0.3
     assert sizes_searched(monkeypatch, lambda x: 20.0 if x > math.log(0.99 * most) else 1.0).gain == 20.0
     assert sizes_searched(monkeypatch, lambda x: 20.0 if x < math.log(1.01 * least) else 1.0).gain == 20.0
     asked = []

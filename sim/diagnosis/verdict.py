@@ -30,7 +30,6 @@ from .judge.measure import (
     Remainder,
     doubts,
     of_gain,
-    outweighs,
     remainder,
     small,
     too_noisy,
@@ -161,7 +160,7 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     once, when it is first asked for."""
     nominal = made.nominal
     if holdout is None:
-        return lambda selection: held_out(selection.model, _before(selection), made.controller)
+        return lambda selection: held_out(selection.model, _before(selection), made.controller, _is_named(selection))
 
     @functools.cache
     def second() -> Record:
@@ -170,7 +169,13 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
         r = shortened(record(holdout, nominal, data))
         return used(with_commands(r, NominalFollower())[0], holdout.t)[0]
 
-    return lambda selection: on_another(second(), selection.model, _before(selection), made.controller)
+    return lambda selection: on_another(second(), selection.model, _before(selection), made.controller,
+                                         _is_named(selection))
+
+
+def _is_named(selection: Selection) -> bool:
+    """Of the weather that nobody declared there is none, or it is told."""
+    return selection.weather is None or selection.weather.is_wind
 
 
 def _before(selection: Selection) -> Model:
@@ -197,7 +202,10 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found:
         _unexplained(made, found, measure)
         return
-    if made.gain is not None and not made.record.is_late:
+    if made.gain is not None and made.remaining and made.record.is_late:
+        alone = strongest(made.selection)  # what the others do for the predictions there is no time to see
+        _without_idle(made, tuple(float(k == alone) for k in range(len(made.selection.model.causes))), measure, say)
+    elif made.gain is not None and not made.record.is_late:
         shares = removed(made.selection.model, made.gain)
         if made.remaining and _without_idle(made, shares, measure, say):
             shares = removed(made.selection.model, made.gain)
@@ -245,8 +253,6 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         strict.append(noisy)
     if not made.nearest:
         return strict
-    if weather is not None and outweighs(weather, made.nearest, rows):
-        found.append(f"{weather_words(selection)} remains, beside which they may stand for anything")
     if found:
         return found
     say("held-out gain")

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from ..vehicle.kernels import inner, kernel
+from ..vehicle.kernels import asked, inner, kernel
 from .actuator import LONGEST_DELAY
 from .table import CODE, P0, Cause, Parameter
 
@@ -79,6 +79,16 @@ def latency(fx, code):
         if fx[e, CODE] == code:
             delay += fx[e, P0]
     return delay
+
+
+@asked
+def rate_scale(fx):
+    """What the gyro makes of 1 rad/s: the product of its scale factors."""
+    scale = 1.0
+    for e in range(fx.shape[0]):
+        if fx[e, CODE] == GYRO_SCALE:
+            scale *= fx[e, P0]
+    return scale
 
 
 @inner

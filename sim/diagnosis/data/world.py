@@ -22,8 +22,8 @@ WIND, NOZZLE, MOMENT, ATTITUDE, GYRO, NOZZLE_SENSOR = range(6)  # where a state 
 ARC_MINUTE = 2.9e-4     # rad of nozzle: the undeclared slow moment's one sigma is k1 times it
 SLOW = 20.0             # s, its time constant: slow beside the vehicle, several times in a flight
 WEATHER = (0.5, 2.0)    # factors within which a declared level of the wind may be fitted
-ANY = (1e-3, 1e3)       # of a moment that is sought
-WINDY = (1e-3, 40.0)    # of a wind that is: more than 0.2 rad is no weather to fly in
+LEAST = 1e-3            # of the level where a search begins
+WINDY = 40.0            # of a wind that is sought: more than 0.2 rad is no weather to fly in
 SOUGHT = 0.005          # rad, rad/sqrt(s): where the search of weather begins
 SOUGHT_MOMENT = 10.0    # times the undeclared slow moment, the same
 ENTRY_OF = {"thrust_misalignment": NOZZLE, "attitude_bias": ATTITUDE, "gyro_bias": GYRO,
@@ -36,6 +36,7 @@ class Source(NamedTuple):
 
     level    one sigma of it where T [s] `time_constant` is finite, else per sqrt(s); 0: a constant
     initial  one sigma at the first row;  span  factors of the level within which it may be fitted
+    unsought  level of it that is nobody's fault, of one that is sought beyond; None: it is not
     """
 
     name: str
@@ -44,6 +45,7 @@ class Source(NamedTuple):
     initial: float
     time_constant: float = math.inf
     span: tuple[float, float] = (1.0, 1.0)
+    unsought: float | None = None
 
     @property
     def is_stochastic(self) -> bool:
@@ -52,7 +54,7 @@ class Source(NamedTuple):
     @property
     def is_sought(self) -> bool:
         """Nobody declared it."""
-        return self.span in (ANY, WINDY)
+        return self.unsought is not None
 
     def keep(self, period: float) -> float:
         """What is left of it after a period [s]."""
@@ -106,15 +108,17 @@ def world_of(nominal: Nominal, k1: np.ndarray) -> World:
     return World(tuple(sources))
 
 
-def sought(name: str, nominal: Nominal, floor: float, time_constant: float = 1.0) -> Source:
+def sought(name: str, nominal: Nominal, floor: float, time_constant: float = 1.0, most: float = math.inf) -> Source:
     """Weather of any level, to be fitted.
 
-    name  TURBULENCE, WALK or SLOW_MOMENT;  floor  [rad/s^2] of the undeclared slow moment
+    name  TURBULENCE, WALK or SLOW_MOMENT;  floor  [rad/s^2] of the undeclared slow moment;  most  [rad/s^2] of one that
+    is sought: what is stronger than all that moves the vehicle is no disturbance of it
     """
     wind = nominal.wind
     if name == WALK:
         initial = max(SOUGHT, wind.initial if wind is not None else 0.0)
-        return Source(WALK, WIND, SOUGHT, initial, span=WINDY)
+        return Source(WALK, WIND, SOUGHT, initial, span=(LEAST, WINDY), unsought=0.0)
     if name == TURBULENCE:
-        return Source(TURBULENCE, WIND, SOUGHT, SOUGHT, time_constant, WINDY)
-    return Source(SLOW_MOMENT, MOMENT, SOUGHT_MOMENT * floor, SOUGHT_MOMENT * floor, time_constant, ANY)
+        return Source(TURBULENCE, WIND, SOUGHT, SOUGHT, time_constant, (LEAST, WINDY), 0.0)
+    level = SOUGHT_MOMENT * floor
+    return Source(SLOW_MOMENT, MOMENT, level, level, time_constant, (LEAST, most / level), floor)

@@ -103,9 +103,10 @@ class Trained:
 
 def spans(record: Record) -> tuple[float, ...]:
     """[s] of the predictions, the longest last: over longer ones a vehicle that is fast unstable shows nothing but the
-    error of its state at their beginning."""
+    error of its state at their beginning, and one in weather that nobody declared nothing but what that became."""
     fastest = math.sqrt(max(float(np.max(record.a6)), 0.0))
     longest = min(LONGEST, GROWTH / fastest) if fastest > 0.0 else LONGEST
+    longest = min([longest, *(each.time_constant for each in record.world.sources if each.is_sought)])
     return tuple(float(f"{share * longest:.2g}") for share in SHORTER)
 
 
@@ -182,9 +183,12 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
     return fit(Problem(record, filt, mask), fitted.causes, fitted.delta, iterations=3), filt
 
 
-def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
+def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = None, is_named: bool = True) -> Gain:
     """On blocked folds of the log itself, each model in its own world; the controller found on board flies in the
-    closed loop."""
+    closed loop.
+
+    is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
+    """
     record, own = nominal.fit.record, model.fit.record
     totals, errors, changes, noises = np.zeros(2), [], [], []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
@@ -197,7 +201,8 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         made, change = _errors((record, own), pair, ~mask)
         errors.append(made)
         changes.append(change)
-        noises.append(np.stack([_noise(of, each) for of, each in zip((record, own), pair, strict=True)]))
+        noises.append(np.stack([_noise(of, each, spans(record)[-1], is_named)
+                                for of, each in zip((record, own), pair, strict=True)]))
     joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     return _gain(record, totals, joined, closed_loop, "blocked folds")
@@ -225,31 +230,38 @@ def removed(model: Model, gain: Gain) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _noise(record: Record, of: Trained) -> np.ndarray:
-    """(s, 3) mean squares over the longest horizon that noise alone gives this model's predictions, the nominal's noise
-    as far as the log does not show less."""
+def _noise(record: Record, of: Trained, horizon: float, is_named: bool = True) -> np.ndarray:
+    """(s, 3) mean squares over a horizon [s] that noise alone gives this model's predictions, the nominal's noise
+    as far as the log does not show less; is_named as `held_out`."""
     levels = of.filter.levels.copy()
+    for k, each in enumerate(record.world.levels, start=5):
+        if each.unsought is not None and not is_named:
+            levels[k] = each.unsought
     levels[:5] = np.minimum(levels[:5], NOISIEST * declared(record)[:5])
-    ahead = max(1, round(spans(record)[-1] / record.period))
+    ahead = max(1, round(horizon / record.period))
     refilter = Refilter(record, dynamics(record, of.point), record.z)
     return refilter.horizon_variances(levels, max(1, round(SPACING / record.period)), ahead)
 
 
-def on_another(other: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None) -> Gain:
-    """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted."""
+def on_another(other: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None,
+               is_named: bool = True) -> Gain:
+    """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted.  is_named as
+    `held_out`."""
     everything = np.ones(other.rows, bool)
+    records = [replace(other, world=each.fit.record.world) for each in (nominal, model)]
     pair = []
-    for each in (nominal, model):
+    for record, each in zip(records, (nominal, model), strict=True):
         point = each.fit.point
-        start = first_filter(other, each.fit.filter.levels)
-        e, _, _ = innovations(other, start, point)
-        pair.append(Trained(point, run_filter(other, dynamics(other, point), start.levels, e, start)))
-    pair[0] = within(other, pair[0], None)
-    totals = np.array([log_likelihood(other, each, everything) for each in pair])
-    errors, change = _errors((other, other), (pair[0], pair[1]), everything)
+        start = first_filter(record, each.fit.filter.levels)
+        e, _, _ = innovations(record, start, point)
+        pair.append(Trained(point, run_filter(record, dynamics(record, point), start.levels, e, start)))
+    pair[0] = within(records[0], pair[0], None)
+    totals = np.array([log_likelihood(record, each, everything) for record, each in zip(records, pair, strict=True)])
+    errors, change = _errors(records, pair, everything)
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
-    noise = np.stack([_noise(other, each) for each in pair])
-    return _gain(other, totals, (errors, change, noise), closed_loop, "a second log")
+    noise = np.stack([_noise(record, each, spans(records[0])[-1], is_named)
+                      for record, each in zip(records, pair, strict=True)])
+    return _gain(records[0], totals, (errors, change, noise), closed_loop, "a second log")
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:

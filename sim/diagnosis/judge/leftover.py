@@ -12,7 +12,7 @@ import numpy as np
 from ..data.record import Record
 from ..model.lanes import LANES
 from ..model.level_fit import fit_levels
-from ..model.noise import Disturbance, Refilter
+from ..model.noise import Disturbance, Refilter, largest
 from ..model.nuisance import Problem
 from ..search.scan import lines
 from ..search.selection import Model
@@ -26,8 +26,7 @@ OWN_BINS = 3.0             # of the log's resolution, within which a line is at 
 LINE = "sin"               # what the shape of a line begins with
 TIME = "time"              # what stands in the shape of a drift
 TIME_CONSTANTS = (0.3, 2.0, 15.0)   # s
-SIZES = {"plant": (2e-4, 0.3), "actuator": (5e-5, 0.05), "theta": (3e-5, 0.05), "theta_dot": (3e-5, 0.05),
-         "beta": (3e-5, 0.05)}  # rad/s^2, rad, rad, rad/s, rad: standard deviations searched
+SMALLEST = 7e-4            # of the largest standard deviation searched (`noise.largest`)
 WORTH_A_SEARCH = 0.5       # nats of the best of them
 RELEVELLED = 2.0           # nats from which the noise levels are fitted anew beside the disturbance
 PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_dot": "sensor", "beta": "sensor"}
@@ -132,7 +131,8 @@ def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover
         k = int(np.argmax(gains))
         return float(gains[k]), float(sizes[k]), sizes[[max(k - 1, 0), min(k + 1, LANES - 1)]]
 
-    gain, size, beside = look(*SIZES[place])
+    most = largest(record, place)
+    gain, size, beside = look(SMALLEST * most, most)
     if gain > WORTH_A_SEARCH:
         gain, size, _ = look(*beside)
     return Leftover(Disturbance(place, size, tau), max(gain, 0.0))

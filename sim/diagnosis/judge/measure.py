@@ -5,7 +5,8 @@ limit in nats fails every log that is long enough.
                along, what stands in for another is not
     left       evidence of what a disturbance still finds, over that of the causes: what mimics an effect leaves the
                part of it that is not alike, 1 - cos^2
-    share      of the held-out squared errors over 1 s, beyond what noise gives, that remains (`gain.Gain.share`)
+    share      of the held-out squared errors over 1 s or less (`gain.spans`), beyond what noise gives, that remains
+               (`gain.Gain.share`); a moment that nobody declared and nothing names is no noise
 
 A ratio counts from where it is beyond chance: the constancy's chi-squared, the leftover's own limit, the spread of a
 mean square of so many horizons (`Gain.is_left`).  Each threshold:
@@ -19,7 +20,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
-    LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
+    LEAST_REMOVED       share of the error that each of several `dominant` causes must take  a main defect's, above
     NOISE               times the declared, from which noise hides what is not modelled   the contract
 """
 
@@ -51,7 +52,7 @@ EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
 DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
-LEAST_REMOVED = 0.05
+LEAST_REMOVED = 1.0 - DOMINANT.share
 SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not worth a word in the verdict
 
 
@@ -112,8 +113,8 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     if gain.is_worse:
         return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
-        return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over 1 s remain (at most "
-                f"{100 * bounds.share:.0f} %)"]
+        return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over {gain.longest:g} s "
+                f"remain (at most {100 * bounds.share:.0f} %)"]
     return []
 
 
@@ -144,13 +145,6 @@ def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selectio
 def small(weather: Weather, named: tuple[Named, ...]) -> bool:
     """It is not worth a word beside these causes."""
     return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
-
-
-def outweighs(weather: Weather, named: tuple[Named, ...], rows: int) -> bool:
-    """A moment that nobody declared and nothing names explains more beside these causes than `dominant` ones may
-    leave: in front of so much, what is found may stand for anything."""
-    own = sum(cause.evidence for cause in named)
-    return not weather.is_wind and weather.gain > max(DOMINANT.left * own, PER_ROW * rows)
 
 
 def weather_words(selection: Selection) -> str:

@@ -16,6 +16,7 @@ from .constancy import Constancy, constancy
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
 SCALE = "scale"        # of what is multiplied
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
+BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 
 
@@ -115,7 +116,8 @@ def _named(selection: Selection, k: int) -> Named:
         values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
-                 _rivals(cause.hypothesis.cause, selection.rivals[k]), selection.evidence[k], constancy(model, k),
+                 _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection)), selection.evidence[k],
+                 constancy(model, k),
                  cause.is_at_an_end)
 
 
@@ -146,12 +148,17 @@ def _gradual(selection: Selection, group: list[int]) -> Named:
                    steps=tuple(zip(times.tolist(), fractions.tolist(), strict=True)))
 
 
-def _rivals(name: str, ranking: list[Ranked]) -> tuple[str, ...]:
-    """Causes within TOLD_APART of the best in the same place of the model."""
+def _blurred(selection: Selection) -> float:
+    """Share of a cause's evidence by which no rival is told from it: what nothing names can be on either's side."""
+    return BLURRED if selection.weather is not None and not selection.weather.is_wind else 0.0
+
+
+def _rivals(name: str, ranking: list[Ranked], blurred: float) -> tuple[str, ...]:
+    """Causes within TOLD_APART of the best in the same place of the model, or within a share of its evidence."""
     if not ranking:
         return ()
     best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART]
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - max(TOLD_APART, blurred * best)]
     return tuple(dict.fromkeys(each for each in near if each != name))
 
 

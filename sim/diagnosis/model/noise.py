@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...effects.plant import SLOSH
+from ...effects.sensor import rate_scale
 from ...sections import Sensors
 from ...vehicle import step as st
 from ..data.record import BETA, CHANNELS, THETA, THETA_DOT, Record
@@ -22,7 +23,7 @@ from .lanes import LANES, likelihoods
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
 from .point import Point, vehicle
-from .predictor import N_RIGID
+from .predictor import N_RIGID, made_good
 
 LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
 ACCELERATION = 4
@@ -33,6 +34,7 @@ WRONG_NOISE = 1.5      # factor by which levels may be declared wrong without a 
 STILL = 0.25           # s: a6, k1 of a launcher move by less than 1 % meanwhile
 FLOOR = 1e-6           # rad, rad/s, rad, rad, rad/s^2: declared 0 becomes this
 START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
+MOST = {"plant": 0.3, "actuator": 0.05, "theta": 0.05, "theta_dot": 0.05, "beta": 0.05}  # of a launcher: `largest`
 SENSOR_OF = {ATTITUDE: THETA, GYRO: THETA_DOT, NOZZLE_SENSOR: BETA}
 TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
 
@@ -79,6 +81,7 @@ class Dynamics:
     acceleration_q: np.ndarray  # (b, m, m)
     fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
     entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
+    rate_scale: float           # of the gyro: gains are those of one without (`predictor`)
     slots: np.ndarray           # (m,) where each state stands in gains (n, 6 + 2 modes + the world's, 3)
     fresh: tuple[tuple[int, float], ...]   # (state, variance over a row for unit level) of the world's levels
     first: tuple[tuple[int, float], ...]   # (state, variance before the first row; -1: that of the level itself)
@@ -108,11 +111,13 @@ def dynamics(record: Record, point: Point) -> Dynamics:
         q = _held_noise(part, ticks, record.fill_gain)
         f[:, 4:6, :] = f[:, :, 4:6] = 0.0
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
+    scale = rate_scale(v.sensor)
+    c[THETA_DOT] *= scale
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
     command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
     return _in_the_world(record, Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry,
-                                          np.arange(m)[kept], (), ()), v.a6[half], v.k1[half])
+                                          float(made_good(scale)), np.arange(m)[kept], (), ()), v.a6[half], v.k1[half])
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray) -> Dynamics:
@@ -134,7 +139,8 @@ def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray)
         first.append((j, source.initial**2 if math.isinf(source.time_constant) else -1.0))
     q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q)]
     slots = np.append(own.slots, N_RIGID + 2 * len(own.modes) + np.arange(w))
-    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], entry, slots, tuple(fresh), tuple(first))
+    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], entry, own.rate_scale,
+                    slots, tuple(fresh), tuple(first))
 
 
 def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:
@@ -181,12 +187,23 @@ class Disturbance:
     time_constant: float
 
 
+def largest(record: Record, place: str) -> float:
+    """Standard deviation beyond which no disturbance of a place is sought, in its unit: a launcher's, or as much as
+    what moves this vehicle, its command or the channel itself."""
+    if place == "plant":
+        moved = np.std(record.commands) * np.sqrt(np.mean(record.k1**2))
+        swung = np.nanstd(record.z[:, THETA]) * np.sqrt(np.mean(record.a6**2)) if "theta" in record.channels else 0.0
+        return max(MOST["plant"], float(moved), float(swung))
+    own = record.commands if place == "actuator" else record.z[:, CHANNELS.index(place)]
+    return max(MOST[place], float(np.nanstd(own)))
+
+
 @dataclass(frozen=True, eq=False)
 class Filter:
     """Gains and whitening of one set of levels."""
 
     levels: np.ndarray     # (5 + the world's,)
-    gains: np.ndarray      # (n, 6 + 2 modes + the world's, 3)
+    gains: np.ndarray      # (n, 6 + 2 modes + the world's, 3), of a gyro that tells rad/s
     low: np.ndarray        # (n, 3, 3)
     whitened: np.ndarray   # (n, 3) innovations of this filter, whitened
     modes: Modes           # whose gains stand behind the rigid body's
@@ -212,6 +229,7 @@ class Refilter:
         self.base_gains = np.zeros((record.rows, len(dyn.slots), 3))
         if of is not None:
             self.base_gains = carried_over(of, dyn.modes, len(record.world.sources))[:, dyn.slots]
+            self.base_gains[:, :, THETA_DOT] /= dyn.rate_scale
         self.counts = np.ones(record.rows, bool) if counts is None else counts
 
     def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
@@ -248,6 +266,7 @@ class Refilter:
         total = self._run(levels, disturbance, gains, low, whitened)
         full = np.zeros((n, N_RIGID + 2 * len(modes) + len(world.sources), 3))
         full[:, self.dyn.slots] = gains[:, :m]
+        full[:, :, THETA_DOT] *= self.dyn.rate_scale
         return Filter(levels, full, low, whitened, modes, total)
 
     def horizon_variances(self, levels: np.ndarray, spacing: int, ahead: int) -> np.ndarray:

@@ -3,7 +3,10 @@
 `follow` runs the very Runge-Kutta step and the very effects of `sim.vehicle.step` from row to row on the logged
 commands, and corrects attitude, rate and nozzle by fixed Kalman gains (innovations form: Ljung, System
 Identification, 2nd ed., ch. 4.3 and 7).  A correction of the rate is an angular acceleration that was not modelled, so
-a sloshing mass feels it too.
+a sloshing mass feels it too.  Gains are those of a gyro that tells rad/s: one with a scale factor corrects by its
+innovation over that factor, else the factor would make the filter slower or faster and be liked for that alone.  And
+what a late sensor shows was so then and has been ever since: the past that it is still to show is corrected with the
+state, else the same error is corrected again and again until it has been shown.
 """
 
 import math
@@ -14,7 +17,7 @@ from ...effects import actuator, plant, sensor
 from ...effects.plant import SLOSH
 from ...effects.table import CODE, MEMORY, MEMORY_DOT
 from ...vehicle.actuator import delayed_command
-from ...vehicle.kernels import apart, inner, kernel
+from ...vehicle.kernels import apart, asked, inner, kernel
 from ...vehicle.step import (
     BETA,
     BETA_DOT,
@@ -38,6 +41,7 @@ from .likelihood import N_CHANNELS
 AT_ONCE = N_COUNTERS  # of the vehicle's counters, behind the simulator's
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
 ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
+DEAF = 0.1          # least scale factor of a gyro that is made good: of one that shows less, noise would be the rate
 
 
 @inner
@@ -95,6 +99,21 @@ def shift_state(v, slots, held, air, k, gains, row):
             v.plant[e, MEMORY_DOT] -= rate
 
 
+@asked
+def made_good(scale):
+    """The scale factor by which a gyro's innovations are divided before they correct."""
+    return scale if abs(scale) > DEAF else math.copysign(DEAF, scale)
+
+
+@inner
+def shift_past(v, i, angle, rate):
+    """Move what late sensors have still to show at step i by what the state there was moved."""
+    delay = max(sensor.latency(v.sensor, sensor.ATTITUDE_DELAY), sensor.latency(v.sensor, sensor.GYRO_DELAY))
+    for j in range(max(0, i - math.ceil(delay / v.constant[STEP])), i + 1):
+        v.history[sensor.ATTITUDE, j] += angle
+        v.history[sensor.RATE, j] += rate
+
+
 @inner
 def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     """Correct the state at row k, step i; row (3,) out: the innovations, 0 where not measured."""
@@ -106,7 +125,12 @@ def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     expected(v, i, world, air, row)
     for c in range(N_CHANNELS):
         row[c] = 0.0 if np.isnan(z[k, c]) else z[k, c] - row[c]
+    rate, before, before_dot = row[1], v.state[THETA], v.state[THETA_DOT]
+    row[1] = rate / made_good(sensor.rate_scale(v.sensor))
     shift_state(v, slots, held, air, k, gains, row)
+    row[1] = rate
+    if v.history.shape[1] > 0:
+        shift_past(v, i, v.state[THETA] - before, v.state[THETA_DOT] - before_dot)
 
 
 @inner

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.level_fit import fit_levels
@@ -216,23 +216,32 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
         found.rankings.append(list(ranking) if ranking is not None else ranking_of(record, nominal, known))
     while len(found.model.causes) < most and not record.is_late:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
-        limit = needed(threshold, len(found.model.causes))
-        better = _next(record, found, known, limit, blocks if not _has_one(found.model.causes, blocks) else ())
-        if better is None:
+        before = len(found.model.causes)
+        if not grown(found, known, threshold, blocks):
             break
-        most += len(better.causes) - len(found.model.causes) - 1  # a block counts as one cause
-        reformed = _reformed(record, found.model, known)
-        if reformed is None:
-            found.model = better
-            continue
-        found.model = reformed
-        if found.rankings:
-            found.rankings.pop()
+        most += max(0, len(found.model.causes) - before - 1)  # a block counts as one cause
     for swap in range(SWAPS if not record.is_late else 0, -1, -1):
         found.model = _dropped(record, found.model, needed(threshold, 1))
         if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
             break
     return found
+
+
+def grown(found: Selection, known: tuple[Hypothesis, ...], threshold: float,
+          blocks: Sequence[tuple[Cause, ...]] = ()) -> bool:
+    """Give the model one more cause, or a better form of one that it has; False: the log asks for neither."""
+    record, limit = found.model.fit.record, needed(threshold, len(found.model.causes))
+    better = _next(record, found, known, limit, blocks if not _has_one(found.model.causes, blocks) else ())
+    if better is None:
+        return False
+    reformed = _reformed(record, found.model, known)
+    if reformed is None:
+        found.model = better
+        return True
+    found.model = reformed
+    if found.rankings:
+        found.rankings.pop()
+    return True
 
 
 def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit: float,
@@ -407,9 +416,11 @@ def strongest(of: Selection) -> int:
 
 
 def fewer(of: Selection, kept: Sequence[int]) -> Selection:
-    """The selection with some of its causes, all else fitted anew; what could stand in their places is kept."""
+    """The selection with some of its causes, all else fitted anew, one alone in the form that then explains most; what
+    could stand in their places is kept."""
     fitted = of.nominal.fit
     model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
+    model = _plain(fitted.record, of.nominal, model) if len(kept) == 1 else model
     made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
     for k, cause in enumerate(model.causes):
         others = model.causes[:k] + model.causes[k + 1:]
@@ -418,6 +429,16 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
         made.evidence.append(evidence)
         made.rivals.append([Ranked(cause, evidence), *of.rivals[kept[k]][1:]])
     return made
+
+
+def _plain(record: Record, nominal: Model, model: Model) -> Model:
+    """A model of one cause in a form that several have, or in the one of theirs that explains more by itself: the form
+    may have been chosen beside others."""
+    [cause] = model.causes
+    plain = [each for each in SOUGHT if each.form is not None and each.form.hypothesis == cause.hypothesis]
+    own = model.log_likelihood - nominal.log_likelihood - penalty(record, cause.hypothesis)
+    ranked = _ranking(record, nominal, plain) if plain else []
+    return ranked[0][0] if ranked and ranked[0][1] > own else model
 
 
 def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:

@@ -15,7 +15,17 @@ from ..causes import SOUGHT, Cause, Hypothesis
 from ..data.record import Record
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK, Source, sought
 from ..model.level_fit import LEVEL_STEP, fit_levels
-from ..model.noise import Disturbance, Filter, Refilter, declared, dynamics, first_filter
+from ..model.noise import (
+    ACCELERATION,
+    WRONG_NOISE,
+    Disturbance,
+    Filter,
+    Refilter,
+    declared,
+    dynamics,
+    first_filter,
+    largest,
+)
 from ..model.point import innovations
 from .selection import (
     FURTHER,
@@ -28,6 +38,7 @@ from .selection import (
     Selection,
     Weather,
     as_simulated,
+    grown,
     needed,
     profile,
     quiet,
@@ -36,7 +47,7 @@ from .selection import (
 )
 
 TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3 apart a time is told from the next
-SIZES = np.geomspace(3e-4, 0.3, 7)  # rad/s^2 of a first look
+SIZES = np.geomspace(1e-3, 1.0, 8)  # of a first look, over the largest
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
 HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
@@ -72,7 +83,12 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
         return _in_weather(nominal, first, known, threshold, say)
     found = one
     if one.model.causes:
-        found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, one.model, one.rankings[0])
+        two = Selection(nominal, one.model)
+        if not settled and grown(two, known, threshold, blocks):
+            beside, second = _weathered(one.model), two.model.log_likelihood - one.model.log_likelihood
+            if beside is not None and beside.gain > needed(threshold, 1) and second < HALF * beside.gain:
+                return _in_weather(nominal, beside, known, threshold, say)
+        found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, two.model, one.rankings[0])
     beside = _weathered(found.model) if found.model.causes else first
     if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
@@ -137,11 +153,17 @@ def _weathered(model: Model) -> _Fitted | None:
 
 
 def _first_look(model: Model) -> float | None:
-    """The time constant [s] of the disturbance of the plant that gains most at the model's own levels; None: none."""
-    refilter = Refilter(model.fit.record, model.dynamics, model.fit.innovations, model.fit.filter)
-    levels = model.fit.filter.levels
+    """The time constant [s] of the disturbance of the plant that gains most at the model's own levels, or with the
+    unmodelled acceleration near the declared; None: none."""
+    record, levels = model.fit.record, model.fit.filter.levels
+    refilter = Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
     own = refilter.log_likelihood(levels)
-    gain, time = max((float(np.max(refilter.with_sizes(levels, "plant", SIZES, time))) - own, time) for time in TIMES)
+    sizes = SIZES * largest(record, "plant")
+    calmer = levels.copy()  # unmodelled acceleration may have taken in what changes slowly
+    calmer[ACCELERATION] = min(levels[ACCELERATION], WRONG_NOISE * declared(record)[ACCELERATION])
+    tried = [levels, calmer] if calmer[ACCELERATION] < levels[ACCELERATION] else [levels]
+    gain, time = max((float(np.max(refilter.with_sizes(each, "plant", sizes, time))) - own, time)
+                     for each in tried for time in TIMES)
     return time if gain > WORTH else None
 
 
@@ -149,7 +171,8 @@ def _candidates(record: Record, time: float) -> list[Source]:
     """Sources to fit: the wind's where the air turns the vehicle, and a moment."""
     floor = next(each.level for each in record.world.sources if each.name == SLOW_MOMENT)
     near = [each for each in TIMES if 1.0 / 4.0 < each / time < 4.0]
-    found = [sought(SLOW_MOMENT, record.nominal, floor, each) for each in near]
+    most = largest(record, "plant")
+    found = [sought(SLOW_MOMENT, record.nominal, floor, each, most) for each in near]
     if np.any(record.a6):
         found += [sought(TURBULENCE, record.nominal, floor, each) for each in near]
         found.append(sought(WALK, record.nominal, floor))

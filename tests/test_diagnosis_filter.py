@@ -1,0 +1,193 @@
+"""The filter behind the diagnosis knows the gyro's scale and how late its sensors are, and looks for what nobody
+declared on the scale of the vehicle at hand."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_diagnosis_used import as_record
+
+from sim.diagnosis.causes import SOUGHT, Cause
+from sim.diagnosis.data.record import THETA_DOT
+from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
+from sim.diagnosis.judge.gain import Trained, _noise, spans
+from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
+from sim.diagnosis.model.noise import (
+    ACCELERATION,
+    MOST,
+    Refilter,
+    bounds,
+    declared,
+    dynamics,
+    first_filter,
+    largest,
+    run_filter,
+)
+from sim.diagnosis.model.point import Point, innovations
+from sim.diagnosis.model.predictor import DEAF, made_good
+from sim.diagnosis.search.selection import TOLD_APART, Ranked, Selection, as_simulated, fewer, profile
+from sim.effects import effect
+from sim.effects.sensor import rate_scale
+from sim.effects.table import N_COLUMNS
+
+
+@pytest.fixture(scope="module")
+def record():
+    """`constant` at 100 Hz."""
+    return as_record(0.01)
+
+
+def scaled(record, scale):
+    """The log of a gyro with a scale factor, and what is believed then."""
+    z = record.z.copy()
+    z[:, THETA_DOT] *= scale
+    return dataclasses.replace(record, z=z), Point((effect("gyro_scale", scale=scale),))
+
+
+# ---- a gyro with a scale factor
+
+
+@given(scale=st.floats(DEAF, 5.0), sign=st.sampled_from([-1.0, 1.0]))
+def test_a_known_scale_factor_changes_the_unit_of_the_rate_and_nothing_else(record, scale, sign):
+    """The state goes through the log as without it, one of the other sign too; else a factor would make the filter
+    slower or faster, and be liked for that.  The first row apart, where the state begins at what is read."""
+    filt = first_filter(record, declared(record))
+    e, states, _ = innovations(record, filt, Point())
+    log, point = scaled(record, sign * scale)
+    log.z[0, THETA_DOT] = record.z[0, THETA_DOT]
+    ours, moved, stayed = innovations(log, filt, point)
+    settled = slice(log.rows // 2, None)
+    assert stayed and moved[settled] == pytest.approx(states[settled], abs=1e-6)
+    assert ours[settled, THETA_DOT] == pytest.approx(sign * scale * e[settled, THETA_DOT], abs=1e-6 * scale)
+
+
+@pytest.mark.parametrize("scale", [0.5, -1.0, 2.0])
+def test_gains_of_a_scaled_gyro_are_those_of_a_good_one_with_its_noise(record, scale):
+    """Shown in rad/s its noise is the sensor's over the factor."""
+    levels = declared(record)
+    log, point = scaled(record, scale)
+    dyn = dynamics(log, point)
+    assert dyn.rate_scale == scale and dyn.c[THETA_DOT, 1] == scale
+    ours = run_filter(log, dyn, levels, log.z)
+    noisier = levels.copy()
+    noisier[THETA_DOT] /= abs(scale)
+    good = run_filter(record, dynamics(record, Point()), noisier, record.z)
+    assert ours.gains == pytest.approx(good.gains, rel=1e-9, abs=1e-15)
+
+
+def test_innovations_are_refiltered_from_what_the_scaled_gyro_made_of_them(record):
+    """From any filter's innovations the same likelihood: those of the run itself."""
+    log, point = scaled(record, 0.4)
+    dyn, levels = dynamics(log, point), declared(log)
+    other = levels.copy()
+    other[ACCELERATION] *= 20.0
+    filters = [first_filter(log, declared(log)), run_filter(log, dyn, other, log.z)]
+    likely = [Refilter(log, dyn, innovations(log, each, point)[0], each).log_likelihood(levels) for each in filters]
+    assert likely[0] == pytest.approx(likely[1], rel=1e-4)
+
+
+def test_a_gyro_that_shows_next_to_nothing_corrects_next_to_nothing():
+    assert [made_good(x) for x in (1.0, -0.5, 0.01, -0.01, 0.0)] == [1.0, -0.5, DEAF, -DEAF, DEAF]
+    assert rate_scale(np.zeros((0, N_COLUMNS))) == 1.0
+
+
+# ---- sensors that are late
+
+
+def test_what_a_late_gyro_shows_is_corrected_once(record):
+    """Believed at a hundred times the declared acceleration, so that each innovation corrects nearly all of itself;
+    with the past left as it was the same error is corrected again and again, and grows."""
+    levels = declared(record)
+    levels[ACCELERATION] *= 100.0
+    point = Point((effect("gyro_delay", delay=0.1),))
+    log = dataclasses.replace(record, z=late(record, THETA_DOT, 0.1))
+    e, _, stayed = innovations(log, run_filter(log, dynamics(log, point), levels, log.z), point)
+    own, _, _ = innovations(record, run_filter(record, dynamics(record, Point()), levels, record.z), Point())
+    settled = slice(log.rows // 2, None)
+    assert stayed and np.std(e[settled, THETA_DOT]) < 3.0 * np.std(own[settled, THETA_DOT])
+
+
+def late(record, channel, delay):
+    """The log with a channel this late [s]."""
+    z, rows = record.z.copy(), round(delay / record.period)
+    z[rows:, channel] = record.z[:-rows, channel]
+    z[:rows, channel] = record.z[0, channel]
+    return z
+
+
+# ---- the vehicle's own scale
+
+
+def test_disturbances_are_sought_up_to_what_moves_the_vehicle(record):
+    """A launcher's range, or a rotor's, whose moments are a thousand times as large."""
+    strong = dataclasses.replace(record, k1=1e3 * record.k1)
+    assert [largest(record, place) for place in MOST] == list(MOST.values())
+    assert largest(strong, "plant") == pytest.approx(np.std(record.commands) * 1e3 * np.sqrt(np.mean(record.k1**2)))
+    assert largest(dataclasses.replace(record, commands=100.0 * record.commands), "actuator") == pytest.approx(
+        100.0 * np.std(record.commands))
+
+
+def test_a_moment_that_is_sought_is_no_stronger_than_what_moves_the_vehicle(record):
+    source = sought(SLOW_MOMENT, record.nominal, 0.001, 1.0, most=0.3)
+    weathered = dataclasses.replace(record, world=record.world.with_weather(source))
+    at = 5 + [each.name for each in weathered.world.levels].index(SLOW_MOMENT)
+    assert bounds(weathered)[1][at] * declared(weathered)[at] == pytest.approx(0.3)
+    assert source.is_sought and not any(each.is_sought for each in record.world.sources)
+
+
+# ---- beside what nobody declared
+
+
+def test_predictions_in_undeclared_weather_are_no_longer_than_it_lasts(record):
+    def over(time_constant):
+        source = sought(TURBULENCE, record.nominal, 0.001, time_constant)
+        return spans(dataclasses.replace(record, world=record.world.with_weather(source)))
+
+    assert over(0.3)[-1] == 0.3 and over(10.0) == spans(record)
+
+
+def test_a_moment_that_nothing_names_is_no_noise(record):
+    """What it makes of a prediction counts as error, but for the slow moment that is nobody's fault."""
+    source = sought(SLOW_MOMENT, record.nominal, 0.001, 1.0, most=0.3)
+    log = dataclasses.replace(record, world=record.world.with_weather(source))
+    levels = declared(log)
+    levels[-1] = 0.1
+    trained = Trained(Point(), first_filter(log, levels))
+    named, unnamed = (np.nanmax(_noise(log, trained, 1.0, is_named)) for is_named in (True, False))
+    levels[-1] = 0.001
+    floor = np.nanmax(_noise(log, Trained(Point(), first_filter(log, levels)), 1.0))
+    assert unnamed == pytest.approx(floor) and named > 10.0 * unnamed
+
+
+def test_rivals_are_told_apart_less_well_beside_what_nothing_names():
+    def weather(is_wind):
+        return SimpleNamespace(weather=SimpleNamespace(is_wind=is_wind))
+
+    assert _blurred(SimpleNamespace(weather=None)) == _blurred(weather(True)) == 0.0
+    assert _blurred(weather(False)) == BLURRED
+
+    def rivals(behind, blurred):
+        first, second = (Cause(each, (0.1,)) for each in SOUGHT if each.label in ("actuator_delay", "gyro_delay"))
+        ranking = [Ranked(first, 600.0), Ranked(second, 600.0 - behind)]
+        return _rivals(first.hypothesis.cause, ranking, blurred)
+
+    assert rivals(0.9 * TOLD_APART, 0.0) and not rivals(1.1 * TOLD_APART, 0.0)
+    assert rivals(0.9 * BLURRED * 600.0, BLURRED) and not rivals(1.1 * BLURRED * 600.0, BLURRED)
+
+
+def test_a_cause_that_is_left_alone_is_told_in_the_form_that_then_explains_most(record):
+    """A delay that was taken for a lag beside others is a delay again."""
+    known = {each.label: each for each in SOUGHT}
+    log = dataclasses.replace(record, commands=np.roll(record.commands, -round(0.05 / (record.tick * record.step))))
+    nominal = as_simulated(log)
+    lag = known["actuator_delay"].form.hypothesis
+    model = profile(log, (Cause(lag, (0.3,)), Cause(known["thrust_misalignment"], (1e-4,))), nominal.fit.delta,
+                    nominal.fit.filter)
+    of = Selection(nominal, model, [0.0, 0.0], [[Ranked(each, 0.0)] for each in model.causes])
+    alone = fewer(of, [0]).model
+    assert [each.hypothesis.label for each in alone.causes] == ["actuator_delay"]
+    assert math.isclose(alone.causes[0].values[0], 0.05, rel_tol=0.1)
