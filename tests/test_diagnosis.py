@@ -161,7 +161,7 @@ def test_missing_columns_remove_channels_and_never_fail(drop):
 @AMONG
 @pytest.mark.parametrize("period", [pytest.param(0.005, marks=LONG), 0.02])
 def test_other_rates_than_the_controllers(period, among):
-    assert found(period=period, seed=5)["verdict"] == "consistent"
+    assert found(period=period, seed=5, among=among)["verdict"] == "consistent"
     result = found("actuator_delay:delay=0.006", period=period, seed=5, among=among)
     assert named(result) == ["actuator_delay"]
     assert result["causes"][0]["parameters"]["delay"]["value"] == pytest.approx(0.006, rel=0.1)
