@@ -128,12 +128,9 @@ def mirrored(columns):
     return {name: value if name == "t" else -value for name, value in columns.items()}
 
 
-@pytest.mark.parametrize(("cause", "among"), [
-    pytest.param("gyro_bias", ("gyro_bias", "gyro_scale", "attitude_bias", "aero_damping", "control_effectiveness"),
-                 id="gyro_bias-few"),
-    *(pytest.param(name, None, id=name, marks=pytest.mark.campaign)
-      for name in ("slosh", "gust", "actuator_gain", "gyro_bias"))])
-def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path, cause, among):
+@pytest.mark.parametrize("cause", ["gyro_bias", *(pytest.param(name, marks=pytest.mark.campaign)
+                                                  for name in ("slosh", "gust", "actuator_gain"))])
+def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path, cause):
     spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=seconds(cause))
     columns, label = fly(spec)
     nominal = load_nominal("constant")
@@ -150,7 +147,7 @@ def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path,
     for k, log in enumerate((mirrored(columns), thinned, double)):
         path = tmp_path / f"{k}.csv"
         write_csv(path, log, None)
-        result = report(diagnose(read_log(path), nominal, hypotheses=chosen(among)))
+        result = report(diagnose(read_log(path), nominal))
         assert found(result, label), (k, result["verdict"], answers(result), result["doubts"])
 
 
