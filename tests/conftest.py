@@ -1,16 +1,23 @@
-"""Hypothesis profiles (`dev` by default, `ci`, derandomised, where CI is set, `long` by hand), and two processes."""
+"""Hypothesis profiles, one cache of the independent generator's kernels for all processes, and two processes.
+
+Profiles: `dev` by default; `ci`, derandomised, where CI is set; `few`, derandomised, for passes that repeat what has
+passed (un-jitted, with bounds checks); `long` by hand.
+"""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from launchid_core.kernel_cache import keep
 from sim.log import MEASURED
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 settings.register_profile("dev", max_examples=40, deadline=None, suppress_health_check=_quiet)
 settings.register_profile("ci", max_examples=60, deadline=None, derandomize=True, suppress_health_check=_quiet)
+settings.register_profile("few", max_examples=10, deadline=None, derandomize=True, suppress_health_check=_quiet)
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
 
@@ -27,6 +34,14 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     if whole and not worker and getattr(option, "numprocesses", 0) is None and not option.tx and not option.usepdb:
         option.numprocesses = WORKERS
         option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
+
+
+def pytest_collection_finish() -> None:
+    """Keep the kernels of `hidden`, which knows nothing of the project, where the project's are: compiled once."""
+    motion = sys.modules.get("hidden.motion")
+    for kernel in vars(motion).values() if motion else ():
+        if hasattr(kernel, "py_func"):
+            keep(kernel)
 
 
 @pytest.fixture

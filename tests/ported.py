@@ -4,7 +4,9 @@ import dataclasses
 import math
 import shutil
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +89,11 @@ CONFIGS = {
     "filtered-sine": filtered(library="quadratic+sin", window=5.0),
     "lpv": regression("integral", library="lpv", window=0.3),
 }
+
+
+def some(*names: str, of: Iterable[str] = CONFIGS) -> list[Any]:
+    """Of these configurations the named ones in every run, the others, cases of the same law, with `-m campaign`."""
+    return [name if name in names else pytest.param(name, marks=pytest.mark.campaign) for name in of]
 
 
 def flight(name: str = "constant", suite: str = "flight", **sections) -> list[Sample]:

@@ -355,7 +355,8 @@ def with_last_line(page: Path, to: Path) -> Path:
     return to
 
 
-@pytest.mark.parametrize("verdict", ["explained", "unexplained", "bad-data"])
+@pytest.mark.parametrize("verdict", ["explained", *(pytest.param(verdict, marks=pytest.mark.campaign)
+                                                   for verdict in ("unexplained", "bad-data"))])
 def test_chromium_shows_it_without_a_console_error(folders, tmp_path, verdict):
     said = console(with_last_line(folders[verdict] / "report.html", tmp_path / "page.html"), tmp_path / "profile")
     assert len(said) == 1 and LOADED in said[0], said

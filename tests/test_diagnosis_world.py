@@ -228,7 +228,8 @@ def test_stamps_that_jitter_are_the_true_ones():
     assert has_size(result["causes"][0], "delay", 0.01, 0.15)
 
 
-@pytest.mark.parametrize("missing", [("theta", "beta", "theta_ref"), ("beta", "theta_ref")])
+@pytest.mark.parametrize("missing", [("theta", "beta", "theta_ref"), pytest.param(
+    ("beta", "theta_ref"), marks=pytest.mark.campaign)])
 def test_gyro_and_command_alone_name_a_late_actuator(missing):
     """t, theta_dot, beta_cmd; and with theta."""
     result = judged(without(flown(NOMINAL, LATE), *missing), OPEN)
@@ -257,7 +258,8 @@ def test_a_spike_and_missing_rows_change_no_verdict_and_are_said():
 # ---- laws
 
 
-@pytest.mark.parametrize("effect", ["control_effectiveness:scale=0.7", "slosh:coupling=0.3,frequency=4"])
+@pytest.mark.parametrize("effect", ["control_effectiveness:scale=0.7", pytest.param(
+    "slosh:coupling=0.3,frequency=4", marks=pytest.mark.campaign)])
 def test_a_model_with_a_cause_more_is_at_least_as_likely(effect):
     """Whatever the cause, the true one and all others."""
     base = as_simulated(on_grid(flown(NOMINAL, effect), NOMINAL))
@@ -267,12 +269,13 @@ def test_a_model_with_a_cause_more_is_at_least_as_likely(effect):
         assert model.log_likelihood > base.log_likelihood - 0.1, model.causes[-1].hypothesis.cause
 
 
-def test_input_of_another_time_names_no_cause_of_input_or_actuator():
+@pytest.mark.parametrize("place", ["", pytest.param("actuator", marks=pytest.mark.campaign)])
+def test_input_of_another_time_names_no_cause_of_input_or_actuator(place):
     """A placebo: nozzle and command shifted circularly by 40 % of the log have nothing to do with its motion."""
     log = flown(NOMINAL, LATE)
     by = round(0.4 * len(log.t))
     moved = dataclasses.replace(log, beta=np.roll(log.beta, by), beta_cmd=np.roll(log.beta_cmd, by))
-    result = judged(moved, NOMINAL, tuple(h for h in SOUGHT if h in FEW or h.where == "actuator"))
+    result = judged(moved, NOMINAL, tuple(h for h in SOUGHT if h in FEW or h.where == place))
     assert not [name for name in names(result) if name.startswith(("actuator", "control"))], result["causes"]
     assert result["verdict"] in ("unexplained", "dominant")
 

@@ -17,7 +17,6 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
 from launchid_core import ring as rb
-from launchid_core.replay import loop_of
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -596,12 +595,9 @@ def test_a_kernel_that_allocates_does_not_compile():
 
 
 def flown(estimator: Estimator, samples: np.ndarray) -> int:
-    """The compiled loop of `replay`, without the estimates that the host makes; returns how many windows closed."""
-    loop, at, closed = loop_of(estimator.config.formulation), 0, 0
-    while at < len(samples):
-        at, code = loop(*estimator._block, *estimator._options, samples, at)
-        closed += int(code == rb.WINDOW_COMPLETE)
-    return closed
+    """`step` without the estimates that the host makes; returns how many windows closed."""
+    step, memory = estimator._step, (*estimator._block, *estimator._options)
+    return sum(step(*memory, *sample) == rb.WINDOW_COMPLETE for sample in samples.tolist())
 
 
 @pytest.mark.parametrize(("formulation", "library", "solver"), [

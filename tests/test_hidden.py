@@ -37,12 +37,17 @@ FEW = ("control_loss", "aero_damping", "slosh", "bending", "gust", "actuator_del
        "attitude_delay", "nozzle_sensor_bias")
 
 
-def diagnosed(folder, spec, drop_hypothesis=None, order=None):
-    """(JSON, label, Diagnosis) of a hidden flight, through the contract's CSV."""
+def chosen(among):
+    """The hypotheses of these causes; of all where among is None."""
+    return None if among is None else tuple(h for h in SOUGHT if h.cause in among)
+
+
+def diagnosed(folder, spec, drop_hypothesis=None, order=None, among=None):
+    """(JSON, label, Diagnosis) of a hidden flight, through the contract's CSV; among: the causes that are sought."""
     columns, label = fly(spec)
     path = folder / f"log{len(list(folder.iterdir()))}.csv"
     write_csv(path, columns, order)
-    known = None
+    known = chosen(among)
     if drop_hypothesis is not None:
         known = tuple(h for h in SOUGHT if h.cause != drop_hypothesis)
     made = diagnose(read_log(path, ("t", "theta")), load_nominal(spec.nominal), hypotheses=known)
@@ -68,7 +73,7 @@ def found(result, label):
     return all(any(name in one for one in sets) for name in causes) and all(one & causes for one in sets)
 
 
-@settings(max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=1, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cause=st.sampled_from(FEW), seed=st.integers(0, 2**20), variant=st.sampled_from([PLAIN, OTHER]),
        rate=st.sampled_from([50.0, 100.0]))
 def test_what_is_hidden_is_found(tmp_path, cause, seed, variant, rate):
@@ -89,8 +94,8 @@ def test_every_cause_is_found_on_both_vehicles(tmp_path, nominal, cause, variant
 
 
 @pytest.mark.parametrize("name", [
-    "servo_friction", "gyro_warming", pytest.param("servo_curve", marks=pytest.mark.campaign),
-    pytest.param("attitude_curve", marks=pytest.mark.campaign)])
+    "servo_friction", *(pytest.param(name, marks=pytest.mark.campaign)
+                        for name in ("gyro_warming", "servo_curve", "attitude_curve"))])
 def test_what_nobody_listed_is_not_named(tmp_path, name):
     result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0, duration=SECONDS))
     assert result["verdict"] == "unexplained" and result["causes"] == [], (answers(result), label)
@@ -107,7 +112,8 @@ def test_no_unlisted_effect_is_named(tmp_path, nominal, name):
 
 
 @pytest.mark.parametrize(("seed", "options"), [
-    (1, {"reference": "rough"}), (3, {"nominal": "vega_like"}), pytest.param(2, {}, marks=pytest.mark.campaign),
+    (3, {"nominal": "vega_like"}), pytest.param(2, {}, marks=pytest.mark.campaign),
+    pytest.param(1, {"reference": "rough"}, marks=pytest.mark.campaign),
     pytest.param(4, {"reference": "rough", "rate": 50.0}, marks=pytest.mark.campaign)])
 def test_decoys_are_consistent(tmp_path, seed, options):
     """Wrong noise levels (0.67 to 1.5) and 2 % dispersion are drawn; nothing is hidden."""
@@ -122,9 +128,8 @@ def mirrored(columns):
     return {name: value if name == "t" else -value for name, value in columns.items()}
 
 
-@pytest.mark.parametrize("cause", ["slosh", pytest.param("gust", marks=pytest.mark.campaign),
-                                   pytest.param("actuator_gain", marks=pytest.mark.campaign),
-                                   pytest.param("gyro_bias", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("cause", ["gyro_bias", *(pytest.param(name, marks=pytest.mark.campaign)
+                                                  for name in ("slosh", "gust", "actuator_gain"))])
 def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path, cause):
     spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=seconds(cause))
     columns, label = fly(spec)
@@ -193,13 +198,16 @@ def test_a_first_order_lag_of_the_servo_is_a_delay_and_no_slower_servo(tmp_path)
 # ---- the gain
 
 
-def test_the_extension_beats_the_nominal_on_a_fresh_flight_and_another_label_does_not(tmp_path):
+@pytest.mark.parametrize("among", [
+    pytest.param(("control_loss", "control_effectiveness", "aero_damping", "gyro_bias", "actuator_delay"), id="few"),
+    pytest.param(None, id="all", marks=pytest.mark.campaign)])
+def test_the_extension_beats_the_nominal_on_a_fresh_flight_and_another_label_does_not(tmp_path, among):
     spec = draw_spec(31, cause="control_loss", factor=4.0, variant=PLAIN, rate=100.0)
-    result, label, made = diagnosed(tmp_path, spec)
+    result, label, made = diagnosed(tmp_path, spec, among=among)
     assert found(result, label)
     columns, _ = fly(dataclasses.replace(spec, seed=32))
     write_csv(tmp_path / "fresh.csv", columns)
-    fresh = report(diagnose(read_log(tmp_path / "fresh.csv"), made.extension))
+    fresh = report(diagnose(read_log(tmp_path / "fresh.csv"), made.extension, hypotheses=chosen(among)))
     assert fresh["verdict"] == "consistent", fresh["doubts"]
     before, after = closed_loop_errors(made.record, made.extension.effects)
     assert after < 0.7 * before

@@ -1,5 +1,7 @@
 """The README's two installations, in either order, twice, in one virtual environment: `launchid` works after each.
 
+Five in turn hold both orders twice.
+
 What is proved: pip's two ways of installing this project may follow one another in any order, with use between them,
 so that caches are there; run from another folder, so that the sources beside the tests help nobody.  What is not:
 downloading.  Dependencies are lent by the environment that runs the tests (a path in the new one's site-packages),
@@ -18,6 +20,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 INSTALL = {"plain": ["."], "editable": ["-e", "."]}
+ORDER = ("plain", "editable", "plain", "editable", "plain")
 
 
 @pytest.fixture(scope="module")
@@ -59,20 +62,18 @@ class Environment:
         return self.run(self.bin / "python", *words, cwd=cwd)
 
 
-@pytest.mark.parametrize("order", [("plain", "editable"), ("editable", "plain")], ids="-".join)
-def test_both_installations_in_either_order_twice_leave_a_working_command(tmp_path, sources, order):
+def test_both_installations_in_either_order_twice_leave_a_working_command(tmp_path, sources):
     place = Environment(tmp_path)
-    for turn in range(2):
-        for how in order:
-            place.python("-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation",
-                         "--disable-pip-version-check", *INSTALL[how], cwd=sources)
-            log = place.elsewhere / f"{turn}{how}.csv"
-            place.run(place.bin / "launchid", "simulate", "constant", "--period", "0.1", "--out", log)
-            table = place.run(place.bin / "launchid", "identify", log)
-            assert "samples accepted" in table
-            where = Path(place.python("-c", "import launchid_core; print(launchid_core.__file__)").strip())
-            assert where.is_relative_to(sources if how == "editable" else place.packages)
-            assert list(place.packages.rglob("*.nbi")) == []
+    for turn, how in enumerate(ORDER):
+        place.python("-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--disable-pip-version-check",
+                     *INSTALL[how], cwd=sources)
+        log = place.elsewhere / f"{turn}{how}.csv"
+        place.run(place.bin / "launchid", "simulate", "constant", "--period", "0.1", "--out", log)
+        table = place.run(place.bin / "launchid", "identify", log)
+        assert "samples accepted" in table
+        where = Path(place.python("-c", "import launchid_core; print(launchid_core.__file__)").strip())
+        assert where.is_relative_to(sources if how == "editable" else place.packages)
+        assert list(place.packages.rglob("*.nbi")) == []
 
 
 def test_caches_that_an_earlier_version_left_in_the_packages_shadow_nothing(tmp_path, sources):

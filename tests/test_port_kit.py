@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler
+from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler, some
 
 from benchmarks.port_stack import Graph, graph_of
 from sim.export_c.kit import exported
@@ -44,7 +44,7 @@ needs_make = pytest.mark.skipif(CC is None or shutil.which("make") is None, reas
 
 
 @needs_make
-@pytest.mark.parametrize("name", KITS)
+@pytest.mark.parametrize("name", some("filtered-vega-range", "lpv", of=KITS))
 def test_make_check_says_0_differences(name, tmp_path):
     done = make(kit(tmp_path, name), "check")
     assert (done.returncode, done.stderr) == (0, "")
@@ -85,8 +85,10 @@ def test_no_compiler_warns_of_the_checker(compiler, tmp_path):
 
 
 @needs_target
-@pytest.mark.parametrize("target", ["check-m7", "check-m4"])
-@pytest.mark.parametrize("name", KITS)
+@pytest.mark.parametrize(("name", "target"), [
+    ("lpv", "check-m7"), *(pytest.param(name, target, marks=pytest.mark.campaign)
+                           for name in KITS for target in ("check-m7", "check-m4")
+                           if (name, target) != ("lpv", "check-m7"))])
 def test_an_emulated_target_gives_the_same_bits(name, target, tmp_path):
     done = make(kit(tmp_path, name), target)
     assert (done.returncode, done.stderr) == (0, "")
@@ -113,9 +115,10 @@ def test_a_function_that_calls_itself_is_found():
         Graph('node: { title: "a" label: "a\\n1 bytes (static)" }\nedge: { sourcename: "a" targetname: "a" }').deepest()
 
 
-@pytest.mark.parametrize(("compiler", "flags"), [("gcc", []), (CROSS, HARD_M7), (CROSS, HARD_M4)],
-                         ids=["host", "m7", "m4"])
-@pytest.mark.parametrize("name", ["filtered-functions", "filtered-wind", "lpv"])
+@pytest.mark.parametrize(("compiler", "flags"), [
+    pytest.param("gcc", [], id="host"), pytest.param(CROSS, HARD_M7, id="m7", marks=pytest.mark.campaign),
+    pytest.param(CROSS, HARD_M4, id="m4", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("name", some("filtered-functions", of=("filtered-functions", "filtered-wind", "lpv")))
 def test_stack_of_all_calls_is_below_what_is_stated(name, compiler, flags, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} here")
@@ -128,7 +131,8 @@ LOOP = re.compile(r"^( *)for \(int64_t (\w+) = (.+); \2 (?:<|>) (.+); \2(?:\+\+|
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["filtered-vega-range", "filtered-functions", "filtered-wind", "integral-lasso"])
+@pytest.mark.parametrize("name", some("filtered-vega-range", "integral-lasso", of=(
+    "filtered-vega-range", "filtered-functions", "filtered-wind", "integral-lasso")))
 def test_no_loop_is_longer_than_the_largest_array(name, tmp_path):
     """Each is told its number of turns before it begins; the end is read once, so this is what it takes."""
     folder = kit(tmp_path, name)
