@@ -12,7 +12,7 @@ import numpy as np
 
 from . import ring as rb
 from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
-from .changes import KEPT, NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
+from .changes import JUMP_STD, KEPT, NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
 from .disturbances import let_offsets_wander, spread_at
 from .filtered import (
     BLOCK,
@@ -120,14 +120,18 @@ def remind(belief, fil, bank, work, dt):
 
 @once
 def accept_gust(belief, state, factor, dt):
-    """Where wind has begun beyond doubt the filter takes it over; returns whether it has."""
+    """Where wind has likely begun the filter takes it over; returns whether it has.
+
+    It may have been a loss of k1 after all, which a quiet loop tells no better from a gust: k1 is open as after an
+    alarm, so that the tracked estimate follows it and says that it is not known.
+    """
     gust = state.gust
     a, k = gust.mean.shape[0] - 2, gust.mean.shape[0] - 1
     if a < 0 or not is_gust(gust, factor, dt):  # below 0: a model without nuisances
         return False
     take_gust(belief, state.filter, state.acc, gust)
     restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
-                 gust.covariance[k, k])
+                 gust.covariance[k, k] + JUMP_STD * JUMP_STD)
     state.watch.counts[KEPT] = 0
     forget_blocks(state.check)
     forget_gust(gust)

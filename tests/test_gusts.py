@@ -9,7 +9,9 @@ import pytest
 from compiled import compiled
 
 from launchid_core import Config, Estimator
+from launchid_core import changes as ch
 from launchid_core import gusts as gu
+from launchid_core import onboard as ob
 from launchid_core.assembly import allocate
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
@@ -23,8 +25,8 @@ DECLARED = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 FAR = 4.0  # own standard deviations
 
-mix_gust, blow, see_block, carry_gust, follow_gust, take_gust = map(
-    compiled, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust))
+mix_gust, blow, see_block, carry_gust, follow_gust, take_gust, accept_gust = map(
+    compiled, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, ob.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:
@@ -126,6 +128,21 @@ def test_what_is_taken_over_is_what_the_hypothesis_believes(cut):
     assert fil.x + fil.s[:, term] @ (p - fil.p_bar) == pytest.approx(expected)
     assert fil.p == pytest.approx(spread) and np.array_equal(fil.p, fil.p.T)
     assert fil.level[5:].tolist() == [0.0, 0.0]
+
+
+def test_a_gust_that_is_taken_over_leaves_k1_open(cut):
+    """It may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
+    state = cut.state
+    mean, covariance = guessed(state.gust, 6)
+    state.watch.counts[ch.KEPT] = 5
+    unsure = -math.log(0.1 / gu.APART) + 0.01
+    assert not accept_gust(cut.fixed.belief, state, -1.0, 0.1)
+    state.gust.number[gu.SHARE] = 0.95
+    assert not accept_gust(cut.fixed.belief, state, unsure, 0.1) and state.watch.counts[ch.KEPT] == 5
+    assert accept_gust(cut.fixed.belief, state, unsure - 0.02, 0.1) and state.watch.counts[ch.KEPT] == 0
+    assert state.bank.total == pytest.approx([mean[-2], mean[-1], covariance[-2, -2], covariance[-2, -1],
+                                              covariance[-1, -1] + ch.JUMP_STD**2])
+    assert state.gust.number[gu.SHARE] == 0.0 and not state.gust.covariance.any()
 
 
 # ---- in flight
