@@ -9,6 +9,8 @@ alarm's threshold.  The threshold was chosen on seeds below 100000; the hours he
 
 --air wind: the nominal declares wind (walk 0.005 rad/sqrt(s), turbulence 0.01 rad) and offsets, which are flown; losses
 are flown with a multisine of 0.5 degrees rms on the command.  The floor is that of calm air.
+--air gust: the same is declared, and the air is calm but for one gust (GUST) in the clean flights; losses have no test
+input.
 """
 
 import argparse
@@ -22,12 +24,14 @@ from flights import NOMINALS, in_air, nominal, run_jobs
 from launchid_core import Config, Estimator, Status
 from launchid_core.changes import THRESHOLD
 from sim.bound.flights import known_state_information
+from sim.effects import from_text
 from sim.flight import Factor, Flight, dispersion, fly_whole
 from sim.identify import onboard_model
 from sim.nominal import Nominal, constant_profile
 
 LOSS = 0.3
 TURBULENCE = 0.01  # rad
+GUST = "gust:angle=0.02,time=40,duration=6"
 FIRST_MANOEUVRE = 6.5  # s
 LAST_ONSET_BEFORE_END = 8.0  # s
 INTERVAL = 1.96
@@ -40,6 +44,11 @@ def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
     rough = in_air(believed, "excited" if excited else "wind")
     assert rough.wind is not None
     return dataclasses.replace(rough, wind=dataclasses.replace(rough.wind, turbulence=TURBULENCE))
+
+
+def truth(believed: Nominal, name: str) -> Nominal:
+    """What flies: as declared, or in calm air."""
+    return dataclasses.replace(believed, wind=None, offsets=None) if name == "gust" else believed
 
 
 def staging() -> Nominal:
@@ -57,7 +66,8 @@ def clean_job(name: str, seed: int, around: str) -> tuple[float, int, list[tuple
     believed = air(nominal(name), around)
     delta = np.random.default_rng((733, seed)).uniform(-1.0, 1.0, 2)
     factors = dispersion(believed, *delta)
-    flight = fly_whole(believed, seed, a6_factor=factors[0], k1_factor=factors[1])
+    flight = fly_whole(truth(believed, around), seed, a6_factor=factors[0], k1_factor=factors[1],
+                       effects=[from_text(GUST)] if around == "gust" else ())
     est = estimator(believed, flight)
     for sample in flight.samples():
         est.update(sample)
@@ -67,7 +77,7 @@ def clean_job(name: str, seed: int, around: str) -> tuple[float, int, list[tuple
 
 def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
     """One flight with a loss: delay of the alarm, size and its std two seconds later, the floor of the delay."""
-    believed = air(staging() if name == "staging" else nominal(name), around, excited=True)
+    believed = air(staging() if name == "staging" else nominal(name), around, excited=around == "wind")
     fraction = 1.0 - 2.9 / 8.4 if name == "staging" else LOSS
     rng = np.random.default_rng((734, seed))
     delta = rng.uniform(-1.0, 1.0, 2)
@@ -79,7 +89,8 @@ def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
         assert callable(k1_box)
         return k1_box(t) * np.where(t >= onset, 1.0 - fraction, 1.0)
 
-    flight = fly_whole(believed, seed, a6_factor=a6_factor, k1_factor=k1_factor)
+    flown = truth(believed, around)
+    flight = fly_whole(flown, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     est = estimator(believed, flight)
     false_alarms = 0.0
     result = {"delay": math.inf, "onset_error": math.nan, "z": math.nan, "size_error": math.nan, "lost": flight.lost}
@@ -96,7 +107,7 @@ def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
                       z=error / first.size_std if first.final else math.nan,
                       size_error=error / abs(fraction * k1_before))
     result["false"] = false_alarms
-    result["floor"] = floor(believed, flight, onset, fraction, a6_factor, k1_box)
+    result["floor"] = floor(flown, flight, onset, fraction, a6_factor, k1_box)
     return result
 
 
@@ -147,7 +158,7 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--hours", type=float, default=30.0)
     parser.add_argument("--seed", type=int, default=100000)
-    parser.add_argument("--air", choices=["calm", "wind"], default="calm")
+    parser.add_argument("--air", choices=["calm", "wind", "gust"], default="calm")
     parser.add_argument("--nominal", choices=NOMINALS, action="append")
     args = parser.parse_args()
     names = tuple(args.nominal or NOMINALS)

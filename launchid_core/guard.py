@@ -208,6 +208,12 @@ def seal_watch(watch):
 
 
 @once
+def seal_gust(gust):
+    """Seal of the gust after calm."""
+    return xor_integer(fold(gust.mean), xor_integer(fold_rows(gust.covariance), fold(gust.number)))
+
+
+@once
 def seal_check(check):
     """Seal of the check of the model."""
     seal = xor_integer(fold_rows(check.mean), fold_integers(check.seen, check.seen.shape[0]))
@@ -241,8 +247,9 @@ def seal_carried(state, learner, gauge):
     """Seal of all that the filtered formulation carries from block to block."""
     seal = xor_integer(seal_filter(state.filter), seal_accumulator(state.acc))
     seal = xor_integer(seal, xor_integer(seal_bank(state.bank), seal_watch(state.watch)))
-    seal = xor_integer(seal, xor_integer(seal_check(state.check), seal_learner(learner)))
-    seal = xor_integer(seal, xor_integer(seal_gauge(gauge), fold_rows(state.repeats)))
+    seal = xor_integer(seal, xor_integer(seal_check(state.check), seal_gust(state.gust)))
+    seal = xor_integer(seal, xor_integer(seal_learner(learner), seal_gauge(gauge)))
+    seal = xor_integer(seal, fold_rows(state.repeats))
     return xor_integer(seal, fold_integers(state.active, state.active.shape[0]))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from . import ring as rb
 from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
-from .changes import NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
+from .changes import JUMP_STD, KEPT, NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
 from .disturbances import let_offsets_wander, spread_at
 from .filtered import (
     BLOCK,
@@ -43,6 +43,7 @@ from .guard import (
     seal_carried,
     seal_newest,
 )
+from .gusts import follow_gust, forget_gust, is_gust, take_gust
 from .kernels import inner, merged, once
 from .model import TURBULENCE
 from .predictor import begins_anew
@@ -72,6 +73,7 @@ from .whiteness import (
     RAISED,
     contradict,
     drop_blocks,
+    forget_blocks,
     judge_window,
     likelihood_of_chance,
     queue_block,
@@ -116,19 +118,42 @@ def remind(belief, fil, bank, work, dt):
         mix(bank)
 
 
+@once
+def accept_gust(belief, state, factor, dt):
+    """Where wind has likely begun the filter takes it over; returns whether it has.
+
+    It may have been a loss of k1 after all, which a quiet loop tells no better from a gust: k1 is open as after an
+    alarm, so that the tracked estimate follows it and says that it is not known.
+    """
+    gust = state.gust
+    a, k = gust.mean.shape[0] - 2, gust.mean.shape[0] - 1
+    if a < 0 or not is_gust(gust, factor, dt):  # below 0: a model without nuisances
+        return False
+    take_gust(belief, state.filter, state.acc, gust)
+    restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
+                 gust.covariance[k, k] + JUMP_STD * JUMP_STD)
+    state.watch.counts[KEPT] = 0
+    forget_blocks(state.check)
+    forget_gust(gust)
+    return True
+
+
 @inner
 def watch_block(fixed, state, work, dt, t_end):
-    """Track the block and look for a sudden change; returns True if the alarm was raised."""
+    """Track the block and look for a sudden change; returns True if the filter's state was moved by one, or by a gust
+    after calm: nothing before goes with what follows."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
     queue_block(state.check, fil.level, bank.total)
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
     block = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
     remind(fixed.belief, fil, bank, work.bank, dt)
+    newest = (state.watch.counts[NEXT] - 1) % ONSETS
+    still = follow_gust(fixed.belief, fil, state.gust, work.gust, work.acc.pair, state.watch.before[newest], dt, still)
     factor, slot, kind = follow_onsets(state.watch, work.acc.column, work.acc.pair, fil.s, dt, still)
     if not factor > THRESHOLD or state.check.flag[RAISED] == 1:
         settle_event(state.watch, bank.total)
-        return False
+        return state.check.flag[RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
     before = state.watch.before[slot]
     blocks = (state.watch.counts[NEXT] - 1 - slot) % ONSETS + 1
     drop_blocks(state.check, blocks, t_end)
@@ -136,6 +161,7 @@ def watch_block(fixed, state, work, dt, t_end):
     jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
          belief[MEAN_A6], belief[MEAN_K1])
     restart_bank(bank, belief[MEAN_A6], belief[MEAN_K1], belief[VAR_A6], belief[COV], belief[VAR_K1])
+    forget_gust(state.gust)
     return True
 
 
@@ -160,8 +186,8 @@ def close_block(fixed, state, work, learner, learning, period):
     dt = t_end - acc.start[0] + period
     reduce_block(acc, work.acc, belief.term[AT_THETA], belief.term[AT_BETA])
     advance_psi(fil, acc, work.acc)
-    alarm = watch_block(fixed, state, work, dt, t_end)
-    if alarm:  # the window begins again, and nothing of this block is noise or structure
+    moved = watch_block(fixed, state, work, dt, t_end)
+    if moved:  # the window begins again, and nothing of this block is noise or structure
         begin_window(fixed, state, t_end)
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
@@ -195,6 +221,8 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
         anew = begins_anew(fil, row[rb.T], max_gap)
         if (anew and fil.time[RUNNING] == 1.0) or acc.counts[ROWS] > 3 * (BLOCK - 1):
             close_block(fixed, state, work, learner, learning, period)
+        if anew:
+            forget_gust(state.gust)
         if acc.counts[ROWS] == 0:
             acc.start[0] = row[rb.T]
         take_sample(belief, fil, work.filter, acc, state.check, row, max_gap)

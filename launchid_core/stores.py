@@ -8,6 +8,7 @@ from . import ring as rb
 from .belief import Belief, view_belief
 from .changes import Watch, view_watch
 from .filtered import Accumulator, AccumulatorWork, start_window, view_accumulator, view_accumulator_work
+from .gusts import Gust, gust_size, view_gust
 from .kernels import shared
 from .memory import take, take2
 from .states import Filter, FilterWork, view_filter, view_filter_work
@@ -43,6 +44,7 @@ class State(NamedTuple):
     acc: Accumulator
     bank: Bank
     watch: Watch
+    gust: Gust
     check: Check
     active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
     repeats: np.ndarray  # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
@@ -54,6 +56,7 @@ class Work(NamedTuple):
     filter: FilterWork
     acc: AccumulatorWork
     bank: BankWork
+    gust: np.ndarray    # (g,)
 
 
 @shared
@@ -74,10 +77,11 @@ def view_state(f, at, i, m, q, rows, n, levels):
     acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
     bank, at, m = view_bank(f, at, i, m)
     watch, at, m = view_watch(f, at, i, m, n)
+    gust, at = view_gust(f, at, n)
     check, at, m = view_check(f, at, i, m)
     active, m = take(i, m, q)
     repeats, at = take2(f, at, N_WATCHED, N_LEARNED)
-    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, check, active, repeats), at, m
+    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, gust, check, active, repeats), at, m
 
 
 @shared
@@ -86,7 +90,8 @@ def view_work(f, at, i, m, q, n, levels):
     fil, at, m = view_filter_work(f, at, i, m, q, n, levels)
     acc, at, m = view_accumulator_work(f, at, i, m, q, n, levels)
     bank, at, m = view_bank_work(f, at, i, m)
-    return Work(fil, acc, bank), at, m
+    gust, at = take(f, at, gust_size(n))
+    return Work(fil, acc, bank, gust), at, m
 
 
 def restart(fixed: Fixed, state: State, learner: Learner | None) -> None:

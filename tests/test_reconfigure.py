@@ -109,6 +109,32 @@ def test_too_uncertain_estimate_is_not_believed(std):
     assert rule.believe(30.0, tracked(rule, 30.0, 1.2, 0.8, std)) is None
 
 
+def test_where_a6_is_not_known_k1_alone_is_believed():
+    """In wind: a6 known to a half, k1 to 3 %."""
+    rule = rc.Rule(nominal("constant"))
+    rough = tracked(rule, 30.0, 1.2, 0.8, 0.03)._replace(a6_std=1.0)
+    assert rule.spread(30.0, rough) > rc.NOT_SURE >= rule.spread_of_k1(30.0, rough)
+    assert rule.believe(30.0, rough) == pytest.approx((1.0, 0.8))
+
+
+def test_the_worse_of_two_is_not_flown_because_the_better_is_not_sure():
+    """45 % of k1 lost and known to 12 %: wn^2 is known to 20 %, the legacy gains miss it by 60."""
+    rule = rc.Rule(nominal("constant"))
+    rough = tracked(rule, 30.0, 1.0, 0.55, 0.12)
+    assert rc.NOT_SURE < rule.spread(30.0, rough) < 0.25
+    assert rule.missed(30.0, rough) == pytest.approx(0.45 * 8.4 / 6.4)  # kp |k1| = 8.4 less a6 = 2
+    assert rule.believe(30.0, rough) == pytest.approx((1.0, 0.55))
+    assert rule.believe(30.0, tracked(rule, 30.0, 1.0, 0.85, 0.12)) is None  # 20 % missed, known to 17
+    assert rule.believe(30.0, tracked(rule, 30.0, 1.0, 1.60, 0.12)) is None
+
+
+def test_who_knows_the_truth_flies_it_late():
+    scheduler = rc.Knowing(nominal("constant"), 1.2, lambda t: np.where(t >= 30.0, 0.55, 1.0))
+    for t, k1 in ((0.0, 1.0), (30.19, 1.0), (30.21, 0.55)):
+        scheduler.take([Sample(t, 0.0, 0.0, 0.0)])
+        assert scheduler.belief == pytest.approx((1.2, k1))
+
+
 @pytest.mark.parametrize("wrong", [
     None, Tracked(False, *[math.nan] * 5), Tracked(True, math.nan, -7.0, 0.1, 0.1, 0.0),
     Tracked(True, 2.0, -7.0, math.nan, 0.1, 0.0), Tracked(True, 2.0, 7.0, 0.01, 0.01, 0.0),

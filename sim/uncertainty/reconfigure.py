@@ -9,15 +9,21 @@ wn is at least max(sqrt(a6), 1 rad/s): below sqrt(a6) the gain kp |k1| would be 
 What is believed.  At each closed window the tracked a6, k1, as ratios to the nominal, which carry them on between
 windows.  The window is short: the tracked estimate has all data whatever the window, which only says how often it may
 be read, and 0.2 s after the alarm of a lost k1 it knows what is left to 3 %.  (`Estimator.changes` gives the size of a
-change two seconds later, so only its alarm is used.)  An estimate is used while it predicts wn^2 better than NOT_SURE;
-else the ratios are 1, which gives the legacy gains back to the bit, but for HOLD after an alarm, when the estimate has
-just been opened and the last belief is the better one.  Without a bump: the controller's only memory is the error and
-its filtered derivative, which know no gains, and the gains move at a limited rate.
+change two seconds later, so only its alarm is used.)  An estimate is used while it predicts wn^2 better than NOT_SURE.
+In wind a6, which the wind multiplies, is known late and k1 well; then k1 alone is used, while it predicts kp |k1|, the
+loop's gain, as well: kp_0 |k1_0|/|k1| and kd_0 |k1_0|/|k1| give the loop the nominal's gain at all frequencies, and
+what a6 does to wn^2 is what it does to the legacy loop.  A worse one still is used while the legacy gains are beyond
+doubt the worse choice: where it says that they miss wn^2 by more than DOUBT of its standard deviations, as after a loss
+of k1 that wind leaves known to 10 %.  Else the ratios are 1, which gives the legacy gains back to the bit, but for HOLD
+after an alarm, when the estimate has just been opened and the last belief is the better one.  Without a bump: the
+controller's only memory is the error and its filtered derivative, which know no gains, and the gains move at a limited
+rate.
 
 Assumptions: kp, kd > 0 and k1 < 0, as in all nominals; a nominal without [vehicle.terms] (`onboard_model`'s).
 Limitation: the supervisor looks every SUPERVISION seconds, as a slower task beside the controller would.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -34,6 +40,7 @@ from ..vehicle import step as st
 
 WINDOW_ROWS = 20      # samples in the estimator's window, 0.2 s at 100 Hz: how often the tracked estimate is read
 HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
+LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
 SUPERVISION = 0.1     # s, between looks at the estimator: its own block of samples
 SLOWEST = 1.0         # rad/s, least wn: slower than guidance, the attitude would not follow (issue 5)
 LEAST = 1.0           # of the legacy gain.  The rule asks for less when the vehicle is stiffer than believed, and what
@@ -45,6 +52,7 @@ MOST = 2.5            # of the legacy gain.  45 % of k1 lost and a6 up 60 % ask 
 RATE = 4.0            # of the legacy gain, 1/s: the 1.8 that a loss of 45 % asks for is there in 0.2 s, as long as the
 # estimate needed.  In 100 greensite flights that lose 45 %: 30 lost at 1/s, 21 at 4/s, 18 at 20/s, where a period of
 # the controller could step the command by 20 % of it
+DOUBT = 1.96          # standard deviations, 95 %
 NOT_SURE = 0.15       # std of wn^2 relative to itself; a box of sigma 0.25 alone makes it 0.19: no better, no change
 
 
@@ -107,35 +115,46 @@ class Rule:
         s_a, s_k = tracked.a6_std, gain * tracked.k1_std
         return math.sqrt(max(s_a**2 + s_k**2 + 2.0 * tracked.a6_k1_corr * s_a * s_k, 0.0)) / wn2
 
+    def spread_of_k1(self, t: float, tracked: Tracked) -> float:
+        """The same of gains from its k1 and the nominal's a6, a6 being what it may."""
+        kp, _ = self.legacy
+        a6_0, k1_0 = self.at(t)
+        wn2 = max(kp * abs(k1_0) - a6_0, SLOWEST**2)
+        return (wn2 + a6_0) * tracked.k1_std / abs(tracked.k1) / wn2
+
+    def missed(self, t: float, tracked: Tracked) -> float:
+        """By how much the legacy gains' wn^2 is below their own at the nominal if this is true, relative to it."""
+        kp, _ = self.legacy
+        a6_0, k1_0 = self.at(t)
+        wn2 = kp * abs(k1_0) - a6_0
+        return (wn2 - (kp * abs(tracked.k1) - tracked.a6)) / max(wn2, SLOWEST**2)
+
     def believe(self, t: float, tracked: Tracked | None) -> Belief | None:
-        """The tracked estimate at t [s] as ratios; None when it is invalid or too uncertain."""
+        """The tracked estimate at t [s] as ratios, that of a6 1 if k1 alone is known; None when it is invalid or too
+        uncertain."""
         if tracked is None or not tracked.valid or not all(map(math.isfinite, tracked)) or tracked.k1 >= 0.0:
             return None
-        if self.spread(t, tracked) > NOT_SURE:
-            return None
         a6_0, k1_0 = self.at(t)
-        return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
+        if self.spread(t, tracked) <= NOT_SURE:
+            return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
+        if self.spread_of_k1(t, tracked) <= NOT_SURE:
+            return Belief(1.0, tracked.k1 / k1_0)
+        if self.missed(t, tracked) > DOUBT * self.spread(t, tracked):
+            return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
+        return None
 
 
-class Supervisor:
-    """Beside the controller: samples in, gains out."""
+class Scheduler:
+    """Beside the controller: a belief in, gains out."""
 
-    def __init__(self, nominal: Nominal, sample_period: float) -> None:
+    def __init__(self, nominal: Nominal) -> None:
         self.rule = Rule(nominal)
-        self.estimator = Estimator(Config(window=WINDOW_ROWS * sample_period, sample_period=sample_period,
-                                          formulation="filtered", model=onboard_model(nominal)))
         self.belief = NOMINAL
         self.gains = self.rule.legacy
 
     def take(self, samples: list[Sample]) -> None:
-        """New samples: what the estimator says of them is believed at once."""
-        for sample in samples:
-            if self.estimator.update(sample) == Status.WINDOW_COMPLETE:
-                estimate = self.estimator.estimate()
-                assert estimate is not None
-                changes = self.estimator.changes()
-                held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL
-                self.belief = self.rule.believe(estimate.t_end, estimate.tracked) or held
+        """New samples, one at least."""
+        raise NotImplementedError
 
     def target(self, t: float) -> tuple[float, float]:
         """The gains asked for at t [s]."""
@@ -147,6 +166,38 @@ class Supervisor:
                   for now, to, legacy in zip(self.gains, target, self.rule.legacy, strict=True))
         self.gains = kp, kd
         return self.gains
+
+
+class Supervisor(Scheduler):
+    """What flies: what the estimator says of the samples is believed at once."""
+
+    def __init__(self, nominal: Nominal, sample_period: float) -> None:
+        super().__init__(nominal)
+        self.estimator = Estimator(Config(window=WINDOW_ROWS * sample_period, sample_period=sample_period,
+                                          formulation="filtered", model=onboard_model(nominal)))
+
+    def take(self, samples: list[Sample]) -> None:
+        """The estimator's samples."""
+        for sample in samples:
+            if self.estimator.update(sample) == Status.WINDOW_COMPLETE:
+                estimate = self.estimator.estimate()
+                assert estimate is not None
+                changes = self.estimator.changes()
+                held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL
+                self.belief = self.rule.believe(estimate.t_end, estimate.tracked) or held
+
+
+class Knowing(Scheduler):
+    """What no estimator can beat: the true ratios, LATE.  Says which losses the rule itself leaves."""
+
+    def __init__(self, nominal: Nominal, a6_factor: Factor, k1_factor: Factor) -> None:
+        super().__init__(nominal)
+        self.factors = a6_factor, k1_factor
+
+    def take(self, samples: list[Sample]) -> None:
+        """The last sample's time alone."""
+        t = np.array(max(samples[-1].t - LATE, 0.0))
+        self.belief = Belief(*(float(factor(t)) if callable(factor) else factor for factor in self.factors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,33 +229,47 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
 def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
     """The flight whose gains follow the estimates; the same noise as `fly_legacy`'s, draw for draw."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
+    supervisor = Supervisor(nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
+    flown = _fly(vehicle, steps, supervisor)
+    return dataclasses.replace(flown, changes=supervisor.estimator.changes())
+
+
+def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
+    """The flight whose gains follow the truth, LATE; the same noise again."""
+    vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
+    return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
+
+
+def _fly(vehicle: st.Vehicle, steps: int, scheduler: Scheduler) -> Flown:
+    """The whole flight, the scheduler beside it."""
     counter, h = vehicle.counter, float(vehicle.constant[st.STEP])
     every, tick = int(counter[st.LOG_EVERY]), int(counter[st.CONTROL_EVERY])
-    supervisor = Supervisor(nominal, every * h)
     rows = np.empty((-(-steps // every), len(st.COLUMNS)))
     gains = np.empty((len(rows), 2))
     turn = max(1, round(SUPERVISION / (tick * h))) * tick
     for start in range(0, steps, turn):
         seen = int(counter[st.ROWS])
-        _fly_turn(vehicle, supervisor, range(start, min(start + turn, steps), tick), rows, gains)
+        _fly_turn(vehicle, scheduler, range(start, min(start + turn, steps), tick), rows, gains)
         if counter[st.LOST]:
             break
-        supervisor.take([_sample(row) for row in rows[seen:counter[st.ROWS]].tolist()])
+        new = rows[seen:counter[st.ROWS]].tolist()
+        if new:
+            scheduler.take([_sample(row) for row in new])
     n = int(counter[st.ROWS])
-    return Flown(rows[:n], gains[:n], every * h, bool(counter[st.LOST]), supervisor.estimator.changes())
+    return Flown(rows[:n], gains[:n], every * h, bool(counter[st.LOST]))
 
 
-def _fly_turn(vehicle: st.Vehicle, supervisor: Supervisor, ticks: range, rows: np.ndarray,
+def _fly_turn(vehicle: st.Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
               gains: np.ndarray) -> None:
     """The controller's periods (as steps) until the supervisor looks again; in one go once the gains are there."""
     constant, counter = vehicle.constant, vehicle.counter
-    target = supervisor.target(ticks.start * constant[st.STEP])
+    target = scheduler.target(ticks.start * constant[st.STEP])
     for start in ticks:
-        constant[st.KP], constant[st.KD] = supervisor.move(target, constant[st.PERIOD])
-        settled = supervisor.gains == target
+        constant[st.KP], constant[st.KD] = scheduler.move(target, constant[st.PERIOD])
+        settled = scheduler.gains == target
         first = counter[st.ROWS]
         st.advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
-        gains[first:counter[st.ROWS]] = supervisor.gains
+        gains[first:counter[st.ROWS]] = scheduler.gains
         if settled or counter[st.LOST]:
             return
 
