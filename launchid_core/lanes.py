@@ -8,7 +8,6 @@ knows.  Positions start .. stop-1 must lie inside the vectors, and start <= stop
 from collections.abc import Callable
 from typing import Any
 
-import llvmlite.ir
 import numpy as np
 from numba import extending
 from numba.core import cgutils, types
@@ -18,7 +17,7 @@ from .parts import OF_A_PART
 LANES = 4
 
 _extending: Any = extending  # typed by numba only in part
-ir: Any = llvmlite.ir
+ir: Any = cgutils.ir  # llvmlite's, by way of numba
 _AS_WRITTEN: dict[str, Any] = {"_nrt": False, "forceinline": True, **OF_A_PART}
 _NUMBER = ir.DoubleType()
 _VECTOR = ir.VectorType(_NUMBER, LANES)
