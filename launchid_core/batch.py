@@ -6,9 +6,9 @@ import numpy as np
 
 from . import ring as rb
 from .kernels import shared
-from .library import CODE_LENGTH, MAX_POWER, N_VARIABLES
+from .library import CODE_LENGTH, N_VARIABLES
 from .memory import take, take2
-from .sparse import SparseWork, view_sparse
+from .sparse import SparseWork, Whole, view_sparse, view_whole
 from .stuck import N_LEARNED, N_WATCHED
 from .window import EQUATIONS, Outcome, view_outcome
 
@@ -55,12 +55,10 @@ class Work(NamedTuple):
     target: np.ndarray      # (3*p,)
     centre: np.ndarray      # (4,)
     scale: np.ndarray       # (4,)
-    raw: np.ndarray         # (4,)
-    z: np.ndarray           # (4,)
-    powers: np.ndarray      # (4, MAX_POWER + 1)
-    row: np.ndarray         # (q,)
-    previous: np.ndarray    # (q,)
-    running: np.ndarray     # (q,)
+    raw: np.ndarray         # (4, m) theta, theta_dot, beta, tau by row
+    z: np.ndarray           # (4, m) the same, standardised
+    half: np.ndarray        # (m,) half the time since the row before
+    value: np.ndarray       # (m,) a library column at every row
     order: np.ndarray       # (q,) int64
     tau: np.ndarray         # (q,)
     norms: np.ndarray       # (q,)
@@ -68,6 +66,7 @@ class Work(NamedTuple):
     mt: np.ndarray          # (q, q)
     xi: np.ndarray          # (q,)
     active: np.ndarray      # (q,) int64
+    whole: Whole
     sparse: SparseWork
     drift: np.ndarray       # (2*p,) drift columns, later in the coordinates of the factor
     extended: np.ndarray    # ((q + 2)*p,) active and drift columns, and their factor
@@ -80,8 +79,9 @@ class Work(NamedTuple):
     scores: np.ndarray      # (2*p,) of a6 and k1
     change: np.ndarray      # (2,) of a6 and k1 where they may drift
     covariance: np.ndarray  # (2, 2)
-    tried: np.ndarray       # (q,) int64
     trial: np.ndarray       # (q,)
+    direction: np.ndarray   # (1, q)
+    length: np.ndarray      # (1,)
 
 
 @shared
@@ -118,12 +118,10 @@ def view_work(f, at, i, m, q, rows, p):
     target, at = take(f, at, EQUATIONS * p)
     centre, at = take(f, at, N_VARIABLES)
     scale, at = take(f, at, N_VARIABLES)
-    raw, at = take(f, at, N_VARIABLES)
-    z, at = take(f, at, N_VARIABLES)
-    powers, at = take2(f, at, N_VARIABLES, MAX_POWER + 1)
-    row, at = take(f, at, q)
-    previous, at = take(f, at, q)
-    running, at = take(f, at, q)
+    raw, at = take2(f, at, N_VARIABLES, rows)
+    z, at = take2(f, at, N_VARIABLES, rows)
+    half, at = take(f, at, rows)
+    value, at = take(f, at, rows)
     order, m = take(i, m, q)
     tau, at = take(f, at, q)
     norms, at = take(f, at, q)
@@ -131,6 +129,7 @@ def view_work(f, at, i, m, q, rows, p):
     mt, at = take2(f, at, q, q)
     xi, at = take(f, at, q)
     active, m = take(i, m, q)
+    whole, at, m = view_whole(f, at, i, m, q)
     sparse, at, m = view_sparse(f, at, i, m, q)
     width = q + PAIR
     drift, at = take(f, at, PAIR * p)
@@ -144,9 +143,10 @@ def view_work(f, at, i, m, q, rows, p):
     scores, at = take(f, at, PAIR * p)
     change, at = take(f, at, PAIR)
     covariance, at = take2(f, at, PAIR, PAIR)
-    tried, m = take(i, m, q)
     trial, at = take(f, at, q)
-    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, powers, row, previous,
-                running, order, tau, norms, tt, mt, xi, active, sparse, drift, extended, extended_order, extended_tau,
+    direction, at = take2(f, at, 1, q)
+    length, at = take(f, at, 1)
+    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, half, value, order, tau,
+                norms, tt, mt, xi, active, whole, sparse, drift, extended, extended_order, extended_tau,
                 extended_norms, extended_solution, extended_inverse, residual, scores, change, covariance,
-                tried, trial), at, m
+                trial, direction, length), at, m

@@ -34,16 +34,14 @@ def mark_segments(time, n, max_gap, segment):
 
 @once
 def newton_slope(time, x, first, points, at):
-    """Slope at time[at] of the polynomial through `points` (2..5) rows from `first` on.
+    """Slope at time[at] of the polynomial through `points` (2..4) rows from `first` on.
 
-    Newton's divided differences, built in five scalars so that nothing is allocated.
+    Newton's divided differences, built in scalars so that nothing is allocated.
     """
-    c0, c1, c2, c3, c4 = x[first], 0.0, 0.0, 0.0, 0.0
     t0, t1 = time[first], time[first + 1]
     s = time[at]
-    d01 = (x[first + 1] - c0) / (t1 - t0)
-    c1 = d01
-    slope = c1
+    d01 = (x[first + 1] - x[first]) / (t1 - t0)
+    slope = d01
     if points > 2:
         t2 = time[first + 2]
         d12 = (x[first + 2] - x[first + 1]) / (t2 - t1)
@@ -55,16 +53,40 @@ def newton_slope(time, x, first, points, at):
             d23 = (x[first + 3] - x[first + 2]) / (t3 - t2)
             d123 = (d23 - d12) / (t3 - t1)
             c3 = (d123 - c2) / (t3 - t0)
-            a2 = s - t2
-            slope += c3 * (a0 * a1 + (a0 + a1) * a2)
-            if points > 4:
-                t4 = time[first + 4]
-                d34 = (x[first + 4] - x[first + 3]) / (t4 - t3)
-                d234 = (d34 - d23) / (t4 - t2)
-                c4 = ((d234 - d123) / (t4 - t1) - c3) / (t4 - t0)
-                a3 = s - t3
-                slope += c4 * ((a0 + a1) * a2 * a3 + a0 * a1 * (a2 + a3))
+            slope += c3 * (a0 * a1 + (a0 + a1) * (s - t2))
     return slope
+
+
+@once
+def slopes_of_piece(time, x, first, end, slope):
+    """Slopes at the rows first..end-1 of a gap-free piece of at least STENCIL rows.
+
+    As `newton_slope`; from stencil to stencil the differences move on by a row, so that four are new instead of ten.
+    """
+    d01 = (x[first + 1] - x[first]) / (time[first + 1] - time[first])
+    d12 = (x[first + 2] - x[first + 1]) / (time[first + 2] - time[first + 1])
+    d23 = (x[first + 3] - x[first + 2]) / (time[first + 3] - time[first + 2])
+    d012 = (d12 - d01) / (time[first + 2] - time[first])
+    d123 = (d23 - d12) / (time[first + 3] - time[first + 1])
+    d0123 = (d123 - d012) / (time[first + 3] - time[first])
+    for start in range(first, end - STENCIL + 1):
+        t0, t1, t2, t3, t4 = time[start], time[start + 1], time[start + 2], time[start + 3], time[start + 4]
+        d34 = (x[start + 4] - x[start + 3]) / (t4 - t3)
+        d234 = (d34 - d23) / (t4 - t2)
+        d1234 = (d234 - d123) / (t4 - t1)
+        c4 = (d1234 - d0123) / (t4 - t0)
+        low = first if start == first else start + STENCIL // 2
+        high = end if start == end - STENCIL else start + STENCIL // 2 + 1
+        for at in range(low, high):
+            a0, a1, a2, a3 = time[at] - t0, time[at] - t1, time[at] - t2, time[at] - t3
+            value = d01
+            value += d012 * (a0 + a1)
+            value += d0123 * (a0 * a1 + (a0 + a1) * a2)
+            value += c4 * ((a0 + a1) * a2 * a3 + a0 * a1 * (a2 + a3))
+            slope[at] = value
+        d01, d12, d23 = d12, d23, d34
+        d012, d123 = d123, d234
+        d0123 = d1234
 
 
 @inner
@@ -80,8 +102,10 @@ def differentiate(time, x, n, segment, slope):
     for end in range(1, n + 1):
         if end < n and segment[end] == segment[first]:
             continue
-        points = min(STENCIL, end - first)
-        for i in range(first, end):
-            start = min(max(i - points // 2, first), end - points)
-            slope[i] = newton_slope(time, x, start, points, i) if points > 1 else float("nan")
+        points = end - first
+        if points >= STENCIL:
+            slopes_of_piece(time, x, first, end, slope)
+        else:
+            for i in range(first, end):
+                slope[i] = newton_slope(time, x, first, points, i) if points > 1 else float("nan")
         first = end

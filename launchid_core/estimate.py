@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,3 +133,13 @@ class Estimate:
     offsets: Mapping[str, Offset] = field(default_factory=dict)
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
+
+
+def made_estimate(**values: Any) -> Estimate:
+    """`Estimate(**values)` with every field given, in a fifth of the time, which a log's replay is made of.
+
+    (A frozen dataclass sets each field through `object.__setattr__`.)
+    """
+    estimate = object.__new__(Estimate)
+    estimate.__dict__.update(values)
+    return estimate

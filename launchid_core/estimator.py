@@ -17,15 +17,17 @@ from .assembly import allocate, is_ranged, is_structured, restart, state_arrays
 from .belief import A6
 from .config import Config
 from .elementary import exp_of
-from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
+from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, made_estimate
 from .model import OFFSETS, Model
 from .sample import NAN, Sample
 from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS
 from .status import EstimateStatus, Status
 from .stores import State
 
-_STATUSES = tuple(Status(code) for code in range(Status.BUSY, Status.RECOVERED + 1))
-_ESTIMATE_STATUSES = frozenset(EstimateStatus)
+_STATUSES = tuple(Status(code) for code in (*range(Status.RECOVERED + 1), *range(Status.BUSY, 0)))  # from the end: < 0
+_ESTIMATE_STATUSES = {int(status): status for status in EstimateStatus}
+_OK, _NUMERICS = EstimateStatus.OK, EstimateStatus.NUMERICS
+_RECOVERED = rb.RECOVERED
 _NOTES = {"OUTLIER": OUTLIERS, "RESTART": RESTARTS, "LEVEL_CLAMP": LEVEL_CLAMPS}
 
 
@@ -40,6 +42,7 @@ class Estimator:
         self.config = config
         self._block, self._parts = allocate(config)
         self._step, self._options = _entry(config)
+        self._terms = config.terms
         self._busy = False
         self._compile()
 
@@ -105,7 +108,7 @@ class Estimator:
             raise TypeError(_no_sample(sample)) from None
         finally:
             self._busy = False
-        return _STATUSES[code - rb.BUSY] if code != rb.RECOVERED else self._begin_anew(sample)
+        return _STATUSES[code] if code != _RECOVERED else self._begin_anew(sample)
 
     def replay(self, samples: np.ndarray | Iterable[Sample]) -> list[Estimate]:
         """Take samples (n, 7) in one call, as `update` would one by one; the estimate of every window that closed.
@@ -147,23 +150,22 @@ class Estimator:
         if state.counts[rb.ESTIMATES] == 0:
             return None
         outcome = state.outcome
-        number = [float(x) for x in outcome.number]
-        flag = int(outcome.flag[wn.STATUS])
-        status = EstimateStatus(flag) if flag in _ESTIMATE_STATUSES else EstimateStatus.NUMERICS
+        number, flag = outcome.number.tolist(), outcome.flag.tolist()
+        status = _ESTIMATE_STATUSES.get(flag[wn.STATUS], _NUMERICS)
         xi, support = outcome.xi.copy(), outcome.support == 1
-        xi.flags.writeable = support.flags.writeable = False
-        t_start = float(state.clock[rb.T_CLOSED])
-        return Estimate(
-            t_start=t_start, t_end=t_start + self.config.window, valid=status == EstimateStatus.OK, status=status,
+        xi.setflags(write=False)
+        support.setflags(write=False)
+        t_start = state.clock.item(rb.T_CLOSED)
+        return made_estimate(
+            t_start=t_start, t_end=t_start + self.config.window, valid=status == _OK, status=status,
             a6=number[wn.O_A6], k1=number[wn.O_K1], a6_std=number[wn.O_A6_STD], k1_std=number[wn.O_K1_STD],
             a6_k1_corr=number[wn.O_CORRELATION], a6_dot=number[wn.O_A6_DOT], k1_dot=number[wn.O_K1_DOT],
             a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
-            xi=xi, support=support, terms=self.config.terms,
-            absent=_limits(self.config.terms, outcome.absent),
-            rows=int(outcome.flag[wn.USED]), gaps=int(outcome.flag[wn.GAPS_SEEN]),
+            xi=xi, support=support, terms=self._terms, absent=_limits(self._terms, outcome.absent),
+            rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report),
-            whiteness=number[wn.O_WHITENESS], **_air(report, self.config.model))
+            whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)))
 
     def changes(self) -> tuple[Change, ...]:
         """Sudden changes found so far, oldest first (the last MAX_EVENTS alarms; formulation `filtered`)."""
@@ -225,8 +227,8 @@ def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:
 
 def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
     """Of the terms that are not active, by name."""
-    return MappingProxyType({term: limit for term, limit in zip(terms, absent.tolist(), strict=True)
-                             if not math.isnan(limit)})
+    limits = absent.tolist()
+    return MappingProxyType({term: limit for term, limit in zip(terms, limits, strict=True) if not math.isnan(limit)})
 
 
 def _numbers(values: np.ndarray) -> list[float]:
@@ -234,10 +236,13 @@ def _numbers(values: np.ndarray) -> list[float]:
     return [NAN if math.isnan(x) else x for x in values.tolist()]
 
 
-def _air(report: rp.Report | None, model: Model | None) -> dict[str, Any]:
+_CALM: dict[str, Any] = {"wind": NAN, "wind_std": NAN, "offsets": MappingProxyType({})}
+
+
+def _air(report: rp.Report, model: Model | None) -> dict[str, Any]:
     """Wind and offsets out of a report, as fields of `Estimate`."""
-    if report is None or model is None:
-        return {}
+    if model is None:
+        return _CALM
     wind, wind_std = _numbers(report.air)
     offsets = {name: Offset(*_numbers(report.offset[k])) for k, name in enumerate(OFFSETS)
                if getattr(model, name) > 0.0}

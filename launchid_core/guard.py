@@ -120,8 +120,10 @@ def are_rows_whole(ring, seals, counts):
     if first < 0:
         first += capacity
     whole = True
-    for i in range(n):
-        whole = whole and is_row_whole(ring, seals, (first + i) % capacity)
+    at = first
+    for _ in range(n):
+        whole = whole and is_row_whole(ring, seals, at)
+        at = at + 1 if at + 1 < capacity else 0
     return whole
 
 

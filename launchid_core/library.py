@@ -21,6 +21,7 @@ import numpy as np
 
 from .elementary import cos_of, sin_of
 from .kernels import inner, once
+from .lanes import multiply
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
 N_VARIABLES = 4
@@ -143,7 +144,7 @@ def centred_variables(codes: np.ndarray) -> np.ndarray:
 BINOMIAL = np.array([[math.comb(n, k) for k in range(MAX_POWER + 1)] for n in range(MAX_POWER + 1)], dtype=np.float64)
 
 
-@once
+@inner
 def function_value(function, x):
     """Value of function number `function` (index into FUNCTIONS) at x; 1 for none, sign(0) = 0."""
     if function == 1:
@@ -178,6 +179,62 @@ def library_row(codes, raw, z, powers, row):
 
 
 @once
+def multiply_by_power(column, base, power, n):
+    """column[i] *= base[i]^power, the power first; power >= 1."""
+    if power == 1:
+        multiply(column, base, 0, n)
+        return
+    for i in range(n):
+        value = base[i]
+        for _ in range(1, power):
+            value *= base[i]
+        column[i] *= value
+
+
+@inner
+def library_column(code, z, argument, n, column):
+    """A term's column of the standardised library matrix Phi_std; the operations of `library_row`.
+
+    code     (6,)      in
+    z        (4, >=n)  in   standardised variables, bases of powers
+    argument (>=n,)    in   what its function, if it has one, is of, as measured
+    column   (>=n,)    out
+    """
+    begun = False
+    for v in range(N_VARIABLES):
+        if code[v] == 0:
+            continue
+        if begun:
+            multiply_by_power(column, z[v], code[v], n)
+        else:
+            for i in range(n):
+                column[i] = z[v, i]
+            for _ in range(1, code[v]):
+                multiply(column, z[v], 0, n)
+        begun = True
+    if not begun:
+        for i in range(n):
+            column[i] = 1.0
+    if code[4] > 0:
+        for i in range(n):
+            column[i] *= function_value(code[4], argument[i])
+
+
+@once
+def binomial_share(raw, standard, centre, scale):
+    """Share of the standardised term `standard` in the raw term `raw`, none of whose powers is lower; codes (6,)."""
+    value = 1.0
+    for v in range(N_VARIABLES):
+        e, f = raw[v], standard[v]
+        for _ in range(e - f):
+            value *= centre[v]
+        for _ in range(f):
+            value *= scale[v]
+        value *= BINOMIAL[e, f]
+    return value
+
+
+@once
 def raw_from_standard(codes, centre, scale, tt):
     """T of Phi_raw = Phi_std T, by the binomial theorem.
 
@@ -191,13 +248,8 @@ def raw_from_standard(codes, centre, scale, tt):
         for j in range(q):
             value = 1.0 if codes[i, 4] == codes[j, 4] and codes[i, 5] == codes[j, 5] else 0.0
             for v in range(N_VARIABLES):
-                e, f = codes[i, v], codes[j, v]
-                if f > e:
+                if codes[j, v] > codes[i, v]:
                     value = 0.0
-                else:
-                    for _ in range(e - f):
-                        value *= centre[v]
-                    for _ in range(f):
-                        value *= scale[v]
-                    value *= BINOMIAL[e, f]
+            if value != 0.0:
+                value = binomial_share(codes[i], codes[j], centre, scale)
             tt[i, j] = value

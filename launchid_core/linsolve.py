@@ -15,27 +15,9 @@ import math
 import numpy as np
 
 from .kernels import inner, once
+from .lanes import divide, dot, largest_size, subtract
 
 EPS = np.finfo(np.float64).eps
-
-
-@inner
-def dot(a, b, start, stop):
-    """sum a[i]*b[i], i in start..stop-1, in four interleaved partial sums (fixed order: same bits everywhere)."""
-    s0 = 0.0
-    s1 = 0.0
-    s2 = 0.0
-    s3 = 0.0
-    quads = (stop - start) // 4
-    for k in range(quads):
-        i = start + 4 * k
-        s0 += a[i] * b[i]
-        s1 += a[i + 1] * b[i + 1]
-        s2 += a[i + 2] * b[i + 2]
-        s3 += a[i + 3] * b[i + 3]
-    for i in range(start + 4 * quads, stop):
-        s0 += a[i] * b[i]
-    return (s0 + s1) + (s2 + s3)
 
 
 @inner
@@ -48,16 +30,12 @@ def scale_columns(at, norms):
     n, m = at.shape
     for j in range(n):
         column = at[j]
-        largest = 0.0
-        for i in range(m):
-            largest = max(largest, abs(column[i]))
+        largest = largest_size(column, 0, m)
         norms[j] = 1.0
         if 0.0 < largest < np.inf:
-            for i in range(m):
-                column[i] /= largest
+            divide(column, largest, 0, m)
             norm = math.sqrt(dot(column, column, 0, m))
-            for i in range(m):
-                column[i] /= norm
+            divide(column, norm, 0, m)
             norms[j] = largest * norm
 
 
@@ -122,8 +100,7 @@ def qr_factor(at, order, tau, tolerance):
             column = at[j]
             s = tau[k] * (column[k] + dot(v, column, k + 1, m))
             column[k] -= s
-            for i in range(k + 1, m):
-                column[i] -= s * v[i]
+            subtract(column, s, v, k + 1, m)
     return min(n, m)
 
 
@@ -135,8 +112,7 @@ def apply_q_transposed(at, tau, rank, y):
         v = at[k]
         s = tau[k] * (y[k] + dot(v, y, k + 1, m))
         y[k] -= s
-        for i in range(k + 1, m):
-            y[i] -= s * v[i]
+        subtract(y, s, v, k + 1, m)
 
 
 @inner
@@ -196,5 +172,4 @@ def absorb_rows(r, rt, k):
             column = rt[c]
             s = tau * (r[j, c] + dot(v, column, 0, k))
             r[j, c] -= s
-            for i in range(k):
-                column[i] -= s * v[i]
+            subtract(column, s, v, 0, k)

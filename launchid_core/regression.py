@@ -27,11 +27,12 @@ from .guard import (
     xor_integer,
 )
 from .kernels import inner, once
-from .library import N_VARIABLES, TAU, library_row, raw_from_standard
+from .lanes import standard
+from .library import N_VARIABLES, TAU, library_column, raw_from_standard
 from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
 from .residual import drift_integral, drift_pointwise, report_absent, report_spread
 from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
-from .sparse import sparse_solve
+from .sparse import factor_whole, sparse_solve
 from .status import EstimateStatus
 from .stuck import stands_still
 from .window import (
@@ -92,87 +93,81 @@ def fill_slopes(work, n, measured):
 
 
 @inner
-def state_at(work, i, t_centre, x):
-    """theta, theta_dot, beta, tau of row i into x (4,)."""
-    x[0] = work.signal[THETA, i]
-    x[1] = work.signal[THETA_DOT, i]
-    x[2] = work.signal[BETA, i]
-    x[TAU] = work.signal[T, i] - t_centre
+def standardise(work, centred, count, n):
+    """Standardised variables of rows 0..n-1, by mean and root mean square deviation over the kept rows (centre 0 where
+    not `centred`)."""
+    for v in range(N_VARIABLES):
+        raw = work.raw[v]
+        total = 0.0
+        if centred[v] == 1:
+            for r in range(count):
+                total += raw[work.kept[r]]
+        centre = total / count
+        square = largest = 0.0
+        for r in range(count):
+            x = raw[work.kept[r]]
+            square += (x - centre) * (x - centre)
+            largest = max(largest, abs(x))
+        scale = np.sqrt(square / count)
+        if not scale > STILL * largest:
+            scale = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
+        work.centre[v], work.scale[v] = centre, scale
+        standard(work.z[v], raw, centre, scale, 0, n)
 
 
 @inner
-def standardise(work, centred, count, t_centre):
-    """Mean and root mean square deviation of each variable over the kept rows (centre 0 where not `centred`)."""
-    for v in range(N_VARIABLES):
-        work.centre[v] = 0.0
-        work.scale[v] = 0.0
-    for r in range(count):
-        state_at(work, work.kept[r], t_centre, work.raw)
-        for v in range(N_VARIABLES):
-            work.centre[v] += work.raw[v] * centred[v]
-    for v in range(N_VARIABLES):
-        work.centre[v] /= count
-        work.z[v] = 0.0
-    for r in range(count):
-        state_at(work, work.kept[r], t_centre, work.raw)
-        for v in range(N_VARIABLES):
-            deviation = work.raw[v] - work.centre[v]
-            work.scale[v] += deviation * deviation
-            work.z[v] = max(work.z[v], abs(work.raw[v]))
-    for v in range(N_VARIABLES):
-        work.scale[v] = np.sqrt(work.scale[v] / count)
-        if not work.scale[v] > STILL * work.z[v]:
-            work.scale[v] = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
-
-
-@inner
-def standard_row(work, codes, i, t_centre):
-    """Row i of Phi_std into work.row."""
-    state_at(work, i, t_centre, work.raw)
-    for v in range(N_VARIABLES):
-        work.z[v] = (work.raw[v] - work.centre[v]) / work.scale[v]
-    library_row(codes, work.raw, work.z, work.powers, work.row)
+def fill_states(work, n, t_centre):
+    """theta, theta_dot, beta, tau of every row."""
+    for i in range(n):
+        work.raw[0, i] = work.signal[THETA, i]
+        work.raw[1, i] = work.signal[THETA_DOT, i]
+        work.raw[2, i] = work.signal[BETA, i]
+        work.raw[TAU, i] = work.signal[T, i] - t_centre
 
 
 @once
-def pointwise_rows(codes, work, count, t_centre):
+def pointwise_rows(codes, work, count):
     """Library columns and derivative targets at the kept rows."""
     q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
-    for r in range(count):
-        i = work.kept[r]
-        standard_row(work, codes, i, t_centre)
-        for j in range(q):
-            phi[j, r] = work.row[j]
-        for e in range(EQUATIONS):
-            target[e, r] = work.slope[e, i]
+    for v in range(N_VARIABLES):
+        for r in range(count):
+            work.raw[v, r], work.z[v, r] = work.raw[v, work.kept[r]], work.z[v, work.kept[r]]
+    for j in range(q):
+        library_column(codes[j], work.z, work.raw[codes[j, 5]], count, phi[j])
+    for e in range(EQUATIONS):
+        for r in range(count):
+            target[e, r] = work.slope[e, work.kept[r]]
 
 
 @once
-def integral_rows(codes, work, n, count, t_centre):
+def integral_rows(codes, work, n, count):
     """Running integrals (trapezoid) of the library columns, and the states, at the kept rows."""
     q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
-    r = 0
-    for i in range(n):
-        standard_row(work, codes, i, t_centre)
-        if i == 0 or work.segment[i] != work.segment[i - 1]:
-            work.running[:] = 0.0
-        else:
-            half = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
-            for j in range(q):
-                work.running[j] += half * (work.previous[j] + work.row[j])
-        for j in range(q):
-            work.previous[j] = work.row[j]
-        if r < count and work.kept[r] == i:
-            for j in range(q):
-                phi[j, r] = work.running[j]
-            target[0, r] = work.signal[THETA, i]
-            target[1, r] = work.signal[THETA_DOT, i]
-            target[2, r] = work.signal[BETA, i]
-            r += 1
+    for i in range(1, n):
+        work.half[i] = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
+    for j in range(q):
+        library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.value)
+        running = before = 0.0
+        r = 0
+        for i in range(n):
+            now = work.value[i]
+            if i == 0 or work.segment[i] != work.segment[i - 1]:
+                running = 0.0
+            else:
+                running += work.half[i] * (before + now)
+            before = now
+            if r < count and work.kept[r] == i:
+                phi[j, r] = running
+                r += 1
+    for r in range(count):
+        i = work.kept[r]
+        target[0, r] = work.signal[THETA, i]
+        target[1, r] = work.signal[THETA_DOT, i]
+        target[2, r] = work.signal[BETA, i]
 
 
 @inner
@@ -200,11 +195,12 @@ def reduce_library(work, at, q):
     """M with Phi_raw = Q M from the factor of the scaled Phi_std: column i of M into work.mt[i]."""
     for i in range(q):
         for r in range(q):
-            value = 0.0
-            for k in range(r, q):
-                j = work.order[k]
-                value += at[k, r] * work.norms[j] * work.tt[i, j]
-            work.mt[i, r] = value
+            work.mt[i, r] = 0.0
+        for k in range(q):
+            j = work.order[k]
+            if work.tt[i, j] != 0.0:
+                for r in range(k + 1):
+                    work.mt[i, r] += at[k, r] * work.norms[j] * work.tt[i, j]
 
 
 @inner
@@ -249,13 +245,15 @@ def regress(fixed, work, out, count, pieces):
     out.number[O_CONDITION] = pivot_ratio(at, rank)
     raw_from_standard(fixed.codes, work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
+    factor_whole(work.mt, work.whole)
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
     for d in range(PAIR):
         apply_q_transposed(at, work.tau, q, drift[d])
     for e in range(EQUATIONS):
         y = target[e]
         apply_q_transposed(at, work.tau, q, y)
-        passes = sparse_solve(fixed.plan[SOLVER], work.mt, y[:q], fixed.threshold[0], work.xi, work.active, work.sparse)
+        passes = sparse_solve(fixed.plan[SOLVER], work.mt, work.whole, y[:q], fixed.threshold[0], work.xi, work.active,
+                              work.sparse)
         if passes < 0 and e == ATTITUDE:
             return RANK
         for j in range(q):
@@ -311,8 +309,9 @@ def close_pointwise(fixed, state, work):
     kept, status = choose_window_rows(fixed, state, work, n, saturated, gaps)
     if status == OK:
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
-        standardise(work, fixed.centred, kept, t_centre)
-        pointwise_rows(fixed.codes, work, kept, t_centre)
+        fill_states(work, n, t_centre)
+        standardise(work, fixed.centred, kept, n)
+        pointwise_rows(fixed.codes, work, kept)
         drift_pointwise(work, kept, t_centre)
         status = regress(fixed, work, state.outcome, kept, 0)
     end_close(state, status, kept, gaps)
@@ -328,8 +327,9 @@ def close_integral(fixed, state, work):
     kept, status = choose_window_rows(fixed, state, work, n, saturated, gaps)
     if status == OK:
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
-        standardise(work, fixed.centred, kept, t_centre)
-        integral_rows(fixed.codes, work, n, kept, t_centre)
+        fill_states(work, n, t_centre)
+        standardise(work, fixed.centred, kept, n)
+        integral_rows(fixed.codes, work, n, kept)
         drift_integral(work, n, kept, t_centre)
         centre_segments(work.drift[:PAIR * kept].reshape((PAIR, kept)), work, kept)
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
@@ -349,37 +349,59 @@ def is_window_whole(state):
     return are_rows_whole(state.ring, state.seals, state.counts)
 
 
+@inner
+def seal_closed(state):
+    """What a window's close carries on stays as it is until the next, clock and counts until the next sample."""
+    state.guard[CARRIED] = xor_integer(state.random[0], fold_rows(state.repeats))
+    close_control(state)
+
+
 @once
-def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
+def take_sample(fixed, state, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Take one sample; returns its Status.  WINDOW_COMPLETE: the window's close has to follow, and says what it is.
+
+    RECOVERED: memory is damaged, the caller has to begin anew with it.
+    """
     if not is_control_whole(state):
         return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
                    gamma)
     if code >= 0:
         seal_newest(state)
-    if code == rb.WINDOW_COMPLETE:
-        if not is_window_whole(state):
-            return give_up(state.counts, code)
-        close_pointwise(fixed, state, work)
-        state.guard[CARRIED] = xor_integer(state.random[0], fold_rows(state.repeats))
-    close_control(state)
+    if code != rb.WINDOW_COMPLETE:
+        close_control(state)
     return code
+
+
+@once
+def complete_pointwise(fixed, state, work):
+    """After `take_sample` completed a window: its estimate; WINDOW_COMPLETE, or RECOVERED as there."""
+    if not is_window_whole(state):
+        return give_up(state.counts, rb.WINDOW_COMPLETE)
+    close_pointwise(fixed, state, work)
+    seal_closed(state)
+    return rb.WINDOW_COMPLETE
+
+
+@once
+def complete_integral(fixed, state, work):
+    """As `complete_pointwise`."""
+    if not is_window_whole(state):
+        return give_up(state.counts, rb.WINDOW_COMPLETE)
+    close_integral(fixed, state, work)
+    seal_closed(state)
+    return rb.WINDOW_COMPLETE
+
+
+@once
+def update_pointwise(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
+    code = take_sample(fixed, state, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    return complete_pointwise(fixed, state, work) if code == rb.WINDOW_COMPLETE else code
 
 
 @once
 def update_integral(fixed, state, work, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it."""
-    if not is_control_whole(state):
-        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    code = rb.push(fixed.limits, state.clock, state.counts, state.ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
-                   gamma)
-    if code >= 0:
-        seal_newest(state)
-    if code == rb.WINDOW_COMPLETE:
-        if not is_window_whole(state):
-            return give_up(state.counts, code)
-        close_integral(fixed, state, work)
-        state.guard[CARRIED] = xor_integer(state.random[0], fold_rows(state.repeats))
-    close_control(state)
-    return code
+    code = take_sample(fixed, state, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    return complete_integral(fixed, state, work) if code == rb.WINDOW_COMPLETE else code

@@ -1,6 +1,6 @@
-"""Whole logs in one call: a compiled loop over `step`, which hands back to Python only where a window has closed.
+"""Whole logs in one call: a compiled loop over what `step` does, which hands back to Python where a window has closed.
 
-The same kernels with the same arguments, so the same bits as sample by sample.
+The same kernels with the same arguments, so the same bits as sample by sample; memory is cut once a call.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,8 @@ import numpy as np
 from . import ring as rb
 from . import step as st
 from .kernels import kernel
+from .onboard import update_filtered
+from .regression import take_sample
 from .sample import Sample
 
 
@@ -21,9 +23,12 @@ def replay_pointwise(f, i, samples, at):
     f, i  inout  of a `memory.Block`
     Returns (the row after it, its status); (n, ACCEPTED) at the end.
     """
+    fixed, state, _, _ = st.cut_sample(f, i)
     for k in range(at, samples.shape[0]):
         s = samples[k]
-        code = st.step_pointwise(f, i, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        code = take_sample(fixed, state, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        if code == rb.WINDOW_COMPLETE:
+            code = st.finish_pointwise(f, i)
         if code == rb.WINDOW_COMPLETE or code == rb.RECOVERED:
             return k + 1, code
     return samples.shape[0], rb.ACCEPTED
@@ -32,9 +37,12 @@ def replay_pointwise(f, i, samples, at):
 @kernel
 def replay_integral(f, i, samples, at):
     """As `replay_pointwise`."""
+    fixed, state, _, _ = st.cut_sample(f, i)
     for k in range(at, samples.shape[0]):
         s = samples[k]
-        code = st.step_integral(f, i, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        code = take_sample(fixed, state, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        if code == rb.WINDOW_COMPLETE:
+            code = st.finish_integral(f, i)
         if code == rb.WINDOW_COMPLETE or code == rb.RECOVERED:
             return k + 1, code
     return samples.shape[0], rb.ACCEPTED
@@ -43,9 +51,11 @@ def replay_integral(f, i, samples, at):
 @kernel
 def replay_filtered(f, i, structured, ranged, samples, at):
     """As `replay_pointwise`; structured, ranged as of `step_filtered`."""
+    fixed, state, work, learner, learning, sigma, gauge = st.cut_whole(f, i, structured, ranged)
     for k in range(at, samples.shape[0]):
         s = samples[k]
-        code = st.step_filtered(f, i, structured, ranged, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        code = update_filtered(fixed, state, work, learner, learning, sigma, gauge, s[0], s[1], s[2], s[3], s[4], s[5],
+                               s[6])
         if code == rb.WINDOW_COMPLETE or code == rb.RECOVERED:
             return k + 1, code
     return samples.shape[0], rb.ACCEPTED

@@ -25,9 +25,10 @@ import numpy as np
 
 from .batch import PAIR, TERM_A6, TERM_A6_DOT
 from .kernels import inner, once
-from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .lanes import divide, dot, multiply, subtract
+from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .ring import BETA, THETA, T
-from .sparse import ACTIVE_TOLERANCE, invert_active, solve_active
+from .sparse import ACTIVE_TOLERANCE, solve_active
 from .window import O_A6, O_A6_STD, O_CORRELATION
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
@@ -44,8 +45,7 @@ def apply_q(at, tau, rank, y):
         v = at[k]
         s = tau[k] * (y[k] + dot(v, y, k + 1, m))
         y[k] -= s
-        for i in range(k + 1, m):
-            y[i] -= s * v[i]
+        subtract(y, s, v, k + 1, m)
 
 
 @once
@@ -82,14 +82,15 @@ def long_run(scores, freedom, covariance):
     size, count = scores.shape
     lags = bandwidth(scores)
     for a in range(size):
-        for b in range(size):
-            value = 0.0
-            for lag in range(lags + 1):
+        for b in range(a + 1):
+            value = dot(scores[a], scores[b], 0, count)
+            for lag in range(1, lags + 1):
                 both = dot(scores[a][lag:], scores[b], 0, count - lag)
-                if lag > 0:
-                    both += dot(scores[b][lag:], scores[a], 0, count - lag)
+                back = both if a == b else dot(scores[b][lag:], scores[a], 0, count - lag)
+                both += back
                 value += (1.0 - lag / (lags + 1.0)) * both
             covariance[a, b] = value * count / freedom
+            covariance[b, a] = covariance[a, b]
 
 
 @inner
@@ -116,8 +117,7 @@ def score(row, norm, columns, tau, at, window_tau, residual, v):
         v[k] = row[k] / norm
     apply_q(columns, tau, n, v[:columns.shape[1]])
     apply_q(at, window_tau, at.shape[0], v)
-    for i in range(v.shape[0]):
-        v[i] *= residual[i]
+    multiply(v, residual, 0, v.shape[0])
 
 
 @inner
@@ -251,39 +251,65 @@ def report_spread(plan, work, out, at, y, rows):
         out.number[O_CORRELATION] = min(max(work.covariance[0, 1] / math.sqrt(product), -1.0), 1.0)
 
 
+@inner
+def add_direction(factors, tau, size, direction):
+    """Turn a column (q,) into the unit one that it adds to the `size` columns of a factor, in the factor's rotation.
+
+    Returns how much of its length that is, 0 if it adds nothing.
+    """
+    q = direction.shape[0]
+    apply_q_transposed(factors, tau, size, direction)
+    share = math.sqrt(dot(direction, direction, size, q))
+    for i in range(size):
+        direction[i] = 0.0
+    if not ACTIVE_TOLERANCE < share < np.inf:
+        return 0.0
+    divide(direction, share, size, q)
+    return share
+
+
 @once
 def report_absent(plan, work, out, at, y, rows):
     """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
 
+    A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
+    coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
     inf: the window cannot tell it from the active ones.  Overwrites work.sparse.
     """
     q, count = at.shape
     size = count_active(work.active)
+    if size == q:
+        return
     residual, scores = work.residual[:count], work.scores[:count].reshape((1, count))
+    direction = work.direction[0]
+    known = rows > size + 1 and solve_active(work.mt, y[:q], work.active, work.trial, work.sparse) == 0
+    factors = work.sparse.columns[:size * q].reshape((size, q))
+    for i in range(count):  # of the active terms, in time
+        residual[i] = y[i] if i >= q else (work.sparse.right[i] if i >= size else 0.0)
+    apply_q(factors, work.sparse.tau, size, residual[:q])
+    apply_q(at, work.tau, q, residual)
     for j in range(q):
         if work.active[j]:
             continue
-        for k in range(q):
-            work.tried[k] = 1 if k == j or work.active[k] else 0
         out.absent[j] = np.inf
-        if rows <= size + 1 or solve_active(work.mt, y[:q], work.tried, work.trial, work.sparse) > 0:
+        for i in range(q):
+            direction[i] = work.mt[j, i]
+        scale_columns(work.direction, work.length)
+        share = add_direction(factors, work.sparse.tau, size, direction) if known else 0.0
+        if share == 0.0:
             continue
+        lost = dot(direction, work.sparse.right, size, q)
+        apply_q(factors, work.sparse.tau, size, direction)
+        along = scores[0]
         for i in range(count):
-            residual[i] = y[i]
-        for k in range(q):
-            for i in range(q):
-                residual[i] -= work.mt[k, i] * work.trial[k]
-        apply_q(at, work.tau, q, residual)
-        n = size + 1
-        invert_active(work.sparse, n)
-        column = position(work.tried, j)
-        k = place_of(work.sparse.order, column, n)
-        factors = work.sparse.columns[:n * q].reshape((n, q))
-        norm = work.sparse.norms[column]
-        score(work.sparse.inverse[k], norm, factors, work.sparse.tau, at, work.tau, residual, scores[0])
-        long_run(scores, rows - n, work.covariance)
+            along[i] = direction[i] if i < q else 0.0
+        apply_q(at, work.tau, q, along)
+        length = share * work.length[0]
+        for i in range(count):
+            along[i] *= (residual[i] - lost * along[i]) / length
+        long_run(scores, rows - size - 1, work.covariance)
         std = math.sqrt(work.covariance[0, 0])
-        out.absent[j] = abs(work.trial[j]) + INTERVAL * std
+        out.absent[j] = abs(lost / length) + INTERVAL * std
         for p in range(PAIR):
             if j == plan[TERM_A6 + p]:
                 out.number[O_A6_STD + p] = std

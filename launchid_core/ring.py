@@ -213,8 +213,10 @@ def copy_window(ring, count, saturation, signal):
     if first < 0:
         first += capacity
     copied = 0
-    for i in range(n):
-        source = ring[(first + i) % capacity]
+    at = first
+    for _ in range(n):
+        source = ring[at]
+        at = at + 1 if at + 1 < capacity else 0
         saturated = False
         for k in range(THETA, N_COLUMNS):
             if abs(source[k]) >= saturation[k]:

@@ -2,12 +2,13 @@
 
 All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q)
 the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
-window costs one tall QR and every later solve is q x q.  The threshold is in
+window costs one tall QR and every later solve is q x q; that with all columns is
+factored once for the window's equations (`factor_whole`).  The threshold is in
 raw units of each coefficient, as in pysindy's STLSQ.
 
-Each solver: (mt, y, threshold, xi, active, work) -> number of passes, where
-mt (q, q) holds the columns of M as rows, y (q,) is Q'y, xi (q,) and active (q,)
-are results, `work` a SparseWork.  After it xi solves least squares on the active
+Each solver: (mt, whole, y, threshold, xi, active, work) -> number of passes, where
+mt (q, q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
+Q'y, xi (q,) and active (q,) are results, `work` a SparseWork.  After it xi solves least squares on the active
 columns and is 0 elsewhere.
 """
 
@@ -16,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .kernels import inner, once, shared
-from .linsolve import apply_q_transposed, dot, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .lanes import dot, subtract
+from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .memory import take, take2
 
 STLS, SR3, SSR, LASSO = range(4)
@@ -28,7 +30,7 @@ SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: r
 
 
 class SparseWork(NamedTuple):
-    """Scratch of the solvers for q terms; meaningless on return but for the last factor and its inverse."""
+    """Scratch of the solvers for q terms; of use after `solve_active` and `invert_active` alone."""
 
     columns: np.ndarray   # (2 q^2,) active columns one after the other; 2q rows each for SR3's stacked system
     order: np.ndarray     # (q,) int64
@@ -58,6 +60,56 @@ def view_sparse(f, at, i, m, q):
     auxiliary, at = take(f, at, q)
     inverse, at = take2(f, at, q, q)
     return SparseWork(columns, order, tau, norms, right, solution, places, scaled, weight, auxiliary, inverse), at, m
+
+
+class Whole(NamedTuple):
+    """Factor of all columns of M, scaled."""
+
+    columns: np.ndarray   # (q, q)
+    order: np.ndarray     # (q,) int64
+    tau: np.ndarray       # (q,)
+    norms: np.ndarray     # (q,)
+    rank: np.ndarray      # (1,) int64
+
+
+@shared
+def view_whole(f, at, i, m, q):
+    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
+    columns, at = take2(f, at, q, q)
+    order, m = take(i, m, q)
+    tau, at = take(f, at, q)
+    norms, at = take(f, at, q)
+    rank, m = take(i, m, 1)
+    return Whole(columns, order, tau, norms, rank), at, m
+
+
+@once
+def factor_whole(mt, whole):
+    """Factor all columns of M, which every equation's first pass takes."""
+    for j in range(mt.shape[0]):
+        for i in range(mt.shape[0]):
+            whole.columns[j, i] = mt[j, i]
+    scale_columns(whole.columns, whole.norms)
+    whole.rank[0] = qr_factor(whole.columns, whole.order, whole.tau, ACTIVE_TOLERANCE)
+
+
+@inner
+def solve_whole(whole, y, xi, work):
+    """`solve_active` with all columns active, but for the factor that it leaves in `work`."""
+    q = y.shape[0]
+    for j in range(q):
+        xi[j] = 0.0
+    if whole.rank[0] < q:
+        return q - whole.rank[0]
+    right = work.right[:q]
+    for i in range(q):
+        right[i] = y[i]
+    apply_q_transposed(whole.columns, whole.tau, q, right)
+    solve_triangle(whole.columns, q, right, work.solution)
+    for k in range(q):
+        column = whole.order[k]
+        xi[column] = work.solution[k] / whole.norms[column]
+    return 0
 
 
 @inner
@@ -134,14 +186,15 @@ def cut_below(xi, active, threshold):
 
 
 @once
-def solve_stls(mt, y, threshold, xi, active, work):
+def solve_stls(mt, whole, y, threshold, xi, active, work):
     """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
 
     The active set only shrinks, so q + 1 passes suffice.
     """
     active[:] = True
     for passes in range(mt.shape[0] + 1):
-        if solve_active(mt, y, active, xi, work) > 0:
+        deficient = solve_whole(whole, y, xi, work) if passes == 0 else solve_active(mt, y, active, xi, work)
+        if deficient > 0:
             return -1
         if cut_below(xi, active, threshold) == 0:
             return passes + 1
@@ -149,14 +202,15 @@ def solve_stls(mt, y, threshold, xi, active, work):
 
 
 @once
-def solve_ssr(mt, y, threshold, xi, active, work):
+def solve_ssr(mt, whole, y, threshold, xi, active, work):
     """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
 
     Removes the one smallest coefficient below the threshold at a time and solves again.
     """
     active[:] = True
     for passes in range(mt.shape[0] + 1):
-        if solve_active(mt, y, active, xi, work) > 0:
+        deficient = solve_whole(whole, y, xi, work) if passes == 0 else solve_active(mt, y, active, xi, work)
+        if deficient > 0:
             return -1
         smallest = -1
         for j in range(xi.shape[0]):
@@ -202,8 +256,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
             free = old + dot(column, residual, 0, q)
             soft = max(abs(free) - threshold * work.weight[j], 0.0)
             new = soft if free > 0.0 else -soft
-            for i in range(q):
-                residual[i] -= (new - old) * column[i]
+            subtract(residual, new - old, column, 0, q)
             work.solution[j] = new
             largest_step = max(largest_step, abs(new - old))
             largest = max(largest, abs(new))
@@ -215,7 +268,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
 
 
 @once
-def solve_sr3(mt, y, threshold, xi, active, work):
+def solve_sr3(mt, whole, y, threshold, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
     min |y - C u|^2 + nu |u - w|^2 with w = u cut at the threshold; [C; sqrt(nu) I] is factored once.
@@ -224,7 +277,7 @@ def solve_sr3(mt, y, threshold, xi, active, work):
     load_scaled(mt, work)
     root = np.sqrt(SR3_RELAXATION)
     active[:] = True
-    if solve_active(mt, y, active, xi, work) > 0:
+    if solve_whole(whole, y, xi, work) > 0:
         return -1
     w = work.auxiliary
     stacked = work.columns.reshape((q, 2 * q))
@@ -253,12 +306,12 @@ def solve_sr3(mt, y, threshold, xi, active, work):
 
 
 @once
-def sparse_solve(solver, mt, y, threshold, xi, active, work):
+def sparse_solve(solver, mt, whole, y, threshold, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == STLS:
-        return solve_stls(mt, y, threshold, xi, active, work)
+        return solve_stls(mt, whole, y, threshold, xi, active, work)
     if solver == SR3:
-        return solve_sr3(mt, y, threshold, xi, active, work)
+        return solve_sr3(mt, whole, y, threshold, xi, active, work)
     if solver == SSR:
-        return solve_ssr(mt, y, threshold, xi, active, work)
+        return solve_ssr(mt, whole, y, threshold, xi, active, work)
     return solve_lasso(mt, y, threshold, xi, active, work)

@@ -41,8 +41,11 @@ def is_repeat(before, now, column, stop):
 def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
+    at = place(counts, ring, 0)
     for k in range(1, counts[rb.CLOSED_ROWS]):
-        before, now = ring[place(counts, ring, k - 1)], ring[place(counts, ring, k)]
+        following = at + 1 if at + 1 < ring.shape[0] else 0
+        before, now = ring[at], ring[following]
+        at = following
         if is_repeat(before, now, column, stop):
             run += 1
             repeats += 1

@@ -89,7 +89,7 @@ def _rows(r: Random, data: bytes) -> bytes:
     if how == 0:
         r.shuffle(rows)
     elif how == 1:
-        a = r.randrange(len(rows))
+        a = r.randrange(len(rows) or 1)  # a mutation before may have left the head alone
         rows = rows[a:] + rows[:a]
     elif how == 2:
         rows = [row for row in rows if r.random() < r.choice((0.1, 0.9))]

@@ -27,8 +27,8 @@ from launchid_core.library import (
     term_name,
 )
 
-function_value, library_row, raw_from_standard = map(compiled, (
-    library.function_value, library.library_row, library.raw_from_standard))
+function_value, library_column, library_row, raw_from_standard = map(compiled, (
+    library.function_value, library.library_column, library.library_row, library.raw_from_standard))
 
 EPS = np.finfo(np.float64).eps
 powers = st.tuples(*[st.integers(0, MAX_POWER)] * N_VARIABLES)
@@ -44,6 +44,17 @@ def row_of(terms, raw, z):
     library_row(term_codes(terms), np.array(raw, dtype=float), np.array(z, dtype=float),
                 np.zeros((N_VARIABLES, MAX_POWER + 1)), row)
     return row
+
+
+@given(codes, st.lists(st.lists(st.floats(-4.0, 4.0), min_size=4, max_size=4), min_size=1, max_size=9))
+def test_a_column_has_the_bits_of_its_rows(code, z):
+    """`library_column` is `library_row` in another order."""
+    z = np.array(z)
+    raw, column, one, powers = 3.0 * z, np.full(len(z), np.nan), np.zeros(1), np.zeros((N_VARIABLES, MAX_POWER + 1))
+    library_column(np.array(code), z.T.copy(), raw.T.copy()[code[5]], len(z), column)
+    for i in range(len(z)):
+        library_row(np.array([code]), raw[i], z[i], powers, one)
+        assert one.tobytes() == column[i:i + 1].tobytes()
 
 
 def transform(terms, centre, scale):

@@ -10,11 +10,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
 
-from launchid_core import linsolve
+from launchid_core import lanes, linsolve
 from launchid_core.linsolve import EPS
 
 apply_q_transposed, dot, invert_triangle, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
-    linsolve.apply_q_transposed, linsolve.dot, linsolve.invert_triangle, linsolve.pivot_ratio, linsolve.qr_factor,
+    linsolve.apply_q_transposed, lanes.dot, linsolve.invert_triangle, linsolve.pivot_ratio, linsolve.qr_factor,
     linsolve.scale_columns, linsolve.solve_triangle))
 
 RANK_TOLERANCE = 1.0e-12

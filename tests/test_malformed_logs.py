@@ -19,6 +19,7 @@ from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
 from sim.cli import main
+from sim.diagnosis.data.stamps import usable_rows
 from sim.errors import InputError
 from sim.log import measured_logs, read_log
 from sim.log_table import BLOCK, number, numbers
@@ -256,6 +257,12 @@ def test_damaged_logs_give_an_answer_or_a_line(tmp_path, capsys):
         is_read_or_refused(tmp_path, seed)
     for seed in range(0, 500, len(ASKED) * 2 - 1):  # every option in turn
         survives(tmp_path, capsys, seed)
+
+
+def test_stamps_whose_difference_overflows_are_judged_without_a_warning_of_numpy():
+    """Seed 35959 of the campaign below: a stamp of 1e308 beside one of -1e308."""
+    with np.errstate(all="raise"):
+        assert usable_rows(np.array([0.0, -1e308, 1e308, 1.0, 2.0])).tolist() == [True, False, False, True, True]
 
 
 @pytest.mark.campaign

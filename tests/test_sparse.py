@@ -17,10 +17,11 @@ from launchid_core.sparse import (
     SSR,
     STLS,
     view_sparse,
+    view_whole,
 )
 
-covariance_entry, invert_active, sparse_solve = map(compiled, (
-    sparse.covariance_entry, sparse.invert_active, sparse.sparse_solve))
+covariance_entry, invert_active, sparse_solve, factor_whole, solve_active = map(compiled, (
+    sparse.covariance_entry, sparse.invert_active, sparse.sparse_solve, sparse.factor_whole, sparse.solve_active))
 
 EPS = np.finfo(np.float64).eps
 ALL = range(len(SOLVERS))
@@ -41,7 +42,9 @@ def solve_reduced(solver, mt, y, threshold):
     mt, y = np.array(mt, dtype=float), np.array(y, dtype=float)
     q = y.size
     xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), sparse_work(q)
-    passes = sparse_solve(solver, mt, y, float(threshold), xi, active, work)
+    whole, _, _ = view_whole(np.zeros(q * q + 2 * q), 0, np.zeros(q + 1, np.int64), 0, q)
+    factor_whole(mt, whole)
+    passes = sparse_solve(solver, mt, whole, y, float(threshold), xi, active, work)
     return passes, xi, active, work
 
 
@@ -217,9 +220,11 @@ def test_ssr_is_the_plain_algorithm(problem):
 @pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
 @given(problem=tall_problems())
 def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, problem):
-    """On the factor the solver leaves behind; the Gram matrix is harmless at these conditions."""
+    """On the factor of a solve with these columns; the Gram matrix is harmless at these conditions."""
     a, y, threshold = problem
-    _, _, active, work = solve(solver, a, y, threshold)
+    _, xi, active, work = solve(solver, a, y, threshold)
+    q, r = np.linalg.qr(a)
+    assert solve_active(r.T.copy(), q.T @ y, active, xi.copy(), work) == 0
     size = int(np.sum(active))
     invert_active(work, size)
     kept = a[:, active]

@@ -56,7 +56,7 @@ def usable_rows(t: np.ndarray) -> np.ndarray:
     stamps = t[rows]
     ahead = np.zeros(len(rows), bool)
     # a stamp above its successor that the successor's neighbours go on without: it alone is wrong
-    ahead[1:-1] = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2]) & (np.diff(stamps)[:-1] > 0.0)
+    ahead[1:-1] = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2]) & (stamps[1:-1] > stamps[:-2])
     ahead[0] = len(rows) > 2 and stamps[0] > stamps[1] and stamps[2] > stamps[1] and stamps[0] > stamps[2]
     stamps = np.where(ahead, -math.inf, stamps)
     before = np.maximum.accumulate(np.concatenate(([-math.inf], stamps[:-1])))

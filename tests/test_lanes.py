@@ -1,0 +1,46 @@
+"""Loops in vectors have the bits of the loops as written, whatever the length, the place and the numbers."""
+
+import numba
+import numpy as np
+import pytest
+
+from launchid_core import lanes
+
+ODD = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1e308, -1e160)
+CASES = {  # loop -> its call
+    "dot": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "subtract": (lambda f, y, x, s, c, i, j: f(y, s, x, i, j)),
+    "multiply": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "divide": (lambda f, y, x, s, c, i, j: f(y, s, i, j)),
+    "standard": (lambda f, y, x, s, c, i, j: f(y, x, c, s, i, j)),
+    "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}
+
+
+def called(name):
+    """The loop as kernels call it."""
+    loop = getattr(lanes, name)
+    return numba.njit(error_model="numpy")(lambda *given: loop(*given))  # noqa: PLW0108 (jitted itself it is as written)
+
+
+def bits(found):
+    """Of numbers; a NaN is a NaN."""
+    found = np.array(found, dtype=float)
+    return np.where(np.isnan(found), np.nan, found).tobytes()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_loop_in_vectors_has_the_bits_of_the_loop_as_written(name):
+    rng = np.random.default_rng(1)
+    compiled, written, call = called(name), getattr(lanes, name), CASES[name]
+    with np.errstate(all="ignore"):
+        for length in range(24):
+            for start in (0, 1, 3):
+                for odd in (False, True):
+                    x, y = rng.normal(size=(2, 30)) * 10.0 ** rng.integers(-3, 4, (2, 30))
+                    if odd:
+                        x[rng.integers(0, 30, 3)] = rng.choice(ODD, 3)
+                    s, c = rng.normal(size=2)
+                    answers = []
+                    for loop in (compiled, written):
+                        z = y.copy()
+                        answer = call(loop, z, x, float(s), float(c), start, start + length)
+                        answers.append((bits(z), bits(0.0 if answer is None else answer)))
+                    assert answers[0] == answers[1], (length, start)
