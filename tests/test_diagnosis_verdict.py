@@ -203,7 +203,9 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert judged(found).made.causes == (strong,)
     found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay
     assert judged(found).made.causes == (strong, idle)
-    found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
+    found.fewer, found.shares = None, (0.15, 0.03)   # of none that is a main defect by itself the best stays
+    assert judged(found).made.causes == (strong,)
+    found.shares = (0.0, 0.0)   # of none that does anything none goes
     assert judged(found).made.causes == (strong, idle)
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
     late = Found(strong, idle, share=0.3, shares=(0.6, 0.6), fewer=Found(strong, share=0.3))

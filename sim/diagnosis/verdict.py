@@ -304,11 +304,12 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 
 def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
-    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it.
-    True where that is so."""
+    """Where something remains, without the causes that do less for the predictions than a main defect does, or than the
+    one that does most: they stand in for it.  True where that is so."""
     selection = made.selection
     assert selection is not None
-    kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
+    most = max(shares, default=0.0)
+    kept = [k for k, share in enumerate(shares) if share > 0.0 and share >= min(LEAST_REMOVED, most)]
     if not kept or len(kept) == len(shares):
         return False
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
