@@ -10,6 +10,7 @@ from test_diagnosis_gates import INSIDE, OUTSIDE, cause, gained, left, varying, 
 
 from sim import sections
 from sim.diagnosis import verdict
+from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
 from sim.diagnosis.data.fault import Fault
 from sim.diagnosis.data.world import SLOW_MOMENT
@@ -61,6 +62,7 @@ def judged(monkeypatch):
         replace(each, removed=share) for each, share in zip(named, shares, strict=True))
         if model.of.is_told else named)
     monkeypatch.setattr(verdict, "fewer", lambda found, kept: found.fewer or Found(*(found.named[k] for k in kept)))
+    monkeypatch.setattr(verdict, "in_a_block", lambda causes, k: False)
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
@@ -195,6 +197,17 @@ def test_what_a_moment_that_nothing_names_makes_counts_as_error(monkeypatch, sky
 # ---- fewer causes
 
 
+def test_the_strongest_stays_with_what_makes_sense_with_it_only():
+    """A sine in the place of theta is two terms."""
+    labels = ("gust", "missing_term", "missing_term")
+    causes = tuple(Cause(missing_term(term) if name == "missing_term" else RECORDS[name], (1.0,))
+                   for name, term in zip(labels, ("", "theta", "sin(theta)"), strict=True))
+    of = SimpleNamespace(model=SimpleNamespace(causes=causes), evidence=[30.0, 90.0, 40.0])
+    assert verdict._only_strongest(of) == (0.0, 1.0, 1.0)
+    of.evidence[0] = 100.0
+    assert verdict._only_strongest(of) == (1.0, 0.0, 0.0)
+
+
 def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     strong, idle = cause("slosh", 90.0), cause("gyro_bias", 30.0)
     found = Found(strong, idle, share=0.3, shares=(0.6, OUTSIDE * measure.LEAST_REMOVED))
@@ -203,9 +216,7 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert judged(found).made.causes == (strong,)
     found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay
     assert judged(found).made.causes == (strong, idle)
-    found.fewer, found.shares = None, (0.15, 0.03)   # of none that is a main defect by itself the best stays
-    assert judged(found).made.causes == (strong,)
-    found.shares = (0.0, 0.0)   # of none that does anything none goes
+    found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
     assert judged(found).made.causes == (strong, idle)
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
     late = Found(strong, idle, share=0.3, shares=(0.6, 0.6), fewer=Found(strong, share=0.3))

@@ -40,7 +40,7 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Model, Say, Selection, fewer, strongest
+from .search.selection import THRESHOLD, Model, Say, Selection, fewer, in_a_block, strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -203,8 +203,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
         _unexplained(made, found, measure)
         return
     if made.gain is not None and made.remaining and made.record.is_late:
-        alone = strongest(made.selection)  # what the others do for the predictions there is no time to see
-        _without_idle(made, tuple(float(k == alone) for k in range(len(made.selection.model.causes))), measure, say)
+        _without_idle(made, _only_strongest(made.selection), measure, say)
     elif made.gain is not None and not made.record.is_late:
         shares = removed(made.selection.model, made.gain)
         if made.remaining and _without_idle(made, shares, measure, say):
@@ -304,12 +303,11 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 
 def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
-    """Where something remains, without the causes that do less for the predictions than a main defect does, or than the
-    one that does most: they stand in for it.  True where that is so."""
+    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it.
+    True where that is so."""
     selection = made.selection
     assert selection is not None
-    most = max(shares, default=0.0)
-    kept = [k for k, share in enumerate(shares) if share > 0.0 and share >= min(LEAST_REMOVED, most)]
+    kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
     if not kept or len(kept) == len(shares):
         return False
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
@@ -319,6 +317,13 @@ def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, 
         return False
     made.selection = without
     return True
+
+
+def _only_strongest(selection: Selection) -> tuple[float, ...]:
+    """1 for the strongest cause, and what makes sense with it only; 0 for the others: what they do for the predictions
+    there was no time to see."""
+    causes, first = selection.model.causes, strongest(selection)
+    return tuple(float(k == first or (in_a_block(causes, k) and in_a_block(causes, first))) for k in range(len(causes)))
 
 
 def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:

@@ -20,7 +20,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
-    LEAST_REMOVED       share of the error that each of several `dominant` causes must take  a main defect's, above
+    LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
 """
 
@@ -52,7 +52,7 @@ EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
 DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
-LEAST_REMOVED = 1.0 - DOMINANT.share
+LEAST_REMOVED = 0.05
 SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not worth a word in the verdict
 
 
