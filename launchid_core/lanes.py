@@ -87,9 +87,11 @@ def _filled(builder: Any, number: Any) -> Any:
 
 
 class _Column:
-    """A (n,) array's numbers, one or four from a position on."""
+    """A (n,) array's numbers, one or four from a position on; one after another in memory, or it does not compile."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
+        if kind.ndim != 1 or kind.layout == "A" or kind.dtype != types.float64:
+            raise TypeError(f"a column of doubles one after another is needed, not {kind}")
         self._data, self._builder = context.make_array(kind)(context, builder, array).data, builder
 
     def _place(self, at: Any, kind: Any) -> Any:

@@ -44,3 +44,13 @@ def test_a_loop_in_vectors_has_the_bits_of_the_loop_as_written(name):
                         answer = call(loop, z, x, float(s), float(c), start, start + length)
                         answers.append((bits(z), bits(0.0 if answer is None else answer)))
                     assert answers[0] == answers[1], (length, start)
+
+
+def test_a_column_that_is_not_one_after_another_in_memory_does_not_compile():
+    """Its vectors would be other numbers."""
+    @numba.njit
+    def across(a):
+        return lanes.dot(a[:, 0], a[:, 1], 0, len(a))
+
+    with pytest.raises(TypeError, match="one after another"):
+        across(np.ones((8, 2)))
