@@ -11,9 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_diagnosis_used import as_record
 
+from sim.diagnosis import verdict
 from sim.diagnosis.causes import SOUGHT, Cause
+from sim.diagnosis.data import clock
 from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
+from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.gain import Trained, _noise, spans
 from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
@@ -191,3 +194,21 @@ def test_a_cause_that_is_left_alone_is_told_in_the_form_that_then_explains_most(
     alone = fewer(of, [0]).model
     assert [each.hypothesis.label for each in alone.causes] == ["actuator_delay"]
     assert math.isclose(alone.causes[0].values[0], 0.05, rel_tol=0.1)
+
+
+# ---- time
+
+
+@pytest.mark.parametrize(("ago", "is_cut"), [(1.0, True), (-3600.0, False)])
+def test_what_the_search_had_no_time_for_is_judged_with_some(record, monkeypatch, ago, is_cut):
+    """A cut search is said to be one; the judge has a fifth of the limit more."""
+    log = dataclasses.replace(record, until=clock.now() - ago)
+    nominal = as_simulated(log)
+    monkeypatch.setattr(verdict, "select", lambda *given: Selection(nominal, nominal, calm=nominal))
+    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+    made = verdict._searched(Diagnosis(None, record.nominal, None, record=log), None, None, lambda text: None)
+    assert made.is_cut_short == is_cut
+    more = (verdict.JUDGED - verdict.SEARCHED) * record.nominal.diagnosis.time_limit
+    models = (made.selection.nominal, made.selection.model, made.selection.calm)
+    assert {each.fit.record.until for each in models} == {made.record.until} == {log.until + more}
+    assert made.selection.model is made.selection.nominal

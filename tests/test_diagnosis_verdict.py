@@ -69,7 +69,8 @@ def judged(monkeypatch):
     def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
-        made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found)
+        made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found,
+                         is_cut_short=late)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
                                       rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
                                       thinned=1, nominal=SimpleNamespace(controller=True,
@@ -412,6 +413,7 @@ def test_too_few_rows_are_not_searched(monkeypatch):
         monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
         monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
         monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+        monkeypatch.setattr(verdict, "_give_time", lambda made: None)
         monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
         monkeypatch.setattr(verdict, "noise_of", lambda model: {})
         given = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), record=record)
@@ -428,6 +430,7 @@ def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
     monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
     monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+    monkeypatch.setattr(verdict, "_give_time", lambda made: None)
     monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
     monkeypatch.setattr(verdict, "noise_of", lambda model: {})
     for bootstrap, threshold in ((0, 12.0), (1, 10.0)):

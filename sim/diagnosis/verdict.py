@@ -40,7 +40,7 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Model, Say, Selection, fewer, in_a_block, strongest
+from .search.selection import THRESHOLD, Model, Say, Selection, fewer, in_a_block, strongest, with_time
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -51,7 +51,8 @@ FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
-SEARCHED = 0.7         # of the time limit that the search may take; the rest is the judge's
+SEARCHED = 0.7         # of the time limit that the search may take
+JUDGED = 0.9           # of it at whose end what is judged is fitted no more; the rest is for detection limits
 
 Measure = Callable[[Selection], Gain]
 
@@ -119,16 +120,24 @@ def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis
     assert made.record is not None
     made.selection = select(made.record, made.threshold, hypotheses, say)
     made.is_cut_short = made.record.is_late
+    _give_time(made)
     say("goodness")
     _judge(made, _measure(made, holdout), say)
     return made
+
+
+def _give_time(made: Diagnosis) -> None:
+    """To the judge, until JUDGED of the limit."""
+    assert made.record is not None and made.selection is not None
+    until = made.record.until + (JUDGED - SEARCHED) * made.nominal.diagnosis.time_limit
+    made.record, made.selection = replace(made.record, until=until), with_time(made.selection, until)
 
 
 def _sensors_disagree(made: Diagnosis) -> bool:
     """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
     of one of them."""
     r = made.record
-    if made.verdict != "unexplained" or r is None or r.is_late or not {"theta", "theta_dot"} <= set(r.channels):
+    if made.verdict != "unexplained" or r is None or made.is_cut_short or not {"theta", "theta_dot"} <= set(r.channels):
         return False
     best = max(made.left_nominal, key=lambda each: each.gain, default=None)
     return best is not None and best.disturbance.place in ("theta", "theta_dot")
@@ -192,7 +201,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found and made.catalogue and not (foreign or made.record.is_late) and _place(made) in FREE:
+    if found and made.catalogue and not (foreign or made.is_cut_short) and _place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
         found = _with_fewer(made, measure, found, say)
@@ -228,7 +237,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
                               made.record.centre, tuple(cause for cause in causes if cause.is_weather))
     say("gain for the estimator's user")
-    made.user = None if made.record.is_late else user_gain(made.nominal, made.extension)
+    made.user = None if made.is_cut_short else user_gain(made.nominal, made.extension)
 
 
 def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> list[str]:

@@ -4,6 +4,7 @@ from ..data.record import Record
 from .hypothesis import Free, Hypothesis, Start, Values, size
 from .plant import ANOTHER_PROFILE
 
+ABEAM = 1.0             # rad: what comes from farther aside is no wind on a vehicle that flies
 GUST_DURATION = 4.0     # s, for which the limit is given
 REFERENCE = "an independent attitude reference, or air data"
 
@@ -20,10 +21,10 @@ TURBULENCE = Hypothesis("turbulence", (size("level", 1e-3, 0.0),
 WIND_WALK = Hypothesis("wind_walk", (size("level", 1e-3, 0.0),), 0.0, "the wind wanders by {level}")
 
 CAUSES = (
-    Hypothesis("gust", (size("angle", 1e-3), Free("time", 0.05),
+    Hypothesis("gust", (size("angle", 1e-3, -ABEAM, ABEAM), Free("time", 0.05),
                         Free("duration", 0.02, 0.2, 20.0, logarithmic=True)), 0.0,  # s: longer, the wind has changed
                "a gust of {angle} hits at {time} for {duration}", start=Start.PULSE, limit_at=_gust, may_repeat=True),
-    Hypothesis("steady_wind", (size("angle", 1e-3),), 0.0,
+    Hypothesis("steady_wind", (size("angle", 1e-3, -ABEAM, ABEAM),), 0.0,
                "a steady wind adds {angle} to the angle of attack",
                decides=(("attitude_bias", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE))),
     Hypothesis("periodic_disturbance", (

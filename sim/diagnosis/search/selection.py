@@ -7,7 +7,7 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -408,6 +408,16 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
         if loss < limit:
             return _dropped(record, without, limit)
     return model
+
+
+def with_time(of: Selection, until: float) -> Selection:
+    """The same with time until then [s of the diagnosis' clock]."""
+    def later(model: Model) -> Model:
+        return replace(model, fit=replace(model.fit, record=replace(model.fit.record, until=until)))
+
+    nominal = later(of.nominal)
+    return replace(of, nominal=nominal, model=nominal if of.model is of.nominal else later(of.model),
+                   calm=None if of.calm is None else later(of.calm))
 
 
 def strongest(of: Selection) -> int:
