@@ -294,7 +294,7 @@ def calibrated(case: Case) -> dict[str, Any]:
     floor = NAN
     if made.record is not None and made.selection is not None:
         gain = held_out(made.selection.nominal, made.selection.nominal)
-        floor = gain.nrmse[HORIZON].get("theta", (NAN, NAN))[1] * change_rms(made.record)
+        floor = gain.nrmse.get(HORIZON, {}).get("theta", (NAN, NAN))[1] * change_rms(made.record)
     sizes = {each.cause: [each.size, each.neutral if each.neutral is not None else NAN, each.parameter, dict(each.at)]
              for each in made.limits if each.size is not None}
     return {**_verdict(made), "floor": floor, "limits": json.dumps(sizes), "seconds": seconds,
@@ -430,6 +430,6 @@ def _gain(made: Diagnosis) -> dict[str, float]:
     """RMS errors [rad] of the attitude over the horizon on held-out data, nominal and extended."""
     if made.gain is None or made.record is None:
         return {"before": NAN, "after": NAN, "held_out_nats": NAN}
-    before, after = made.gain.nrmse[HORIZON].get("theta", (NAN, NAN))
+    before, after = made.gain.nrmse.get(HORIZON, {}).get("theta", (NAN, NAN))
     change = change_rms(made.record)
     return {"before": before * change, "after": after * change, "held_out_nats": made.gain.nats}

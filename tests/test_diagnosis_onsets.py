@@ -23,8 +23,8 @@ from sim.sections import Wind
 DECLARED = Wind(turbulence=0.005, walk=0.002)
 
 
-def posed(wind=None, effect=None, mask=None, period=0.01, masked=None):
-    """(the problem of a flight of `constant` in this weather, its nominal fitted by nothing)"""
+def posed(wind=None, effect=None, mask=None, period=0.01, masked=None, believed=()):
+    """(the problem of a flight of `constant` in this weather, what is believed of it, fitted by nothing)"""
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=14.0),
                                   sensors=dataclasses.replace(nominal.sensors, period=period), wind=wind)
@@ -35,7 +35,8 @@ def posed(wind=None, effect=None, mask=None, period=0.01, masked=None):
     if masked is not None:
         r.z[masked] = np.nan
     problem = Problem(r, first_filter(r, declared(r)), mask)
-    return problem, fit(problem, (), np.zeros(DEVIATIONS), iterations=0)
+    causes = tuple(Cause(RECORDS[name], values) for name, values in believed)
+    return problem, fit(problem, causes, np.zeros(DEVIATIONS), iterations=0)
 
 
 @pytest.mark.parametrize(("cause", "is_loss"), [("moment_step", False), ("control_loss", True)])
@@ -45,6 +46,8 @@ def posed(wind=None, effect=None, mask=None, period=0.01, masked=None):
     {"period": 0.002},                        # the controller's noise is held over five rows
     {"mask": np.arange(1400) % 200 < 120},    # rows left out of the fit, which correct the state all the same
     {"masked": slice(500, 900)},              # rows without measurement
+    {"believed": [("bending", (0.05, 30.0, 0.02))], "effect": "bending:gain=0.05,frequency=30,damping_ratio=0.02"},
+    {"believed": [("gyro_scale", (0.7,))], "effect": "gyro_scale:scale=0.7"},  # of neither the filter knows
 ])
 def test_score_and_information_are_those_of_the_response(cause, is_loss, given):
     """To the linear dynamics' 1 %, of a loss to 6 %: the nozzle moves within a row."""

@@ -228,8 +228,7 @@ class Refilter:
         self.record, self.dyn, self.base = record, dyn, base
         self.base_gains = np.zeros((record.rows, len(dyn.slots), 3))
         if of is not None:
-            self.base_gains = carried_over(of, dyn.modes, len(record.world.sources))[:, dyn.slots]
-            self.base_gains[:, :, THETA_DOT] /= dyn.rate_scale
+            self.base_gains = gains_in(dyn, of, record)
         self.counts = np.ones(record.rows, bool) if counts is None else counts
 
     def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
@@ -307,6 +306,13 @@ def run_filter(record: Record, dyn: Dynamics, levels: np.ndarray, base: np.ndarr
 def first_filter(record: Record, levels: np.ndarray) -> Filter:
     """Gains for these levels before any innovations are known."""
     return run_filter(record, dynamics(record, Point()), levels, record.z)
+
+
+def gains_in(dyn: Dynamics, of: Filter, record: Record) -> np.ndarray:
+    """(n, m, 3) what a filter's gains amount to in these dynamics, whose modes and gyro it need not know."""
+    gains = np.ascontiguousarray(carried_over(of, dyn.modes, len(record.world.sources))[:, dyn.slots])
+    gains[:, :, THETA_DOT] /= dyn.rate_scale
+    return gains
 
 
 def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:

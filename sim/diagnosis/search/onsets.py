@@ -13,7 +13,7 @@ import numpy as np
 
 from ...vehicle.kernels import inner, kernel
 from ..data.record import Record
-from ..model.noise import dynamics
+from ..model.noise import dynamics, gains_in
 from ..model.nuisance import Problem
 from ..model.point import vehicle
 from .fit import Fit
@@ -138,7 +138,7 @@ def scores(problem: Problem, of: Fit, push: np.ndarray) -> tuple[np.ndarray, np.
     score, information = np.zeros(record.rows), np.zeros(record.rows)
     held = 2 if record.held > 1 else 0
     onset_scores(dyn.f, dyn.block, np.ascontiguousarray(dyn.entry[:, :, 1]), dyn.c, dyn.resets, held, counts,
-                 np.ascontiguousarray(filt.gains[:, dyn.slots]), filt.low, of.whitened, push, score, information)
+                 gains_in(dyn, filt, record), filt.low, of.whitened, push, score, information)
     return score, information
 
 
