@@ -18,10 +18,12 @@ from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
 from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.gain import Trained, _noise, spans
+from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
     ACCELERATION,
     MOST,
+    Disturbance,
     Refilter,
     bounds,
     declared,
@@ -212,3 +214,16 @@ def test_what_the_search_had_no_time_for_is_judged_with_some(record, monkeypatch
     models = (made.selection.nominal, made.selection.model, made.selection.calm)
     assert {each.fit.record.until for each in models} == {made.record.until} == {log.until + more}
     assert made.selection.model is made.selection.nominal
+
+
+def test_leaving_the_gyro_out_begins_only_while_the_search_has_time(record, monkeypatch):
+    """And ends when that time does, the judge's own share apart."""
+    made = Diagnosis(None, record.nominal, None, record=dataclasses.replace(record, until=clock.now() + 3600.0))
+    made.verdict, made.left_nominal = "unexplained", (Leftover(Disturbance("theta", 1.0, 1.0), 50.0),)
+    assert verdict._sensors_disagree(made)
+    began = []
+    monkeypatch.setattr(verdict, "_searched", lambda again, *given: began.append(again.record) or again)
+    verdict._without_gyro(made, None, None, lambda text: None)
+    assert began[0].until == made.record.until - verdict._judged_in(made) and "theta_dot" not in began[0].channels
+    made.record = dataclasses.replace(record, until=clock.now() + 0.9 * verdict._judged_in(made))
+    assert not verdict._sensors_disagree(made)

@@ -129,15 +129,21 @@ def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis
 def _give_time(made: Diagnosis) -> None:
     """To the judge, until JUDGED of the limit."""
     assert made.record is not None and made.selection is not None
-    until = made.record.until + (JUDGED - SEARCHED) * made.nominal.diagnosis.time_limit
+    until = made.record.until + _judged_in(made)
     made.record, made.selection = replace(made.record, until=until), with_time(made.selection, until)
+
+
+def _judged_in(made: Diagnosis) -> float:
+    """[s] that the judge has after the search."""
+    return (JUDGED - SEARCHED) * made.nominal.diagnosis.time_limit
 
 
 def _sensors_disagree(made: Diagnosis) -> bool:
     """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
     of one of them."""
     r = made.record
-    if made.verdict != "unexplained" or r is None or made.is_cut_short or not {"theta", "theta_dot"} <= set(r.channels):
+    if made.verdict != "unexplained" or r is None or clock.now() > r.until - _judged_in(made) or \
+            not {"theta", "theta_dot"} <= set(r.channels):
         return False
     best = max(made.left_nominal, key=lambda each: each.gain, default=None)
     return best is not None and best.disturbance.place in ("theta", "theta_dot")
@@ -152,7 +158,8 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
     z = made.record.z.copy()
     z[:, THETA_DOT] = np.nan
     again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
-                      catalogue=made.catalogue, record=replace(made.record, z=z), used=made.used)
+                      catalogue=made.catalogue, used=made.used,
+                      record=replace(made.record, z=z, until=made.record.until - _judged_in(made)))
     again = _searched(again, holdout, hypotheses, say)
     if again.verdict not in ("explained", "dominant") or again.gain is None or \
             not all(after < GROSS * before for before, after, _, _ in again.gain.squared.values()):
