@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from test_diagnosis_used import as_record
 
 from sim.diagnosis import verdict
-from sim.diagnosis.causes import SOUGHT, Cause
+from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
 from sim.diagnosis.data import clock
 from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
 from sim.diagnosis.judge.diagnosis import Diagnosis
-from sim.diagnosis.judge.gain import Trained, _noise, spans
+from sim.diagnosis.judge.gain import Trained, _noise, on_another, spans
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
@@ -34,7 +34,9 @@ from sim.diagnosis.model.noise import (
 )
 from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
-from sim.diagnosis.search.selection import TOLD_APART, Ranked, Selection, as_simulated, fewer, profile
+from sim.diagnosis.search import weather
+from sim.diagnosis.search.profile import TOLD_APART, as_simulated, profile
+from sim.diagnosis.search.selection import Ranked, Selection, fewer
 from sim.effects import effect
 from sim.effects.sensor import rate_scale
 from sim.effects.table import N_COLUMNS
@@ -169,11 +171,11 @@ def test_a_moment_that_nothing_names_is_no_noise(record):
 
 
 def test_rivals_are_told_apart_less_well_beside_what_nothing_names():
-    def weather(is_wind):
+    def beside(is_wind):
         return SimpleNamespace(weather=SimpleNamespace(is_wind=is_wind))
 
-    assert _blurred(SimpleNamespace(weather=None)) == _blurred(weather(True)) == 0.0
-    assert _blurred(weather(False)) == BLURRED
+    assert _blurred(SimpleNamespace(weather=None)) == _blurred(beside(True)) == 0.0
+    assert _blurred(beside(False)) == BLURRED
 
     def rivals(behind, blurred):
         first, second = (Cause(each, (0.1,)) for each in SOUGHT if each.label in ("actuator_delay", "gyro_delay"))
@@ -227,3 +229,53 @@ def test_leaving_the_gyro_out_begins_only_while_the_search_has_time(record, monk
     assert began[0].until == made.record.until - verdict._judged_in(made) and "theta_dot" not in began[0].channels
     made.record = dataclasses.replace(record, until=clock.now() + 0.9 * verdict._judged_in(made))
     assert not verdict._sensors_disagree(made)
+
+
+# ---- how weather is found
+
+
+def test_a_wind_from_abeam_is_the_end_of_what_is_searched():
+    """More than a radian off the nose a vehicle does not fly: whatever it stands for, it is not this cause."""
+    for name, rest in (("steady_wind", ()), ("gust", (5.0, 2.0))):
+        assert [Cause(RECORDS[name], (angle, *rest)).is_at_an_end for angle in (-1.0, -0.9, 0.9, 1.0)] == [
+            True, False, False, True]
+
+
+@pytest.mark.parametrize(("factor", "seen"), [(10.0, True), (1.0, False)])
+def test_a_first_look_sees_what_the_acceleration_noise_has_taken_in(record, monkeypatch, factor, seen):
+    """A disturbance that gains only where that noise is near the declared, in a model that has it at ten times."""
+    own = declared(record)
+    levels = own.copy()
+    levels[ACCELERATION] *= factor
+    monkeypatch.setattr(weather, "Refilter", lambda *given: SimpleNamespace(
+        log_likelihood=lambda levels: 0.0, with_sizes=lambda tried, *rest: np.array(
+            [100.0 if own[ACCELERATION] < tried[ACCELERATION] < 2.0 * own[ACCELERATION] else 0.0])))
+    fitted = SimpleNamespace(record=record, filter=SimpleNamespace(levels=levels), innovations=None)
+    assert (weather._first_look(SimpleNamespace(fit=fitted, dynamics=None)) is not None) == seen
+
+
+@pytest.mark.parametrize(("second", "early"), [(0.9, True), (1.1, False)])
+def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less_than_half_of_it(
+        monkeypatch, second, early):
+    nominal, one, two = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
+        record=SimpleNamespace(is_late=False))) for k, gain in ((0, 0.0), (1, 900.0), (2, 900.0 + 50.0 * second)))
+    beside = SimpleNamespace(gain=100.0)
+    found = SimpleNamespace(model=one, rankings=[[]])
+    for name, answer in (("as_simulated", nominal), ("swinging", ()), ("sensors_disagree", False), ("_first_look", 1.0),
+                         ("_weathered", beside), ("_in_weather", "in weather"), ("select_from", found)):
+        monkeypatch.setattr(weather, name, lambda *given, answer=answer: answer)
+    asked = []
+    monkeypatch.setattr(weather, "grown", lambda of, *given: asked.append(setattr(of, "model", two)) or True)
+    searched = []
+    monkeypatch.setattr(weather, "select_from", lambda *given: searched.append(given[3]) or found)
+    assert weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None) == "in weather" and len(asked) == 1
+    assert searched == ([1] if early else [1, weather.MOST_CAUSES])
+
+
+def test_a_second_log_is_judged_in_the_weather_of_the_first(record):
+    source = sought(TURBULENCE, record.nominal, 0.001)
+    log = dataclasses.replace(record, world=record.world.with_weather(source))
+    model = as_simulated(log)
+    gain = on_another(record, model, model)
+    assert gain.nats == 0.0 and gain.source == "a second log"
+    assert gain.squared["theta"][0] == gain.squared["theta"][1] > 0.0

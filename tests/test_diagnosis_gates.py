@@ -18,6 +18,7 @@ from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
 from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
+from sim.diagnosis.search.profile import TOLD_APART
 from sim.diagnosis.search.selection import Weather
 
 BEGAN, ENDED = 0.0, 45.0   # s
@@ -270,8 +271,8 @@ def ranked(*pairs):
 
 
 def test_look_alikes_are_those_that_explain_the_log_as_well():
-    ranking = ranked(("gust", 50.0), ("slosh", 50.0 - selection.TOLD_APART + 0.1), ("friction", 50.0),
-                     ("bending", 50.0 - selection.TOLD_APART - 0.1), ("slosh", 49.0))
+    ranking = ranked(("gust", 50.0), ("slosh", 50.0 - TOLD_APART + 0.1), ("friction", 50.0),
+                     ("bending", 50.0 - TOLD_APART - 0.1), ("slosh", 49.0))
     assert _rivals("gust", ranking, 0.0) == ("slosh", "friction")
     assert _rivals("aero_damping", ranked(("gust", 54.1), ("slosh", 50.0)), 0.0) == ("gust",)  # from the best
     assert _rivals("aero_damping", ranked(("aero_damping", 50.0), ("gust", 51.0), ("slosh", 56.0)), 0.0) == ("slosh",)

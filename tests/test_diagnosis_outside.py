@@ -16,8 +16,8 @@ from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, vehicle
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.search.fit import fit, slopes_at
+from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import scan
-from sim.diagnosis.search.selection import as_simulated
 from sim.diagnosis.verdict import diagnose
 from sim.effects import effect, pack, values
 from sim.log import Log, read_log

@@ -17,7 +17,8 @@ from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, WALK
 from sim.diagnosis.model.noise import Refilter, bounds, declared, dynamics, first_filter, run_filter
 from sim.diagnosis.model.point import Point, innovations, prediction_errors
 from sim.diagnosis.report.answer import report
-from sim.diagnosis.search.selection import _ranking, as_simulated
+from sim.diagnosis.search.profile import as_simulated
+from sim.diagnosis.search.selection import _ranking
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.flight import fly_whole

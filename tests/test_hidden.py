@@ -21,7 +21,7 @@ from sim.diagnosis.data.check import check
 from sim.diagnosis.judge.closed_loop import closed_loop_errors
 from sim.diagnosis.model.point import innovations
 from sim.diagnosis.report.answer import report
-from sim.diagnosis.search.selection import as_simulated
+from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.verdict import diagnose
 from sim.effects import CATALOGUE, effect
 from sim.log import read_log

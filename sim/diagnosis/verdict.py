@@ -39,8 +39,9 @@ from .judge.named import mismatch, named_causes, named_weather, with_removed
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
+from .search.profile import Model
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Model, Say, Selection, fewer, in_a_block, strongest, with_time
+from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, strongest, with_time
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]

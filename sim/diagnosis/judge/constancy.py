@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..search.profile import Model
 from ..search.scan import norms
-from ..search.selection import Model
 
 SEGMENTS = 8
 CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47

@@ -18,8 +18,8 @@ from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, ru
 from ..model.nuisance import WORST_WHITE, Problem
 from ..model.point import DEVIATIONS, Point, innovations, prediction_errors
 from ..search.fit import Fit, fit
+from ..search.profile import Model
 from ..search.scan import scan
-from ..search.selection import Model
 from .closed_loop import closed_loop_errors, rms
 
 LONGEST = 1.0          # s of a prediction

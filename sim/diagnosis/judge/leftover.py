@@ -14,8 +14,8 @@ from ..model.lanes import LANES
 from ..model.level_fit import fit_levels
 from ..model.noise import Disturbance, Refilter, largest
 from ..model.nuisance import Problem
+from ..search.profile import Model
 from ..search.scan import lines
-from ..search.selection import Model
 from .shapes import shape_gains
 
 LEFTOVER_LIMIT = 10.0      # nats: true causes left 1, unlisted ones 13 and more

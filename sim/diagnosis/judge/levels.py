@@ -9,7 +9,7 @@ from ..data.record import CHANNELS
 from ..data.world import WEATHER
 from ..model.level_fit import LEVEL_STEP
 from ..model.noise import LEVELS, Refilter, declared
-from ..search.selection import Model
+from ..search.profile import Model
 from .measure import NOISE
 from .named import SIGNIFICANT
 

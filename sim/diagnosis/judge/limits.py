@@ -14,8 +14,8 @@ import numpy as np
 from ..causes import SOUGHT, Cause, Hypothesis
 from ..data.record import Record
 from ..model.nuisance import Problem
+from ..search.profile import Model, penalty
 from ..search.scan import Projector, response, with_effect
-from ..search.selection import Model, penalty
 
 LOOK_ALIKE = 0.999     # |cosine| from which two causes cannot be told apart by any size
 BEYOND = 30.0          # times the smallest and the largest size of a record, between which one is sought

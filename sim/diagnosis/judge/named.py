@@ -10,7 +10,8 @@ from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
-from ..search.selection import TOLD_APART, Model, Ranked, Selection, Weather, penalty, profile
+from ..search.profile import TOLD_APART, Model, penalty, profile
+from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared

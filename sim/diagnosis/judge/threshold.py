@@ -27,7 +27,8 @@ from ..controller.command import record
 from ..data.check import check
 from ..data.record import Record
 from ..model.noise import LEVELS, WRONG_NOISE
-from ..search.selection import Say, as_simulated, ranking_of
+from ..search.profile import as_simulated
+from ..search.selection import Say, ranking_of
 from .closed_loop import as_flown
 
 LOWEST = 8.0           # nats

@@ -25,8 +25,9 @@ from ..judge.diagnosis import Diagnosis
 from ..judge.user_gain import INTERVAL
 from ..model.nuisance import Problem
 from ..search.fit import Fit
+from ..search.profile import as_simulated
 from ..search.proposal import acceleration
-from ..search.selection import as_simulated, needed
+from ..search.selection import needed
 from .answer import NEARLY_ALIKE
 from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, PATCH, SYMBOLS, UNITS, axes_of, legend_above, mark_times
 from .misfit import misfit

@@ -13,7 +13,7 @@ from ..judge.closed_loop import rms
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import SPACING, Trained, settling, spans, within
 from ..model.point import prediction_errors
-from ..search.selection import Model
+from ..search.profile import Model
 from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, SYMBOLS, UNITS, axes_of, mark_times
 from .words import predicts_better
 

@@ -15,8 +15,9 @@ from launchid_core import Config, Estimator, Sample
 from ..causes import Cause, Hypothesis, missing_term
 from ..model.nuisance import Problem
 from .fit import Fit
+from .profile import Model
 from .scan import scan
-from .selection import FAR, FURTHER, SINE, Model, Say, Selection, select_from
+from .selection import FAR, FURTHER, SINE, Say, Selection, select_from
 
 TERMS = ("1", "theta", "theta_dot", "beta", "theta^2", "theta*theta_dot", "theta*beta", "theta_dot^2", "theta_dot*beta",
          "beta^2", "theta^3", "theta_dot^3", "beta^3")

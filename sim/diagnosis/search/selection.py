@@ -6,7 +6,7 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,22 +14,11 @@ import numpy as np
 from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
-from ..model.level_fit import fit_levels
-from ..model.noise import (
-    WRONG_NOISE,
-    Dynamics,
-    Filter,
-    Refilter,
-    bounds,
-    declared,
-    dynamics,
-    first_filter,
-    run_filter,
-)
 from ..model.nuisance import Problem
-from ..model.point import DEVIATIONS, Point, innovations
 from .fit import Fit, fit
+from .profile import TOLD_APART, Model, penalty, profile
 from .scan import Candidate, scan
+from .starts import starts
 
 SINE = "sin(theta)"
 FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
@@ -41,35 +30,12 @@ PROFILED = 3          # of these, how many get their own noise levels; and all w
 NEAR = 8.0            # nats
 HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
-TOLD_APART = 4.0      # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
-BLOWN_UP = 1.4        # times the declared: weather that may have taken in what a cause does
-ROUNDS = 3            # of alternating between causes and noise levels at most
-ROUND_GAIN = 0.1      # nats that a round must bring to go on
 SWAPS = 4             # rounds of swapping a cause for a better one at most
-MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
-UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 SWAP_GAIN = 1.0       # nats that a swap must bring
-QUIETER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)  # factors of a weather's level
-QUIET_SEGMENTS = 8
-FARTHEST = 100.0      # times below the fitted levels, of another start: farther no filter stays with the log
-UNSTEADY = 0.3        # of its level: weather with which half of the log does not do is none
 
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """Causes with everything refitted: the fit, and the log-likelihood less the tolerance's prior."""
-
-    fit: Fit
-    log_likelihood: float
-    dynamics: Dynamics
-
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        return self.fit.causes
 
 
 @dataclass(frozen=True)
@@ -125,70 +91,6 @@ class Selection:
 def needed(threshold: float, causes: int) -> float:
     """Evidence [nats] that a cause must reach beside so many."""
     return max(FURTHER, threshold) if causes else threshold
-
-
-def penalty(record: Record, hypothesis: Hypothesis) -> float:
-    """Schwarz's, of one cause [nats]."""
-    return 0.5 * len(hypothesis.free) * math.log(record.rows)
-
-
-def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
-            mask: np.ndarray | None = None, fitted: Fit | None = None) -> Model:
-    """Causes and noise levels fitted in turn until neither brings anything.
-
-    fitted  the causes' fit under `start`, where there is one
-    """
-    found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
-    made = _model(record, found, mask)
-    for _ in range(ROUNDS if not record.is_late else 0):
-        fitted = made.fit
-        new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
-        if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:
-            break
-        better = _model(record, fit(Problem(record, new, mask), fitted.causes, fitted.delta), mask)
-        if not better.log_likelihood > made.log_likelihood:
-            break
-        made = better
-    return made
-
-
-def _prior(fitted: Fit) -> float:
-    """What the tolerance's prior takes from the log-likelihood [nats]."""
-    return 0.5 * float(np.sum((fitted.delta / Problem(fitted.record, fitted.filter).prior)**2))
-
-
-def _model(record: Record, fitted: Fit, mask: np.ndarray | None) -> Model:
-    """A fit with its log-likelihood under its own filter."""
-    rows = np.isfinite(fitted.innovations) if mask is None else np.isfinite(fitted.innovations) & mask[:, None]
-    log_likelihood = -fitted.cost - _constant(fitted.filter, rows)
-    return Model(fitted, log_likelihood, dynamics(record, fitted.point))
-
-
-def _constant(filt: Filter, measured: np.ndarray) -> float:
-    """1/2 (log det + count log 2 pi) of the whitening."""
-    diagonal = np.einsum("kaa->ka", filt.low)
-    if not np.all(diagonal[measured] > 0.0):
-        return math.inf  # a model that did not stay with the log has no filter
-    return float(np.sum(np.log(diagonal[measured])) + 0.5 * math.log(2.0 * math.pi) * measured.sum())
-
-
-def as_simulated(record: Record) -> Model:
-    """The nominal with its noise levels fitted from two starts: the declared, and what the innovations look like, which
-    must do clearly better."""
-    levels = declared(record)
-    start = first_filter(record, levels)
-    models = [profile(record, (), np.zeros(DEVIATIONS), start)]
-    e = innovations(record, start, Point())[0]
-    seen = levels.copy()
-    for k in range(3):
-        if np.isfinite(e[:, k]).any():
-            ratio = float(np.nanmedian(np.abs(start.whiten(e)[:, k])) / MEDIAN)
-            seen[k] *= ratio
-    seen[3:5] *= UNSEEN
-    low, high = bounds(record)
-    seen = levels * np.clip(seen / levels, low, high)
-    models.append(profile(record, (), np.zeros(DEVIATIONS), first_filter(record, seen)))
-    return models[1] if models[1].log_likelihood > models[0].log_likelihood + TOLD_APART else models[0]
 
 
 def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
@@ -287,7 +189,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     """
     best: dict[str, tuple[Model, float]] = {}
-    for start in _starts(record, base) if known is None else [base]:
+    for start in starts(record, base) if known is None else [base]:
         for fitted in _worth_levels(record, _fits(record, start, allowed, known)):
             model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
             cause = model.causes[-1]
@@ -335,41 +237,6 @@ def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit
         if name not in seen and not far and not (record.is_late and seen):
             seen.add(name)
             yield fitted
-
-
-def quiet(model: Model) -> float:
-    """Factor of the level of the weather that is sought, 1 or below, that half of the log's segments do with; 1 where
-    none is sought.  What sets in, or passes, makes the others' weather, and is no weather."""
-    record, levels = model.fit.record, model.fit.filter.levels
-    at = [5 + k for k, each in enumerate(record.world.levels) if each.is_sought]
-    if not at:
-        return 1.0
-    refilter = Refilter(record, model.dynamics, model.fit.innovations, model.fit.filter)
-    likely = []
-    for factor in QUIETER:
-        calmer = levels.copy()
-        calmer[at] *= factor
-        filt = refilter.filter(calmer)
-        diagonal = np.einsum("kaa->ka", filt.low)
-        row = np.sum(np.where(diagonal > 0.0, -np.log(np.maximum(diagonal, 1e-300)) - 0.5 * filt.whitened**2, 0.0), 1)
-        likely.append([float(part.sum()) for part in np.array_split(row, QUIET_SEGMENTS)])
-    return float(np.median([QUIETER[k] for k in np.argmax(np.array(likely), axis=0)]))
-
-
-def _starts(record: Record, base: Model) -> list[Model]:
-    """The base under its fitted noise; and under the declared, where what is sought may have passed for noise or for
-    the declared weather, or under the weather of the log's quieter half, where it may have passed for weather."""
-    levels = np.maximum(declared(record), base.fit.filter.levels / FARTHEST)
-    calmer, most = quiet(base), np.full(len(levels), WRONG_NOISE)
-    for k, each in enumerate(record.world.levels, start=5):
-        most[k] = BLOWN_UP
-        if each.is_sought:
-            levels[k], most[k] = base.fit.filter.levels[k] * calmer, math.inf
-    if calmer > UNSTEADY and np.all(base.fit.filter.levels < most * levels):
-        return [base]
-    filt = run_filter(record, base.dynamics, levels, base.fit.innovations, base.fit.filter)
-    fitted = fit(Problem(record, filt), base.causes, base.fit.delta, iterations=3)
-    return [base, Model(fitted, base.log_likelihood, base.dynamics)]
 
 
 def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:

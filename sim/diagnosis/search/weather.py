@@ -27,24 +27,9 @@ from ..model.noise import (
     largest,
 )
 from ..model.point import innovations
-from .selection import (
-    FURTHER,
-    MOST_CAUSES,
-    THRESHOLD,
-    TOLD_APART,
-    UNSTEADY,
-    Model,
-    Say,
-    Selection,
-    Weather,
-    as_simulated,
-    grown,
-    needed,
-    profile,
-    quiet,
-    select_from,
-    swinging,
-)
+from .profile import TOLD_APART, Model, as_simulated, profile
+from .selection import FURTHER, MOST_CAUSES, THRESHOLD, Say, Selection, Weather, grown, needed, select_from, swinging
+from .starts import UNSTEADY, quiet
 
 TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3 apart a time is told from the next
 SIZES = np.geomspace(1e-3, 1.0, 8)  # of a first look, over the largest
