@@ -268,7 +268,8 @@ def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less
     monkeypatch.setattr(weather, "grown", lambda of, *given: asked.append(setattr(of, "model", two)) or True)
     searched = []
     monkeypatch.setattr(weather, "select_from", lambda *given: searched.append(given[3]) or found)
-    assert weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None) == "in weather" and len(asked) == 1
+    made = weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None)
+    assert made == "in weather" and len(asked) == 1
     assert searched == ([1] if early else [1, weather.MOST_CAUSES])
 
 

@@ -14,6 +14,7 @@ from sim.diagnosis.model.point import DEVIATIONS
 from sim.diagnosis.search.fit import fit
 from sim.diagnosis.search.onsets import pushes, scores, sharpest
 from sim.diagnosis.search.scan import Projector, response, scan
+from sim.diagnosis.search.selection import _in_steps
 from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log
@@ -28,7 +29,7 @@ def posed(wind=None, effect=None, mask=None, period=0.01, masked=None, believed=
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=14.0),
                                   sensors=dataclasses.replace(nominal.sensors, period=period), wind=wind)
-    flown = fly_whole(nominal, 5, effects=() if effect is None else (from_text(effect),))
+    flown = fly_whole(nominal, 5, effects=[from_text(each) for each in (effect or "").split() if each])
     columns = {name: getattr(flown, name, np.full(len(flown.t), np.nan)) for name in REQUIRED + OPTIONAL}
     log = Log("flown", tuple(name for name in columns if np.isfinite(columns[name]).any()), (), **columns)
     r = record(log, nominal, check(log, nominal))
@@ -86,3 +87,16 @@ def test_when_time_is_over_a_fit_takes_one_step_and_a_scan_keeps_what_it_has():
     assert base.cost > step.cost > whole.cost + 1.0
     asked = tuple(RECORDS[name] for name in ("aero_damping", "thrust_misalignment", "gyro_bias"))
     assert len(scan(late, base, asked)) == 1 < len(scan(problem, base, asked))
+
+
+def test_a_loss_that_comes_gradually_is_tried_in_two_steps_about_its_middle():
+    """One onset in the middle of two cannot say what they do: two halves about it come nearer, and are two causes."""
+    problem, base = posed(effect="control_loss:fraction=0.3,time=6.5 control_loss:fraction=0.3,time=8",
+                          believed=[("control_loss", (0.5, 7.2))])
+    one = fit(problem, base.causes, np.zeros(DEVIATIONS))
+    tried = list(_in_steps(problem, one, [RECORDS["control_loss"]]))
+    best = min(tried, key=lambda each: each.cost)
+    assert best.cost < one.cost - 10.0 and len(best.causes) == 2
+    assert sorted(cause.values[1] for cause in best.causes) == pytest.approx([6.5, 8.0], abs=0.3)
+    assert list(_in_steps(problem, one, [RECORDS["gust"]])) == []   # of a cause that is not sought there is none
+    assert list(_in_steps(problem, posed()[1], [RECORDS["control_loss"]])) == []
