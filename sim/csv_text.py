@@ -56,18 +56,22 @@ def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, l
 
 
 class _Lines:
-    """The lines of a file; `number` is that of the last one given."""
+    """The lines of a file; `number` is that of the last one given.
+
+    A line without an end is the last: what a file that grows has got meanwhile would be its other half.
+    """
 
     def __init__(self, path: str, file: TextIO) -> None:
-        self.path, self.number, self._readline = path, 0, file.readline
+        self.path, self.number, self._readline, self._has_ended = path, 0, file.readline, False
 
     def __iter__(self) -> "_Lines":
         return self
 
     def __next__(self) -> str:
-        line = self._readline(LONGEST_LINE)
+        line = "" if self._has_ended else self._readline(LONGEST_LINE)
         if not line:
             raise StopIteration
+        self._has_ended = not line.endswith(("\n", "\r"))
         self.number += 1
         if self.number == 1:
             self._check_kind(line)

@@ -8,7 +8,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -90,19 +90,19 @@ class Columns:
         self.known = {name: names[name] for name in REQUIRED + OPTIONAL if name in names}
         self.ignored = tuple(name for name in names if name and name not in self.known)
 
-    def numbers(self, line: int, cells: list[str], is_last: bool = False) -> list[float]:
-        """One row's known cells; InputError naming line and column.  `is_last`: of a file."""
+    def numbers(self, line: int, cells: list[str], is_last: Callable[[], bool] = lambda: False) -> list[float]:
+        """One row's known cells; InputError naming line and column.  `is_last`: of a file, asked where it matters."""
         if len(cells) != self.width:
             raise InputError(f"{self.path}: line {line}: {self._odd_width(cells, is_last)}")
         if cells == self._header:
             raise InputError(f"{self.path}: line {line}: the header stands here again; expected one log in a file")
         return [self._cell(line, name, cells[k]) for name, k in self.known.items()]
 
-    def _odd_width(self, cells: list[str], is_last: bool) -> str:
+    def _odd_width(self, cells: list[str], is_last: Callable[[], bool]) -> str:
         if any("\0" in cell for cell in cells):
             return "NUL characters; expected a sample (a file that was not closed may end so)"
         hint = ""
-        if is_last and len(cells) < self.width:
+        if len(cells) < self.width and is_last():
             hint = "; the file ends there: cut short, or still being written"
         elif len(cells) == 2 * self.width and all(_INTEGER.match(cell) for cell in cells):
             hint = "; the numbers seem to have decimal commas: expected points"
@@ -115,23 +115,24 @@ class Columns:
                              "expected one such as -0.0123, or an empty cell")
         return value
 
-    def _block(self, rows: list[tuple[int, list[str]]]) -> Iterator[Sequence[float]]:
-        """The known columns of these rows; InputError for the first that cannot be read."""
+    def _block(self, rows: list[tuple[int, list[str]]], rest: Iterator[tuple[int, list[str]]],
+               ) -> Iterator[Sequence[float]]:
+        """The known columns of these rows, before the rest; InputError for the first that cannot be read."""
         if all(len(cells) == self.width for _, cells in rows):
             turned = list(zip(*(cells for _, cells in rows), strict=True))
             columns = [numbers(turned[k]) for k in self.known.values()]
             whole = [column for column in columns if column is not None]
             if len(whole) == len(columns):
                 return iter(whole)
-        last = rows[-1] if len(rows) < BLOCK else None
-        return zip(*[self.numbers(*row, is_last=row is last) for row in rows], strict=True)
+        before = [self.numbers(*row) for row in rows[:-1]]
+        return zip(*before, self.numbers(*rows[-1], is_last=lambda: next(rest, None) is None), strict=True)
 
     def read(self, rows: Iterable[tuple[int, list[str]]]) -> dict[str, np.ndarray]:
         """The known columns of all these rows, each (rows,); `rows` as `csv_text.rows` gives them."""
         columns = [array("d") for _ in self.known]  # grows where it is: no second copy at the end
         rows = iter(rows)
         while block := list(itertools.islice(rows, BLOCK)):
-            for column, values in zip(columns, self._block(block), strict=True):
+            for column, values in zip(columns, self._block(block, rows), strict=True):
                 column.extend(values)
         return {name: np.frombuffer(column) if column else np.zeros(0)
                 for name, column in zip(self.known, columns, strict=True)}

@@ -5,6 +5,7 @@ layout is odd, which are read.
 """
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -19,10 +20,11 @@ from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
 from sim.cli import main
+from sim.csv_text import AS_TEXT, rows
 from sim.diagnosis.data.stamps import usable_rows
 from sim.errors import InputError
 from sim.log import measured_logs, read_log
-from sim.log_table import BLOCK, number, numbers
+from sim.log_table import BLOCK, Columns, number, numbers
 
 
 @pytest.mark.parametrize("case", MALFORMED)
@@ -136,6 +138,27 @@ def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_p
     stop.set()
     thread.join(10)
     assert len(read_log(log).t) == 8_000 and seen
+
+
+@pytest.mark.parametrize("count", [1, BLOCK - 1, BLOCK, BLOCK + 1])
+def test_a_cut_line_is_the_last_whatever_the_file_has_got_meanwhile(tmp_path, count):
+    """Here its other half, by the time that the line is asked for again; also where a block of rows ends."""
+    log = tmp_path / "log.csv"
+    log.write_bytes(HEAD + b"".join(b"%d.5,0.25,-0.125\n" % k for k in range(count - 1)) + b"77.5,0.2")
+
+    class Grows(io.TextIOWrapper):
+        def readline(self, size: int = -1) -> str:  # type: ignore[override]
+            line = super().readline(size)
+            if not line.endswith("\n"):
+                with log.open("ab") as file:
+                    file.write(b"5,-0.125\n")
+            return line
+
+    with Grows(log.open("rb"), **AS_TEXT) as file:
+        lines = rows("log", file)
+        columns = Columns("log", next(lines)[1])
+        with pytest.raises(InputError, match=f"^log: line {count + 1}: 2 cells, expected 3 as in the header{CUT}$"):
+            columns.read(lines)
 
 
 @pytest.mark.parametrize("words", [["diagnose", "LOG", "constant"], ["uncertainty", "LOG", "constant"],
