@@ -11,9 +11,11 @@ from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.issued import is_slow
 from sim.diagnosis.data import clock
 from sim.diagnosis.data.check import check
+from sim.diagnosis.data.record import BETA
 from sim.diagnosis.data.used import SLOWEST, coarser, cut, shortened, sparser, thinned, used
 from sim.diagnosis.model.noise import declared, first_filter
 from sim.diagnosis.model.point import Point, innovations
+from sim.effects import effect
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log
 from sim.nominal import built_in, load_nominal
@@ -35,10 +37,10 @@ def as_record(period, **given):
     return record(log, nominal, check(log, nominal))
 
 
-def followed(r):
+def followed(r, *effects):
     """States of the vehicle on the log's commands, corrected by nothing."""
     filt = first_filter(r, declared(r))
-    return innovations(r, dataclasses.replace(filt, gains=np.zeros_like(filt.gains)), Point())[1]
+    return innovations(r, dataclasses.replace(filt, gains=np.zeros_like(filt.gains)), Point(effects))[1]
 
 
 @pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
@@ -54,6 +56,16 @@ def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
     assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
     ours, theirs = followed(thin), followed(r)[kept]
     assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=(1e-2 if r.held_phase else 2e-5) * np.ptp(theirs))
+
+
+@pytest.mark.parametrize("delay", [0.0012, 0.002, 0.0025, 0.0133])
+def test_a_late_servo_moves_the_same_where_several_steps_are_integrated_at_once(delay):
+    """The command in two halves of the time that it has, its mean over both steps, was 0.2 ms of 2 beside the truth."""
+    r, late = as_record(0.01), effect("actuator_delay", delay=delay)
+    thin = thinned(r, 2)
+    assert (r.at_once, thin.at_once, thin.step) == (1, 2, r.step)
+    ours, theirs = followed(thin, late)[:, BETA], followed(r, late)[r.held_phase::2, BETA]
+    assert ours == pytest.approx(theirs, abs=2e-5 * np.ptp(theirs))
 
 
 def test_a_thinned_log_takes_the_longest_step_that_resolves_its_servo():

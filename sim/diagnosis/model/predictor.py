@@ -41,6 +41,7 @@ from .likelihood import N_CHANNELS
 AT_ONCE = N_COUNTERS  # of the vehicle's counters, behind the simulator's
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
 ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
+WHOLE = 1.0e-6      # of a step: nearer to its end a command begins there
 DEAF = 0.1          # least scale factor of a gyro that is made good: of one that shows less, noise would be the rate
 
 
@@ -144,10 +145,20 @@ def remember_between(v, i, n):
 
 
 @inner
+def before_late(n, phase, late):
+    """At most n steps from step `phase` of a command's time, when the one before ends after `late` steps of it."""
+    whole = int(late + WHOLE)
+    if phase < whole:
+        return min(n, whole - phase)
+    return 1 if phase == whole and late - whole > WHOLE else n
+
+
+@inner
 def advance_row(v, held, pushed, first, last, begin):
     """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0].
 
-    As many steps at once as counter[AT_ONCE] allows, within one command.
+    As many steps at once as counter[AT_ONCE] allows, within one command; one where a late command begins: the mean
+    over more would be half of it at first, which a servo answers otherwise.
     """
     c = v.constant
     tick_steps, most = v.counter[1], v.counter[AT_ONCE]
@@ -160,6 +171,8 @@ def advance_row(v, held, pushed, first, last, begin):
         tick = (i - begin) // tick_steps
         phase = (i - begin) - tick * tick_steps
         n = min(most, last - i, tick_steps - phase)
+        if delay > 0.0:
+            n = before_late(n, phase, delay / c[STEP] % tick_steps)
         u = delayed_command(v.commands, tick, phase * c[STEP], n * c[STEP], c[PERIOD], delay) + held[0]
         u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], n * c[STEP], u)
         runge_kutta_4(v, i, n, u, v.acceleration[tick] + held[1] + pushed)
