@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_diagnosis_used import as_record
+from test_diagnosis_world import NOMINAL, flown, on_grid
 
 from sim.diagnosis import verdict
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
@@ -32,14 +33,19 @@ from sim.diagnosis.model.noise import (
     largest,
     run_filter,
 )
+from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
 from sim.diagnosis.search import weather
-from sim.diagnosis.search.profile import TOLD_APART, as_simulated, profile
-from sim.diagnosis.search.selection import Ranked, Selection, fewer
+from sim.diagnosis.search.fit import fit
+from sim.diagnosis.search.profile import TAKEN_OVER, TOLD_APART, as_simulated, given_back, profile
+from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, fewer, select_from
 from sim.effects import effect
 from sim.effects.sensor import rate_scale
 from sim.effects.table import N_COLUMNS
+from sim.nominal import Wind
+
+TIMING = 4   # of the deviations
 
 
 @pytest.fixture(scope="module")
@@ -271,6 +277,42 @@ def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less
     made = weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None)
     assert made == "in weather" and len(asked) == 1
     assert searched == ([1] if early else [1, weather.MOST_CAUSES])
+
+
+@pytest.mark.parametrize("turbulence", [0.0, 0.004])
+def test_weather_stays_beside_what_else_is_found_only_where_that_needs_it(turbulence):
+    """A step of the moment, found where weather stood in for it: the weather's gain of then is no longer its own."""
+    blown = Wind(turbulence=turbulence, turbulence_time=1.0, initial=0.0) if turbulence else None
+    log = flown(dataclasses.replace(NOMINAL, wind=blown), "moment_step:acceleration=0.03,time=12")
+    calm = as_simulated(on_grid(log, NOMINAL))
+    first = weather._weathered(calm)
+    of = Selection(first.model, first.model, weather=Weather(first.source, 1.0, 1.0, first.gain), calm=calm)
+    step = next(each for each in SOUGHT if each.label == "moment_step")
+    found = select_from(of.nominal, (step,), THRESHOLD, 1, lambda text: None)
+    made = weather.in_its_weather(of, found, THRESHOLD, lambda text: None)
+    assert [each.hypothesis.label for each in made.model.causes] == ["moment_step"]
+    assert made.model.causes[0].values[0] == pytest.approx(0.03, rel=0.2)
+    if turbulence:
+        assert made.nominal is of.nominal and FURTHER < made.weather.gain < first.gain
+    else:
+        assert made.nominal is calm and made.weather is None
+
+
+def test_what_the_timing_had_taken_over_is_given_back_to_a_slow_servo():
+    """The nominal had answered 17 ms late; a fit from there may stop in between, where each has a part."""
+    slow = next(each for each in SOUGHT if each.label == "actuator_bandwidth")
+    log = on_grid(flown(NOMINAL, "actuator_bandwidth:scale=0.6"), NOMINAL)
+    nominal = as_simulated(log)
+    assert nominal.fit.delta[TIMING] > 10.0 * NOMINAL.diagnosis.timing
+    begun = fit(Problem(log, nominal.fit.filter), (Cause(slow, (0.98,)),), nominal.fit.delta, iterations=0)
+    stuck = profile(dataclasses.replace(log, until=0.0), (), nominal.fit.delta, nominal.fit.filter, fitted=begun)
+    stuck = dataclasses.replace(stuck, fit=dataclasses.replace(stuck.fit, record=log))
+    assert stuck.fit.delta[TIMING] > TAKEN_OVER * NOMINAL.diagnosis.timing
+    made = given_back(stuck)
+    assert made.log_likelihood > stuck.log_likelihood
+    assert abs(made.fit.delta[TIMING]) < NOMINAL.diagnosis.timing
+    assert made.causes[0].values[0] == pytest.approx(0.6, abs=3.0 * made.fit.std(0)[0])
+    assert given_back(made) is made   # near the nominal's own: nothing to give back
 
 
 def test_a_second_log_is_judged_in_the_weather_of_the_first(record):

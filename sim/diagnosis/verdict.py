@@ -287,11 +287,10 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     something may stand for anything), else a proposal."""
     assert made.selection is not None
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    terms = propose(made.selection.nominal, made.threshold, say)
+    terms = propose(made.selection, made.threshold, say)
     if terms is None:
         return found
     made.proposal, selection = terms
-    selection.weather, selection.calm = made.selection.weather, made.selection.calm
     again = _tested(made, selection, measure, say)
     behind = made.selection.model.log_likelihood - selection.model.log_likelihood
     if not again and not made.remaining and behind < TERM_MARGIN:

@@ -18,6 +18,7 @@ from .fit import Fit
 from .profile import Model
 from .scan import scan
 from .selection import FAR, FURTHER, SINE, Say, Selection, select_from
+from .weather import in_its_weather
 
 TERMS = ("1", "theta", "theta_dot", "beta", "theta^2", "theta*theta_dot", "theta*beta", "theta_dot^2", "theta_dot*beta",
          "beta^2", "theta^3", "theta_dot^3", "beta^3")
@@ -85,10 +86,12 @@ def proposed(nominal: Model) -> list[Hypothesis]:
     return [missing_term(term) for term in dict.fromkeys(chosen)]
 
 
-def propose(nominal: Model, threshold: float, say: Say) -> tuple[Proposal, Selection] | None:
-    """The nominal with the missing terms that its log asks for, or None if none reaches the threshold."""
+def propose(of: Selection, threshold: float, say: Say) -> tuple[Proposal, Selection] | None:
+    """The nominal of a selection with the missing terms that its log asks for, in the weather that is still needed
+    then; None if none reaches the threshold."""
     say("missing terms")
-    found = select_from(nominal, proposed(nominal), threshold, MOST_TERMS, say)
+    found = select_from(of.nominal, proposed(of.nominal), threshold, MOST_TERMS, say)
+    found = in_its_weather(of, found, threshold, say)
     if not found.model.causes:
         return None
     return Proposal(found.model, equation(found.model.causes)), found

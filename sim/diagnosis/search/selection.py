@@ -16,7 +16,7 @@ from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.nuisance import Problem
 from .fit import Fit, fit
-from .profile import TOLD_APART, Model, penalty, profile
+from .profile import TOLD_APART, Model, given_back, penalty, profile
 from .scan import Candidate, scan
 from .starts import starts
 
@@ -198,7 +198,12 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
                 continue
             if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
                 best[cause.hypothesis.label] = model, evidence
-    return sorted(best.values(), key=lambda pair: -pair[1])
+    ranked = sorted(best.values(), key=lambda pair: -pair[1])
+    if ranked and not record.is_late:
+        model, evidence = ranked[0]
+        better = given_back(model)
+        ranked[0] = better, evidence + better.log_likelihood - model.log_likelihood
+    return ranked
 
 
 def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float | None) -> list[tuple[Fit, float]]:

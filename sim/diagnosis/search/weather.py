@@ -96,10 +96,17 @@ def sensors_disagree(model: Model) -> bool:
 
 def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], threshold: float, say: Say) -> Selection:
     """The search from these causes on, all in the weather; and without it again where its causes make it needless."""
-    record, causes = of.model.fit.record, of.model.causes
-    nominal = _refitted(record, (), of.model) if causes else of.model
+    causes = of.model.causes
+    nominal = _refitted(of.model.fit.record, (), of.model) if causes else of.model
     blocks = () if causes else swinging(nominal)
     found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None)
+    return _kept(calm, found, of, known, threshold, say)
+
+
+def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[Hypothesis, ...], threshold: float,
+          say: Say) -> Selection:
+    """What was found in a weather, with what that brings beside it; sought in calm air again where it is needless."""
+    record = found.nominal.fit.record
     same = _refitted(calm.fit.record, found.model.causes, calm)
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
@@ -108,6 +115,14 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
     found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
                             quiet(found.model) > UNSTEADY)
     return found
+
+
+def in_its_weather(of: Selection, found: Selection, threshold: float, say: Say) -> Selection:
+    """What else was found from the nominal of a selection, with what its weather brings beside that, if it has one."""
+    if of.weather is None or of.calm is None:
+        return found
+    known = tuple(cause.hypothesis for cause in found.model.causes)
+    return _kept(of.calm, found, of.weather, known, threshold, say)
 
 
 def _refitted(record: Record, causes: tuple[Cause, ...], near: Model) -> Model:
