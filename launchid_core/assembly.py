@@ -133,7 +133,8 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
                           float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
                           model.gyro_scale, model.command_gain, model.command_offset,
                           model.known_theta, model.known_theta_dot, model.known_beta,
-                          config.theta_saturation, config.theta_dot_saturation, config.beta_saturation)
+                          config.theta_saturation, config.theta_dot_saturation, config.beta_saturation,
+                          model.known_damping)
     belief.variance[:] = model.variances(config.sample_period)
     belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
     _fill_nuisances(model, belief)

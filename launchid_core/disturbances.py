@@ -10,7 +10,7 @@ from .belief import AIR_ALPHA, AIR_BETA, AIR_WIND, AIRY, LEAN, air_at
 from .elementary import exp_of
 from .kernels import inner, once
 from .model import MISALIGNMENT, MOMENT, TURBULENCE, WALK
-from .servo import KEEP, STEP
+from .servo import KEEP, REACH, STEP
 from .states import FIRST, GAMMA_NOW, LAST, N_STATES
 
 OFFSET_TIME = 6000.0            # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
@@ -93,7 +93,7 @@ def add_wind(belief, fil, gamma_variance):
         fil.p[k, k] += q
         fil.sp[at, k, k] += 2.0 * q
     if gamma_variance > 0.0:
-        w = (0.5 * h * h, h)
+        w = (0.5 * h * fil.step[REACH], fil.step[REACH])
         for i in range(2):
             for j in range(2):
                 fil.p[i, j] += w[i] * w[j] * gamma_variance

@@ -21,7 +21,8 @@ AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence",
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """Nominal of theta_ddot = a6(t) alpha + k1(t) (beta + m) behind an actuator; alpha = theta - gamma + w.
+    """Nominal of theta_ddot = a6(t) alpha + k1(t) (beta + m) - d theta_dot behind an actuator,
+    alpha = theta - gamma + w.
 
     profile_t  [s], profile_a6, profile_k1 [1/s^2]  nodes, linear between, held beyond; one node: constant
     natural_frequency [rad/s], damping_ratio, delay [s]  beta_ddot = w^2 (u(t - delay) - beta) - 2 zeta w beta_dot
@@ -43,6 +44,7 @@ class Model:
     known_lean [rad]       thrust misalignment that is known; known_theta [rad], known_theta_dot [rad/s], known_beta
                            [rad]: known sensor offsets; gyro_scale, command_gain, command_offset [rad]: what gyro and
                            actuator are known to make of rate and command
+    known_damping [1/s]    d
 
     A wrong value raises ValueError naming field, value and allowed range.
     """
@@ -85,6 +87,7 @@ class Model:
     gyro_scale: float = 1.0
     command_gain: float = 1.0
     command_offset: float = 0.0
+    known_damping: float = 0.0
 
     def __post_init__(self) -> None:
         for nodes, values in NODES.items():

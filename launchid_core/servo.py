@@ -1,6 +1,6 @@
-"""Constants of a time step: the servo's transition with its integrals, and the turbulence's decay."""
+"""Constants of a time step: the servo's transition with its integrals, the rate's and the turbulence's decay."""
 
-from .belief import DAMPING, FREQUENCY, TIME_CONSTANT, TURBULENCE_TIME
+from .belief import AERO_DAMPING, DAMPING, FREQUENCY, TIME_CONSTANT, TURBULENCE_TIME
 from .elementary import exp_of
 from .kernels import inner, once
 
@@ -12,10 +12,12 @@ MAX_SQUARINGS = 24
 STEP = 0
 PHI = 1    # 2x2 transition of the nozzle
 GAMMA = 5  # 2 effect of the command on it
-J1 = 7     # 3: integral of beta over the step, from beta, beta_dot, command
+J1 = 7     # 3: integral of beta over the step, damped as the rate is, from beta, beta_dot, command
 J2 = 10    # 3: double integral
 KEEP = 13  # what is left of the turbulence
-N_STEP = 14
+FADE = 14  # what known damping leaves of a rate
+REACH = 15  # s: the angle that a rate of 1 makes over the step
+N_STEP = 16
 
 
 @once
@@ -26,6 +28,7 @@ def servo_matrix(constant, h, m):
     """
     m[:, :] = 0.0
     m[0, 1] = h
+    m[1, 1] = 0.0 - h * constant[AERO_DAMPING]
     m[1, 2] = h
     if constant[TIME_CONSTANT] > 0.0:
         m[2, 2], m[2, 4] = -h / constant[TIME_CONSTANT], h / constant[TIME_CONSTANT]
@@ -97,4 +100,5 @@ def set_step(constant, h, work, step):
         scale = 1.0 / w if j == 1 else 1.0
         step[J1 + j] = total[1, 2 + j] * scale
         step[J2 + j] = total[0, 2 + j] * scale
+    step[FADE], step[REACH] = total[1, 1], total[0, 1]
     step[KEEP] = exp_of(-h / constant[TURBULENCE_TIME])

@@ -4,7 +4,7 @@ from .belief import AT_BETA, AT_THETA, LEAN
 from .kernels import inner, once
 from .library import library_row
 from .model import TURBULENCE
-from .servo import GAMMA, J1, J2, KEEP, PHI, STEP
+from .servo import FADE, GAMMA, J1, J2, KEEP, PHI, REACH, STEP
 from .states import ACCELERATION_NOISE, COMMAND_NOISE, MOMENT_TEST, N_STATES, N_TESTS, SLOPE_A6, SLOPE_K1
 
 
@@ -15,7 +15,7 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     For theta and beta the unit is the nominal's own a6, k1 (a relative deviation); they multiply the angle of attack,
     whose part `air` [rad] is known, and the deflection with the lean that is known.
     """
-    h = fil.step[STEP]
+    h, reach = fil.step[STEP], fil.step[REACH]
     x = fil.x
     for v in range(3):
         work.raw[v] = x[v]
@@ -24,32 +24,34 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     work.raw[3] = 0.0
     library_row(belief.codes, work.raw, work.raw, work.powers, work.row)
     for j in range(belief.codes.shape[0]):
-        work.drive[0, j] = 0.5 * h * h * work.row[j]
-        work.drive[1, j] = h * work.row[j]
+        work.drive[0, j] = 0.5 * h * reach * work.row[j]
+        work.drive[1, j] = reach * work.row[j]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     y0 = x[0] + air
-    work.drive[0, theta] = a6 * h * h * (0.5 * y0 + h / 6.0 * x[1])
-    work.drive[1, theta] = a6 * h * (y0 + 0.5 * h * x[1])
+    work.drive[0, theta] = a6 * h * reach * (0.5 * y0 + h / 6.0 * x[1])
+    work.drive[1, theta] = a6 * reach * (y0 + 0.5 * h * x[1])
     lean = belief.constant[LEAN]
     work.drive[0, beta] = k1 * (fil.step[J2] * x[2] + fil.step[J2 + 1] * x[3] + fil.step[J2 + 2] * u
-                                + 0.5 * h * h * lean)
-    work.drive[1, beta] = k1 * (fil.step[J1] * x[2] + fil.step[J1 + 1] * x[3] + fil.step[J1 + 2] * u + h * lean)
+                                + 0.5 * h * reach * lean)
+    work.drive[1, beta] = k1 * (fil.step[J1] * x[2] + fil.step[J1 + 1] * x[3] + fil.step[J1 + 2] * u + reach * lean)
 
 
 @inner
 def fill_transition(fil, f, a6, k1, role, push):
-    """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here."""
-    h = fil.step[STEP]
+    """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here; of
+    known damping d what it does to the effect of a6 within a step, a6 d h^3/6.
+    """
+    h, reach = fil.step[STEP], fil.step[REACH]
     c = 1.0 + 0.5 * a6 * h * h
-    s = h + a6 * h * h * h / 6.0
+    s = reach + a6 * h * h * h / 6.0
     f[0, 0], f[0, 1] = c, s
-    f[1, 0], f[1, 1] = a6 * s, c
+    f[1, 0], f[1, 1] = a6 * s, c * fil.step[FADE]
     f[0, 2], f[0, 3] = k1 * fil.step[J2], k1 * fil.step[J2 + 1]
     f[1, 2], f[1, 3] = k1 * fil.step[J1], k1 * fil.step[J1 + 1]
     f[2, 2], f[2, 3] = fil.step[PHI], fil.step[PHI + 1]
     f[3, 2], f[3, 3] = fil.step[PHI + 2], fil.step[PHI + 3]
     for j in range(push.shape[0]):
-        f[0, N_STATES + j], f[1, N_STATES + j] = 0.5 * h * h * push[j], h * push[j]
+        f[0, N_STATES + j], f[1, N_STATES + j] = 0.5 * h * reach * push[j], reach * push[j]
         f[N_STATES + j, N_STATES + j] = fil.step[KEEP] if role[j] == TURBULENCE else 1.0
 
 
@@ -103,27 +105,27 @@ def carry(f, s):
 @once
 def drive_tests(belief, fil, work, age):
     """Effect of the tests' units on theta and theta_dot over the step, `age` [s] after the first sample."""
-    h, first = fil.step[STEP], fil.s.shape[1] - N_TESTS
+    h, reach, first = fil.step[STEP], fil.step[REACH], fil.s.shape[1] - N_TESTS
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     for i in range(2):
         fil.s[i, first + SLOPE_A6] += age * work.drive[i, theta]
         fil.s[i, first + SLOPE_K1] += age * work.drive[i, beta]
-    fil.s[0, first + MOMENT_TEST] += 0.5 * h * h
-    fil.s[1, first + MOMENT_TEST] += h
+    fil.s[0, first + MOMENT_TEST] += 0.5 * h * reach
+    fil.s[1, first + MOMENT_TEST] += reach
 
 
 @once
 def advance_state(fil, f, k1, u, known):
     """x over the step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
-    x, h = fil.x, fil.step[STEP]
+    x, h, reach = fil.x, fil.step[STEP], fil.step[REACH]
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
     b0, b1 = k1 * fil.step[J2 + 2], k1 * fil.step[J1 + 2]
     x[0] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3 + b0 * u
     x[1] = f[1, 0] * y0 + f[1, 1] * y1 + f[1, 2] * y2 + f[1, 3] * y3 + b1 * u
     x[2] = f[2, 2] * y2 + f[2, 3] * y3 + fil.step[GAMMA] * u
     x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step[GAMMA + 1] * u
-    x[0] += 0.5 * h * h * known
-    x[1] += h * known
+    x[0] += 0.5 * h * reach * known
+    x[1] += reach * known
     for k in range(N_STATES, x.shape[0]):
         x[0] += f[0, k] * x[k]
         x[1] += f[1, k] * x[k]
@@ -133,9 +135,9 @@ def advance_state(fil, f, k1, u, known):
 @once
 def add_process_noise(fil, k1, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
-    h = fil.step[STEP]
+    h, reach = fil.step[STEP], fil.step[REACH]
     b = (k1 * fil.step[J2 + 2], k1 * fil.step[J1 + 2], fil.step[GAMMA], fil.step[GAMMA + 1])
-    w = (0.5 * h * h, h)
+    w = (0.5 * h * reach, reach)
     for i in range(N_STATES):
         for j in range(N_STATES):
             q = b[i] * b[j] * command_variance

@@ -19,7 +19,8 @@ JUST_BEFORE = 1.0e-6   # s: a jump of the profile takes as long
 GUST_NODES = 65        # of a one-minus-cosine as straight lines: within 6e-4 of its height
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
 KNOWN = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
-         "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle"}  # constants, exact
+         "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
+         "aero_damping": "coefficient"}  # constants, exact
 KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
 
 
@@ -87,8 +88,9 @@ def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
 def _known(nominal: Nominal) -> dict[str, Any]:
     """Constants that the nominal's effects fix."""
     known = {"known_lean": 0.0, "known_theta": 0.0, "known_theta_dot": 0.0, "known_beta": 0.0, "gyro_scale": 1.0,
-             "command_gain": 1.0, "command_offset": 0.0}
-    added = {"attitude_bias": "known_theta", "nozzle_sensor_bias": "known_beta", "thrust_misalignment": "known_lean"}
+             "command_gain": 1.0, "command_offset": 0.0, "known_damping": 0.0}
+    added = {"attitude_bias": "known_theta", "nozzle_sensor_bias": "known_beta", "thrust_misalignment": "known_lean",
+             "aero_damping": "known_damping"}
     for effect in nominal.effects:
         if effect.name not in KNOWN:
             continue

@@ -65,6 +65,9 @@ def test_the_smallest_size_pays_what_is_needed_and_no_more_than_all_of_k1_is_los
     assert smallest(monkeypatch, "control_loss", 100.0) == pytest.approx(0.4)
     assert smallest(monkeypatch, "control_loss", 15.9) is None
     assert smallest(monkeypatch, "aero_damping", 0.0) is None
+    assert smallest(monkeypatch, "attitude_bias", 2.0) == pytest.approx(math.sqrt(8.0))
+    assert smallest(monkeypatch, "attitude_bias", 1.6) is None   # more than half a turn: where a6 is 0, 2e9 rad
+    assert smallest(monkeypatch, "steady_wind", 15.0) is None    # from farther than a radian aside
 
 
 @pytest.mark.parametrize(("name", "true"), [("actuator_backlash", 2e-3), ("actuator_rate_limit", 0.02)])

@@ -224,6 +224,24 @@ def test_what_the_search_had_no_time_for_is_judged_with_some(record, monkeypatch
     assert made.selection.model is made.selection.nominal
 
 
+def test_what_a_cut_search_found_gets_its_own_noise_levels(monkeypatch):
+    """Else a cause stands beside the noise of the nominal, which had taken the cause's part."""
+    wind = next(each for each in SOUGHT if each.label == "steady_wind")
+    log = on_grid(flown(NOMINAL, "steady_wind:angle=0.03"), NOMINAL)
+    nominal = as_simulated(log)
+    late = dataclasses.replace(log, until=clock.now() - 1.0)
+    begun = fit(Problem(log, nominal.fit.filter), (Cause(wind, (0.03,)),), nominal.fit.delta)
+    found = Selection(nominal, profile(late, (), nominal.fit.delta, nominal.fit.filter, fitted=begun), [9.0])
+    believed = declared(log)[ACCELERATION]
+    assert found.model.fit.filter.levels[ACCELERATION] > 3.0 * believed
+    monkeypatch.setattr(verdict, "select", lambda *given: found)
+    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
+    made = verdict._searched(Diagnosis(None, NOMINAL, None, record=late), None, None, lambda text: None)
+    assert made.is_cut_short and made.selection.model.log_likelihood > found.model.log_likelihood
+    assert made.selection.model.fit.filter.levels[ACCELERATION] < 1.5 * believed
+    assert made.selection.evidence == [9.0]
+
+
 def test_leaving_the_gyro_out_begins_only_while_the_search_has_time(record, monkeypatch):
     """And ends when that time does, the judge's own share apart."""
     made = Diagnosis(None, record.nominal, None, record=dataclasses.replace(record, until=clock.now() + 3600.0))

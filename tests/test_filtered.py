@@ -37,11 +37,11 @@ def parts(noise: str = "estimated"):
     return cut.fixed.belief, cut.state.filter, cut.work.filter, cut.state.acc, cut.state.check
 
 
-def system(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
+def system(a6: float, k1: float, w: float, zeta: float, damping: float = 0.0) -> np.ndarray:
     """Continuous theta, theta_dot, beta, beta_dot, held command, held acceleration."""
     a = np.zeros((6, 6))
     a[0, 1] = a[2, 3] = a[1, 5] = 1.0
-    a[1, 0], a[1, 2] = a6, k1
+    a[1, 0], a[1, 1], a[1, 2] = a6, -damping, k1
     a[3, 2], a[3, 3], a[3, 4] = -w * w, -2 * zeta * w, w * w
     return a
 
@@ -63,6 +63,22 @@ def test_one_step_is_the_matrix_exponential():
     assert np.allclose(work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
     assert np.allclose(work.transition[:, :2], exact[:, :2], rtol=1e-8, atol=1e-12)
     assert np.allclose(work.transition[2:, 2:], exact[2:, 2:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.3, 8.0, -2.0])
+def test_one_damped_step_is_the_matrix_exponential(damping):
+    """The state over a step and what the command and a held acceleration do to it, a6 d h^3/6 apart."""
+    belief, fil, work, *_ = parts()
+    belief.constant[bl.AERO_DAMPING] = damping
+    set_step(belief.constant, PERIOD, work, fil.step)
+    fill_transition(fil, work.transition, 2.0, -7.0, belief.role, work.push)
+    whole = linalg.expm(system(2.0, -7.0, 50.0, 0.7, damping) * PERIOD)
+    left_out = 2.0 * PERIOD**2 * (1.0 + abs(damping) * PERIOD)
+    assert np.allclose(work.transition, whole[:4, :4], rtol=left_out, atol=1e-10)
+    made = -7.0 * np.array([fil.step[sv.J2 + 2], fil.step[sv.J1 + 2]])
+    assert made == pytest.approx(whole[:2, 4], rel=left_out)
+    assert fil.step[sv.REACH] == pytest.approx(whole[1, 5], rel=left_out)
+    assert fil.step[sv.FADE] == pytest.approx(math.exp(-damping * PERIOD), rel=1e-12)
 
 
 @given(seed=hs.integers(0, 10_000), k=hs.integers(1, 30), n=hs.integers(1, 8))

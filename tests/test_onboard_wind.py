@@ -442,7 +442,8 @@ def test_wind_that_is_not_declared_is_not_believed():
 @pytest.mark.parametrize("text", [
     "actuator_bias:angle=0.01", "gyro_bias:rate=0.005", "gyro_scale:scale=1.2", "nozzle_sensor_bias:angle=0.01",
     "attitude_bias:angle=0.01", "thrust_misalignment:angle=0.01", "steady_wind:angle=0.03",
-    "gust:angle=0.05,time=20,duration=6", "control_loss:time=30.05,fraction=0.3", "actuator_gain:scale=0.7"])
+    "gust:angle=0.05,time=20,duration=6", "control_loss:time=30.05,fraction=0.3", "actuator_gain:scale=0.7",
+    "aero_damping:coefficient=1.5"])
 def test_a_known_effect_is_flown_and_believed(text):
     """The control: who does not know of it errs, or says that the model is wrong, or finds a sudden change."""
     nominal = with_effects(text)

@@ -41,7 +41,7 @@ from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .search.profile import Model
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, strongest, with_time
+from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, relevelled, strongest, with_time
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -122,6 +122,8 @@ def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis
     made.selection = select(made.record, made.threshold, hypotheses, say)
     made.is_cut_short = made.record.is_late
     _give_time(made)
+    if made.is_cut_short:
+        made.selection = relevelled(made.selection)
     say("goodness")
     _judge(made, _measure(made, holdout), say)
     return made

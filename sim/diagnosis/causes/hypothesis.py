@@ -180,6 +180,13 @@ class Hypothesis:
         """A sine of any frequency, its free[1]."""
         return self.start is Start.LINE
 
+    @property
+    def reach(self) -> float:
+        """How far from neutral a size is sought, in its unit: a larger one is none."""
+        if math.isinf(self.neutral):
+            return self.largest
+        return min(self.largest, max(self.free[0].high - self.neutral, self.neutral - self.free[0].low))
+
     def unit(self, name: str) -> str:
         """Unit of one of its parameters."""
         return next(p.unit for p in CATALOGUE[self.cause].parameters if p.name == name)

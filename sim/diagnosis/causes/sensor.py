@@ -1,5 +1,7 @@
 """Causes in the sensors."""
 
+import math
+
 from ..data.record import Record
 from .environment import REFERENCE
 from .hypothesis import Correction, Hypothesis, as_commanded, as_timed, size
@@ -16,7 +18,8 @@ def _nozzle(record: Record) -> bool:
 
 
 CAUSES = (
-    Hypothesis("attitude_bias", (size("angle", 1e-3),), 0.0, "the attitude sensor reads {angle} too much",
+    Hypothesis("attitude_bias", (size("angle", 1e-3, -math.pi, math.pi),), 0.0,
+               "the attitude sensor reads {angle} too much",
                decides=(("steady_wind", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE)),
                corrections=(Correction("theta", lambda x, of: x - of["angle"]),)),
     Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late",

@@ -95,7 +95,7 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
                 amount, change = _bisected(problem, model, project, hypothesis, needed)
             if amount is not None:
                 amount = max(amount, hypothesis.floor(record))
-            if amount is not None and amount > hypothesis.largest:
+            if amount is not None and amount > hypothesis.reach:
                 amount = None
         found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))
         if change is not None and float(change @ change) > 0.0:

@@ -292,6 +292,14 @@ def with_time(of: Selection, until: float) -> Selection:
                    calm=None if of.calm is None else later(of.calm))
 
 
+def relevelled(of: Selection) -> Selection:
+    """The same with the noise levels fitted to its causes, for which a search that was cut had no time."""
+    if not of.model.causes:
+        return of
+    fitted = of.model.fit
+    return replace(of, model=profile(fitted.record, (), fitted.delta, fitted.filter, fitted=fitted))
+
+
 def strongest(of: Selection) -> int:
     """Index of the cause with most evidence."""
     return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
