@@ -8,16 +8,66 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from test_diagnosis_gates import left
+from test_diagnosis_world import NOMINAL, flown, on_grid
 
 from sim.diagnosis.causes import RECORDS, Cause
+from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import CALM, WEATHER, WIND, Source, World
 from sim.diagnosis.judge import leftover as leftover_module
 from sim.diagnosis.judge import levels
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, constancy
-from sim.diagnosis.judge.leftover import Leftover, is_harmonic
+from sim.diagnosis.judge.leftover import Leftover, is_harmonic, leftovers
+from sim.diagnosis.judge.measure import DOMINANT, doubts
+from sim.diagnosis.judge.named import Named
+from sim.diagnosis.judge.outdone import outdone
 from sim.diagnosis.judge.shapes import _shapes
 from sim.diagnosis.model.noise import LEVELS, Disturbance
+from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import TOP
+from sim.diagnosis.search.selection import THRESHOLD, select_from
+
+# ---- what explains more than a cause
+
+
+def gyro_of(seen):
+    """A selection of the gyro's scale, of a log whose gyro shows this of a rate, and what it leaves."""
+    log = on_grid(flown(NOMINAL), NOMINAL)
+    z = log.z.copy()
+    z[:, THETA_DOT] = seen(z[:, THETA_DOT])
+    log = replace(log, z=z)
+    nominal = as_simulated(log)
+    found = select_from(nominal, (RECORDS["gyro_scale"],), THRESHOLD, 1, lambda text: None)
+    assert len(found.model.causes) == 1
+    return found, tuple(each for each in leftovers(found.model) if each.shape)
+
+
+def test_a_true_scale_factor_is_outdone_by_no_shape():
+    assert outdone(*gyro_of(lambda rate: 0.7 * rate)) is None
+
+
+@pytest.mark.parametrize("ceiling", [0.5, 0.7])
+def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
+    """Its cube, or a kink, explains more than any factor, or as much and something beside it."""
+    top = []
+
+    def saturated(rate):
+        top.append(ceiling * np.max(np.abs(rate)))
+        return np.clip(rate, -top[0], top[0])
+
+    found, left = gyro_of(saturated)
+    rival = outdone(found, left)
+    assert rival is not None and rival.cause == "gyro_scale" and rival.share > 0.9
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.1, True), (1.0, False)])
+def test_two_oscillations_that_a_log_does_not_resolve_are_one_that_changes(apart, told):
+    sizes = {"amplitude": 0.01, "phase": 0.0}
+    lines = tuple(Named("periodic_disturbance", sizes | {"frequency": w}, {"frequency": 1e-3}, {}, (), 50.0, None)
+                  for w in (5.0 + apart, 5.0))
+    found = doubts(lines, (), 7000, (0.0, 70.0), DOMINANT, same_place=False)
+    assert [each for each in found if "two oscillations, of 5 and 5.1" in each] == (found if told else [])
+    assert bool(found) == told
+
 
 # ---- a size that changes
 

@@ -19,6 +19,7 @@ from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED
 from sim.diagnosis.judge.named import Named
+from sim.diagnosis.judge.outdone import Rival
 from sim.diagnosis.model.noise import Disturbance
 from sim.errors import InputError
 
@@ -31,14 +32,16 @@ class Found:
     """A selection whose parts are given: the causes it names, what is left beside them, what they gain.
 
     shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
+    rival   what explains as much as the strongest
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False):
+                 shares=(), fewer=None, is_told=False, rival=None):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
+        self.rival = rival
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
@@ -56,6 +59,7 @@ def judged(monkeypatch):
     """The verdict on a `Found`, and of how many selections the gain was measured."""
     monkeypatch.setattr(verdict, "named_causes", lambda found: found.named)
     monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
+    monkeypatch.setattr(verdict, "outdone", lambda found, left: found.rival)
     monkeypatch.setattr(verdict, "noise_of", lambda model: model.of.noise)
     monkeypatch.setattr(verdict, "removed", lambda model, gain: model.of.shares)
     monkeypatch.setattr(verdict, "with_removed", lambda named, model, shares: tuple(
@@ -122,6 +126,14 @@ def test_what_forbids_explained_alone_is_dominant_and_says_what_remains(judged, 
     assert (made.verdict, made.where, named) == ("dominant", "sensor", ["gyro_bias"])
     assert len(made.remaining) == 1 and made.remainder.share == pytest.approx(found.share)
     assert made.extension == "extended" and made.gain is not None and made.doubts == () and made.nearest == ()
+
+
+def test_a_cause_that_a_shape_explains_as_well_as_is_not_believed(judged):
+    """What nobody listed is then the better answer; no gain is measured before."""
+    each = judged(Found(cause("gyro_bias"), rival=Rival("gyro_bias", "theta_dot", "theta_dot^3", 1.1)))
+    assert each.made.verdict == "unexplained" and [near.cause for near in each.made.nearest] == ["gyro_bias"]
+    assert each.made.doubts == ("gyro_bias: a disturbance proportional to theta_dot^3 at the theta_dot alone explains "
+                                "110 % of what it does",)
 
 
 @pytest.mark.parametrize("nats", [0.0, -3.0, math.nan, -math.inf])

@@ -36,6 +36,7 @@ from .judge.measure import (
     weather_words,
 )
 from .judge.named import mismatch, named_causes, named_weather, with_removed
+from .judge.outdone import outdone
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
@@ -271,6 +272,10 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         strict.append(noisy)
     if not made.nearest:
         return strict
+    rival = outdone(selection, made.left) if not found and selection.model.causes else None
+    if rival is not None:
+        found.append(f"{rival.cause}: a disturbance proportional to {rival.shape} at the {rival.place} alone explains "
+                     f"{100 * rival.share:.0f} % of what it does")
     if found:
         return found
     say("held-out gain")

@@ -19,11 +19,13 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
     DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
+    outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -34,7 +36,7 @@ from ..causes import RECORDS
 from ..search.selection import Selection, Weather
 from .constancy import CONSTANCY_LIMIT, Constancy
 from .gain import Gain
-from .leftover import Leftover
+from .leftover import OWN_BINS, Leftover
 from .named import Named, undetermined
 
 
@@ -100,10 +102,20 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span
             found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} % "
                          f"of itself, at most {100 * bounds.variation:.0f} %)")
         found += undetermined(each, *span)
+    found += _unresolved(named, span)
     more = left_beyond(left, named, rows, bounds, same_place)
     if more is not None:
         found.append(f"a disturbance {more.words} at the {more.disturbance.place} explains {more.gain:.0f} nats more")
     return found
+
+
+def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str]:
+    """Oscillations so near each other that they stand for one that changes along the log, a line each."""
+    resolution = 2.0 * math.pi / (span[1] - span[0])
+    lines = sorted(float(each.values["frequency"]) for each in named if each.record.is_line)
+    return [f"two oscillations, of {low:.4g} and {high:.4g} rad/s, in a log that resolves {resolution:.2g} rad/s, "
+            "stand for one that changes"
+            for low, high in itertools.pairwise(lines) if high - low < OWN_BINS * resolution]
 
 
 def of_gain(gain: Gain, bounds: Bounds) -> list[str]:

@@ -1,0 +1,49 @@
+"""Is a cause outdone by what nobody listed?
+
+A true cause, in its true form, explains all of its own misfit, so nothing else alone explains more than chance adds.
+Of what is no cause of the catalogue (a gyro that saturates, a bent characteristic) the best imitation explains most and
+leaves little; but the generic shape that it is like (`shapes`) explains more in the place of that cause, or as much as
+the log can tell and something beside it.
+"""
+
+from dataclasses import dataclass
+
+from ..model.nuisance import Problem
+from ..search.fit import fit
+from ..search.selection import Selection, in_a_block, strongest
+from .leftover import SHAPE_LIMIT, Leftover
+from .shapes import shape_gains
+
+PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A generic shape in the place of a cause: where it enters, what it is proportional to, the share of what the cause
+    explains that it does."""
+
+    cause: str
+    place: str
+    shape: str
+    share: float
+
+
+def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
+    """What explains more than the strongest cause (or the block that it is part of) in its place, by more than the best
+    of so many shapes does by chance, or nearly as much and is left beside it; None: nothing.
+
+    Both under the filter of the model with the cause;  left  what disturbances find beside the model
+    """
+    model = selection.model
+    first = strongest(selection)
+    alone = not in_a_block(model.causes, first)
+    others = tuple(cause for k, cause in enumerate(model.causes)
+                   if k != first and (alone or not in_a_block(model.causes, k)))
+    problem = Problem(model.fit.record, model.fit.filter)
+    base = fit(problem, others, model.fit.delta)
+    own = base.cost - model.fit.cost
+    remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
+    for place, shape, _, gain in shape_gains(problem, base):
+        if gain > own + SHAPE_LIMIT or (gain > PARALLEL * own and (place, shape) in remaining):
+            return Rival(model.causes[first].hypothesis.cause, place, shape, gain / own)
+    return None
