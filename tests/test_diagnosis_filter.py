@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_diagnosis_used import as_record
-from test_diagnosis_world import NOMINAL, flown, on_grid
+from test_diagnosis_world import NOMINAL, flown, on_grid, rows, without
 
 from sim.diagnosis import verdict
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
@@ -26,6 +26,7 @@ from sim.diagnosis.model.noise import (
     MOST,
     Disturbance,
     Refilter,
+    _start,
     bounds,
     declared,
     dynamics,
@@ -204,6 +205,19 @@ def test_a_cause_that_is_left_alone_is_told_in_the_form_that_then_explains_most(
     alone = fewer(of, [0]).model
     assert [each.hypothesis.label for each in alone.causes] == ["actuator_delay"]
     assert math.isclose(alone.causes[0].values[0], 0.05, rel_tol=0.1)
+
+
+def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():
+    """A servo that needs half a second to where the log begins was taken for a gust, and its rate limit for more."""
+    slow = dataclasses.replace(NOMINAL, actuator=dataclasses.replace(
+        NOMINAL.actuator, natural_frequency=math.nan, damping_ratio=math.nan, time_constant=0.5))
+    whole = without(flown(slow), "beta")
+    begun = int(np.argmax(np.abs(whole.beta_cmd[50:150]))) + 50   # where the command is far from where the nozzle is
+    log = on_grid(rows(whole, slice(begun, begun + 1500)), slow)
+    e, _, _ = innovations(log, first_filter(log, declared(log)), Point())
+    first = first_filter(log, declared(log)).whiten(e)[:20, :2]
+    assert np.sqrt(np.mean(first**2)) < 1.5
+    assert _start(log, declared(log), dynamics(log, Point()))[2, 2] >= np.var(log.commands)
 
 
 # ---- time

@@ -340,8 +340,11 @@ def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
         p[state, state] = level_of[state]**2 if variance < 0.0 else variance
     p[0, 0] = (30.0 * levels[0])**2
     p[1, 1] = START_RATE**2
-    p[2, 2] = (30.0 * levels[2])**2
-    p[3, 3] = (30.0 * levels[2] * w)**2
+    nozzle = 30.0 * levels[2]
+    if "beta" not in record.channels:  # it begins where it was sent, or anywhere that it is sent to
+        nozzle = max(nozzle, float(np.std(record.commands)))
+    p[2, 2] = nozzle**2
+    p[3, 3] = (nozzle * w)**2
     return p
 
 
