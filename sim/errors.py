@@ -8,11 +8,23 @@ EXTRAS = {  # module -> the extra that brings it
     "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs"}
 
 
-class InputError(Exception):
+def one_line(text: str) -> str:
+    """A message in one line, whatever keys and paths hold."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+class Told(Exception):
+    """What a user is told, in one line."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
+
+
+class InputError(Told):
     """A file cannot be used: one line naming file, place and what was expected (exit status 3)."""
 
 
-class UsageError(Exception):
+class UsageError(Told):
     """The command's words or parameters are wrong (exit status 2)."""
 
 

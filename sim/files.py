@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, UsageError
 
 try:
     import fcntl
@@ -64,10 +64,19 @@ def _is_input(found: os.stat_result) -> bool:
     return (found.st_dev, found.st_ino) in (_inputs.get() or ())
 
 
+def as_path(path: object) -> Path:
+    """What Python hands over as a path; UsageError if it can be none."""
+    if not isinstance(path, (str, os.PathLike)) or not isinstance(os.fspath(path), str):
+        raise UsageError(f"expected a path; found {type(path).__name__}")
+    if "\0" in os.fspath(path):
+        raise UsageError(f"{path}: no path holds a NUL")
+    return Path(path)
+
+
 def check_output(path: str | Path) -> os.stat_result | None:
     """What stands at an output's path, None if nothing; InputError if it cannot be written there."""
     try:
-        found = os.stat(path)
+        found = os.stat(as_path(path))
     except FileNotFoundError:
         if not Path(os.path.realpath(path)).parent.is_dir():
             raise InputError(f"{path}: cannot be written (no such folder)") from None
@@ -88,7 +97,7 @@ def check_output(path: str | Path) -> os.stat_result | None:
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path whose file becomes the output when the block ends well, and goes when it does not."""
-    path = Path(path)
+    path = as_path(path)
     found = check_output(path)
     try:
         replaced = found is None or (stat.S_ISREG(found.st_mode) and _stream(found) is None)
@@ -176,7 +185,7 @@ def _umask() -> int:
 
 def make_folder(path: str | Path) -> Path:
     """The folder, made if it is not there."""
-    folder = Path(path)
+    folder = as_path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -381,6 +381,10 @@ HEAD = '[time]\nname = "t"\n[columns]\n'
     (HEAD + "theta = {quaternion = 'q', axis = 'up'}", "one of x, y, z"),
     (HEAD + "theta = {quaternion = 'q', reference = [0, 0, 0, 0]}", "not 0"),
     (HEAD + "theta = {quaternion = 'q', reference = 'last'}", "quaternion"),
+    (HEAD + "theta = {quaternion = 'q', unit = 'deg'}", "a quaternion has no unit"),
+    (HEAD + "theta_dot = {quaternion = 'q'}", "a quaternion is an attitude, theta_dot is not"),
+    (HEAD + "theta = {from = 'x', axis = 'z'}", "columns.theta.axis belongs to quaternion, not to from"),
+    (HEAD + "theta = {quaternion = 'q', weights = [1]}", "columns.theta.weights belongs to sum, not to quaternion"),
     (HEAD + "theta = {from = 'x'}\n[file]\ndelimiter = 'ab'", "one character"),
     ('[time]\nname = "t"\nunit = "h"\n[columns]\ntheta = {from = "x"}', "one of s, ms, us, ns"),
     ('[time]\nname = "t"\nclock = "beta"\n[columns]\ntheta = {from = "x"}', "one of theta"), ("[", "TOML")])

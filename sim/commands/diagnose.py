@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from ..terminal import Progress
-from ..words import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from ..words import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
 from .talk import at_least, check_outputs, read_noting, tell
 
 
@@ -20,7 +20,7 @@ def add(commands: Any) -> None:
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
                      help="measure the threshold on N clean flights of the nominal along this log, cached; "
                           "0: the built-in one (default %(default)s)")
-    sub.add_argument("--noise", default="bounded", choices=["bounded", "declared", "free"],
+    sub.add_argument("--noise", default="bounded", choices=WITHIN,
                      help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at "
                           "all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
