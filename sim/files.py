@@ -183,6 +183,16 @@ def _umask() -> int:
 # ---- what is written
 
 
+def check_folder(path: str | Path) -> None:
+    """InputError unless there is such a folder or one can be made: told before what goes into it is computed."""
+    place = as_path(path).absolute()
+    there = next(part for part in (place, *place.parents) if os.path.lexists(part))
+    if not there.is_dir():
+        raise InputError(f"{path}: cannot be made a folder ({there} is none)")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written (no permission in {there})")
+
+
 def make_folder(path: str | Path) -> Path:
     """The folder, made if it is not there."""
     folder = as_path(path)

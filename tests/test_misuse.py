@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import launchid
+from sim.cli import main
 from sim.errors import InputError
 
 T = np.arange(300) * 0.01
@@ -90,6 +91,21 @@ def test_what_is_no_path_of_an_output_is_one_line(path, mention):
         launchid.read_log(COLUMNS)
         launchid.simulate(_short()).write(path)
     assert one_line(caught.value)
+
+
+@pytest.mark.parametrize("words", [
+    "diagnose LOG constant --report PLACE", "export-c constant --out PLACE", "reproduce --out PLACE",
+    "campaign constant --flights 2 --out PLACE", "diagnose LOG constant --report PLACE/below"])
+def test_a_folder_that_cannot_be_one_is_refused_before_anything_is_computed(tmp_path, capsys, monkeypatch, words):
+    """`diagnose` said so after its minutes."""
+    (tmp_path / "log.csv").write_text("t,theta,beta\n0,0,0\n0.01,0.1,0.1\n0.02,0.1,0.1\n")
+    (tmp_path / "place").write_text("a file")
+    monkeypatch.setattr("sim.diagnosis.verdict.diagnose", pytest.fail)
+    given = words.replace("LOG", str(tmp_path / "log.csv")).replace("PLACE", str(tmp_path / "place"))
+    assert main(given.split()) == 3
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1 and "cannot be made a folder" in said.err
+    assert (tmp_path / "place").read_text() == "a file"
 
 
 def _short() -> launchid.Nominal:

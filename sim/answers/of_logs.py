@@ -168,7 +168,7 @@ class Diagnosed(Answer):
     def write_report(self, folder: str | Path) -> None:
         """report.html, verdict.json, extension.toml and the figures."""
         from ..diagnosis.report.page import write_report
-        write_report(self.made, self.report, str(folder))
+        write_report(self.made, self.report, folder)
 
 
 def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstrap: int = 0, strict: bool = False,

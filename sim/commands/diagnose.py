@@ -5,7 +5,7 @@ from typing import Any
 
 from ..terminal import Progress
 from ..words import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
-from .talk import at_least, check_outputs, read_noting, tell
+from .talk import at_least, check_folders, check_outputs, read_noting, tell
 
 
 def add(commands: Any) -> None:
@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> None:
     log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", of=args.map) if args.holdout else None
     check_outputs(args.json)
+    check_folders(args.report)
     from ..answers.of_logs import diagnose
     progress = Progress()
     made = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,

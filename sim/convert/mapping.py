@@ -86,7 +86,8 @@ class _Reader:
             raise self.fail(place, value, "a section")
         for key in value:
             if key not in known:
-                raise InputError(f"{self.path}: unknown key '{place}.{key}'; expected one of {', '.join(known)}")
+                name = key if value is self.table else f"{place}.{key}"
+                raise InputError(f"{self.path}: unknown key '{name}'; expected one of {', '.join(known)}")
         return value
 
     def word(self, place: str, table: dict[str, Any], key: str, words: tuple[str, ...] | None, default: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 
 from ...effects import CATALOGUE
 from ...errors import InputError
-from ...files import remove, write_text
+from ...files import make_folder, remove, write_text
 from ...nominal import write_nominal
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
@@ -83,15 +83,14 @@ GLOSSARY = (
     ("tolerance", "one-sigma error of a6 and k1 that is not worth calling wrong ([diagnosis] of the nominal)"))
 
 
-def write_report(made: Diagnosis, result: dict[str, Any], folder: str) -> None:
+def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) -> None:
     """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
 
     made    the diagnosis;  result  its JSON;  folder  made if need be; InputError in one line if it cannot
     Files of an earlier report that this one lacks are removed.
     """
-    path = Path(folder)
+    path = make_folder(folder)
     try:
-        path.mkdir(parents=True, exist_ok=True)
         for name in (*EXTENSION, *PICTURES):
             remove(path / name)
     except OSError as error:
