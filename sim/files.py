@@ -78,8 +78,7 @@ def check_output(path: str | Path) -> os.stat_result | None:
     try:
         found = os.stat(as_path(path))
     except FileNotFoundError:
-        if not Path(os.path.realpath(path)).parent.is_dir():
-            raise InputError(f"{path}: cannot be written (no such folder)") from None
+        _check_place(path)
         return None
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -88,10 +87,21 @@ def check_output(path: str | Path) -> os.stat_result | None:
     if stat.S_ISREG(found.st_mode):
         if not found.st_mode & WRITABLE or not os.access(path, os.W_OK):
             raise InputError(f"{path}: cannot be written (it is read-only)")
+        if _stream(found) is None:
+            _check_place(path)
     if stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode):
         if _is_input(found):
             raise InputError(f"{path}: cannot be written (it is this command's input); expected another name")
     return found
+
+
+def _check_place(path: str | Path) -> None:
+    """InputError unless the folder takes a new file, also in the place of an old one."""
+    place = Path(os.path.realpath(path)).parent
+    if not place.is_dir():
+        raise InputError(f"{path}: cannot be written (no such folder)")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written (no permission in its folder)")
 
 
 @contextlib.contextmanager
