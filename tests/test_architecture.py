@@ -135,7 +135,7 @@ def needs_scipy(function: ast.FunctionDef) -> list[str]:
     return [at("@", node.lineno) for node in ast.walk(function)
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)] + [
         at(name, line) for name, line in calls(function)
-        if ".linalg" in name or name.rpartition(".")[2] in {"dot", "vdot", "matmul"}]
+        if ".linalg" in name or name.endswith((".dot", ".vdot", ".matmul"))]
 
 
 @pytest.mark.parametrize("path", CORE + SIM, ids=name_of)
