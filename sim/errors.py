@@ -1,5 +1,8 @@
 """The two ways a user's input can be wrong, and how a command says that it was stopped."""
 
+import contextlib
+from collections.abc import Iterator
+
 INTERRUPTED = "launchid: interrupted; files already written are whole"
 INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
@@ -34,3 +37,12 @@ def extra_needed(error: ModuleNotFoundError) -> UsageError:
     if name not in EXTRAS:
         raise error
     return UsageError(f"this needs {name}, which is not installed: pip install 'launchid[{EXTRAS[name]}]'")
+
+
+@contextlib.contextmanager
+def extras_named() -> Iterator[None]:
+    """A module of an extra that is not installed is wrong usage, in one line."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None

@@ -247,6 +247,8 @@ def test_a_missing_library_is_named(tmp_path, columns, capsys, monkeypatch, of, 
     assert main(["convert", str(flight), "--map", str(map_), "--out", str(tmp_path / "out.csv")]) == 2
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1 and module in err and "launchid[logs]" in err
+    with pytest.raises(launchid.UsageError, match=r"launchid\[logs\]"):  # from Python too: it was a ModuleNotFoundError
+        launchid.read_log(flight, map=map_)
 
 
 # ---- attitudes
