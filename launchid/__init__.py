@@ -16,7 +16,6 @@ estimator that flies is `launchid_core`.
 
 from __future__ import annotations
 
-from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any
 
 from launchid_core import __version__
@@ -24,10 +23,11 @@ from sim.errors import InputError, UsageError
 from sim.log import Log
 from sim.sections import Nominal
 
-from .sources import DataWarning, LogSource, NominalSource, load_nominal, read_log, warned
+from .sources import DataWarning, LogSource, NominalSource, each_of, load_nominal, read_log, warned
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from os import PathLike
 
     from sim.answers.of_campaigns import Campaign
     from sim.answers.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
@@ -90,18 +90,18 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     profile  sigma over flight time, where the flights tell it
     """
     from sim.answers import of_logs
-    return warned(of_logs.fit_lft([read_log(log) for log in logs], load_nominal(nominal), share=share,
+    return warned(of_logs.fit_lft([read_log(log) for log in each_of(logs)], load_nominal(nominal), share=share,
                                   confidence=confidence, profile=profile, strict=strict))
 
 
 def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: Iterable[str | Effect] = ()) -> Flown:
+             effects: str | Iterable[str | Effect] = ()) -> Flown:
     """Fly a nominal.
 
     seed     of all noise, from 0 on
     suite    "flight": the nominal's sensors; "ideal": the truth
     period   between rows [s]; None: the suite's own
-    effects  causes of the catalogue, each "NAME:PARAMETER=VALUE,..."
+    effects  one or several causes of the catalogue, each "NAME:PARAMETER=VALUE,..."
     """
     from sim.answers import of_nominals
     return warned(of_nominals.simulate(load_nominal(nominal), seed=seed, suite=suite, period=period, effects=effects))
@@ -137,5 +137,5 @@ def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int |
     """
     from sim.answers import of_campaigns
     return warned(of_campaigns.campaign(
-        load_nominal(nominal), out=fspath(out), flights=flights, requirement=requirement, seed=seed, stop=stop,
-        executor=executor, workers=workers, merge=[fspath(part) for part in merge]))
+        load_nominal(nominal), out=out, flights=flights, requirement=requirement, seed=seed, stop=stop,
+        executor=executor, workers=workers, merge=merge))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, runtime_checkable
 
 import numpy.typing as npt
 
 from sim import nominal as nominals
+from sim.asked import several
+from sim.errors import InputError
+from sim.files import as_path
 from sim.log import REQUIRED, Log, log_of
 from sim.log import read_log as read_file
 from sim.sections import Nominal
@@ -55,19 +58,30 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     if map is not None:
         from sim.answers import of_files
         from sim.convert.mapping import load_map
-        return warned(of_files.convert(os.fspath(source), load_map(map), required)).log  # type: ignore[arg-type]
+        return warned(of_files.convert(str(as_path(source)), load_map(as_path(map)), required)).log
     if isinstance(source, Log):
         return log_of(source.measured(), source.path, required)
     if isinstance(source, (str, os.PathLike)):
+        as_path(source)
         return read_file(os.fspath(source), required)
-    if isinstance(source, WithLog):
+    if isinstance(source, WithLog) and not isinstance(source, type):
         return source.log
     return log_of(source, required=required)
 
 
+def each_of(logs: Sequence[LogSource]) -> list[LogSource]:
+    """Logs, one a flight; UsageError for one alone, which would fall into its letters or columns."""
+    return several("logs", logs, "a list of logs, one a flight")
+
+
 def load_nominal(source: NominalSource) -> Nominal:
     """A nominal by its path, by the name of a built-in one, or as it is."""
-    return source if isinstance(source, Nominal) else nominals.load_nominal(os.fspath(source))
+    if isinstance(source, Nominal):
+        return source
+    if not isinstance(source, (str, os.PathLike)):
+        raise InputError("nominal: expected a path, a name such as 'constant', or what load_nominal returns; found "
+                         f"{type(source).__name__}")
+    return nominals.load_nominal(as_path(source))
 
 
 def warned(made: Made) -> Made:

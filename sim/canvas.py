@@ -8,7 +8,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from .errors import UsageError
-from .files import atomic_path
+from .files import as_path, atomic_path
 
 DPI = 110
 UNIT = "1/s$^2$"
@@ -18,7 +18,7 @@ METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is 
 
 def check_suffix(path: str | Path) -> str:
     """The format that the path's suffix asks for; UsageError if it is none."""
-    suffix = Path(path).suffix.lower() or ".png"
+    suffix = as_path(path).suffix.lower() or ".png"
     if suffix not in METADATA:
         raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
     return suffix

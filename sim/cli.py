@@ -9,12 +9,12 @@ is that compiles: help, wrong words and missing files answer at once.
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from launchid_core import __version__
 
 from .commands import COMMANDS
-from .errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extra_needed
+from .errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extras_named
 from .files import inputs_spared
 from .terminal import answer, leave_stdout, open_streams, say
 from .words import Parser
@@ -40,15 +40,6 @@ def complete(top: Parser) -> None:
         with contextlib.suppress(ModuleNotFoundError):
             import argcomplete
             argcomplete.autocomplete(top)
-
-
-@contextlib.contextmanager
-def extras_named() -> Iterator[None]:
-    """A module of an extra that is not installed is wrong usage, in one line."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise extra_needed(error) from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,5 +1,8 @@
 """The two ways a user's input can be wrong, and how a command says that it was stopped."""
 
+import contextlib
+from collections.abc import Iterator
+
 INTERRUPTED = "launchid: interrupted; files already written are whole"
 INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
@@ -8,11 +11,23 @@ EXTRAS = {  # module -> the extra that brings it
     "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs"}
 
 
-class InputError(Exception):
+def one_line(text: str) -> str:
+    """A message in one line, whatever keys and paths hold."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+class Told(Exception):
+    """What a user is told, in one line."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
+
+
+class InputError(Told):
     """A file cannot be used: one line naming file, place and what was expected (exit status 3)."""
 
 
-class UsageError(Exception):
+class UsageError(Told):
     """The command's words or parameters are wrong (exit status 2)."""
 
 
@@ -22,3 +37,12 @@ def extra_needed(error: ModuleNotFoundError) -> UsageError:
     if name not in EXTRAS:
         raise error
     return UsageError(f"this needs {name}, which is not installed: pip install 'launchid[{EXTRAS[name]}]'")
+
+
+@contextlib.contextmanager
+def extras_named() -> Iterator[None]:
+    """A module of an extra that is not installed is wrong usage, in one line."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None

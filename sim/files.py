@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, UsageError
 
 try:
     import fcntl
@@ -64,13 +64,21 @@ def _is_input(found: os.stat_result) -> bool:
     return (found.st_dev, found.st_ino) in (_inputs.get() or ())
 
 
+def as_path(path: object) -> Path:
+    """What Python hands over as a path; UsageError if it can be none."""
+    if not isinstance(path, (str, os.PathLike)) or not isinstance(os.fspath(path), str):
+        raise UsageError(f"expected a path; found {type(path).__name__}")
+    if "\0" in os.fspath(path):
+        raise UsageError(f"{path}: no path holds a NUL")
+    return Path(path)
+
+
 def check_output(path: str | Path) -> os.stat_result | None:
     """What stands at an output's path, None if nothing; InputError if it cannot be written there."""
     try:
-        found = os.stat(path)
+        found = os.stat(as_path(path))
     except FileNotFoundError:
-        if not Path(os.path.realpath(path)).parent.is_dir():
-            raise InputError(f"{path}: cannot be written (no such folder)") from None
+        _check_place(path)
         return None
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -79,16 +87,27 @@ def check_output(path: str | Path) -> os.stat_result | None:
     if stat.S_ISREG(found.st_mode):
         if not found.st_mode & WRITABLE or not os.access(path, os.W_OK):
             raise InputError(f"{path}: cannot be written (it is read-only)")
+        if _stream(found) is None:
+            _check_place(path)
     if stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode):
         if _is_input(found):
             raise InputError(f"{path}: cannot be written (it is this command's input); expected another name")
     return found
 
 
+def _check_place(path: str | Path) -> None:
+    """InputError unless the folder takes a new file, also in the place of an old one."""
+    place = Path(os.path.realpath(path)).parent
+    if not place.is_dir():
+        raise InputError(f"{path}: cannot be written (no such folder)")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written (no permission in its folder)")
+
+
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path whose file becomes the output when the block ends well, and goes when it does not."""
-    path = Path(path)
+    path = as_path(path)
     found = check_output(path)
     try:
         replaced = found is None or (stat.S_ISREG(found.st_mode) and _stream(found) is None)
@@ -174,9 +193,19 @@ def _umask() -> int:
 # ---- what is written
 
 
+def check_folder(path: str | Path) -> None:
+    """InputError unless there is such a folder or one can be made: told before what goes into it is computed."""
+    place = as_path(path).absolute()
+    there = next(part for part in (place, *place.parents) if os.path.lexists(part))
+    if not there.is_dir():
+        raise InputError(f"{path}: cannot be made a folder ({there} is none)")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written (no permission in {there})")
+
+
 def make_folder(path: str | Path) -> Path:
     """The folder, made if it is not there."""
-    folder = Path(path)
+    folder = as_path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

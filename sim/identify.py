@@ -23,7 +23,7 @@ __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_mo
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
                 "LEVEL_CLAMP": "noise levels' steps cut short", "STUCK": "windows with a sensor that stood still",
-                "WRAP": "jumps of theta across +-pi undone"}
+                "WRAP": "jumps of theta by a whole turn undone"}
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
@@ -211,7 +211,7 @@ def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
 def table(result: dict[str, Any]) -> str:
     """The windows as a table for a terminal."""
     tracked = any("tracked" in w for w in result["windows"])
-    heads = ["a6 [1/s^2]", "k1 [1/s^2]", *(("tracked a6", "tracked k1") if tracked else ())]
+    heads = ["a6 +- std [1/s^2]", "k1 +- std [1/s^2]", *(("tracked a6 +- std", "tracked k1 +- std") if tracked else ())]
     lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
 
     def pair(of: dict[str, Any], name: str) -> str:

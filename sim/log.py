@@ -13,7 +13,7 @@ import math
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import starmap
 from pathlib import Path
@@ -38,6 +38,7 @@ MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
 SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
+DATES = "mM"       # numpy's kinds of a duration and a date
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +199,7 @@ def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED
 
     path  what messages call it;  None and NA are not measured
     """
-    given = list(columns.columns) if hasattr(columns, "columns") else list(columns)
+    given = _names(path, columns)
     names = places(path, [str(name) for name in given], required, "")
     known = [name for name in REQUIRED + OPTIONAL if name in names]
     values = {name: _column(path, name, columns[given[names[name]]]) for name in known}
@@ -208,10 +209,29 @@ def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED
     return _made(path, values, required, tuple(name for name in names if name not in known))
 
 
+def _names(path: str, columns: Any) -> list[Any]:
+    """The names of a frame, a mapping or a structured array; InputError for what has none."""
+    if hasattr(columns, "collect"):
+        raise InputError(f"{path}: expected a frame that holds its data, .collect(); found {type(columns).__name__}")
+    named = columns.columns if hasattr(columns, "columns") else getattr(getattr(columns, "dtype", None), "names", None)
+    if named is None and isinstance(columns, Mapping):
+        named = columns
+    if named is None or isinstance(columns, type):
+        raise InputError(f"{path}: expected a path, a data frame, or a mapping of the columns t, theta, beta; found "
+                         f"{type(columns).__name__}")
+    return list(named)
+
+
 def _column(path: str, name: str, column: Any) -> np.ndarray:
+    raw = np.asarray(column) if hasattr(column, "dtype") else column
+    if isinstance(raw, np.ndarray) and raw.dtype.kind in DATES:
+        raise InputError(f"{path}: column {name}: it holds dates; expected numbers"
+                         + (", seconds from the first row on" if name == "t" else ""))
+    if isinstance(raw, np.ndarray) and raw.dtype.kind == "c":
+        raise InputError(f"{path}: column {name}: its numbers are complex; expected real ones")
     try:
-        values = np.array(column, dtype=np.float64)
-    except (TypeError, ValueError):
+        values = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         values = np.array([_in_memory(path, name, k, x) for k, x in enumerate(column)])
     if values.ndim != 1:
         raise InputError(f"{path}: column {name}: {values.ndim} dimensions; expected one")
@@ -224,7 +244,7 @@ def _in_memory(path: str, name: str, row: int, x: Any) -> float:
         return math.nan
     try:
         return float(x)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{path}: row {row}, column {name}: {shown(str(x))} is no number") from None
 
 

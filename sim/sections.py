@@ -55,6 +55,7 @@ class Forecast:
         return np.interp(t, self.t, self.wind)
 
 
+ANYWHERE, AT_REST = "anywhere", "at rest"   # how a log begins
 UNKNOWN_WIND = 0.05  # rad, one sigma at t = 0: 3 degrees, a few m/s of mean wind at the dynamic pressure's maximum
 
 
@@ -225,6 +226,7 @@ class Diagnosis:
     timing: float = 0.001             # s, of servo and transport times
     command: float = 1e-4             # rad, rms to which the command need be reproduced
     time_limit: float = 60.0          # s
+    begins: str = ANYWHERE            # or AT_REST: a log from t = 0 on begins at attitude 0, standing still
 
 
 @dataclass(frozen=True, eq=False)

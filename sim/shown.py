@@ -9,6 +9,7 @@ MOST_DECIMALS = 9   # a number closer to the noise of arithmetic is written with
 NO_STD_DIGITS = 5   # of a value without one
 SLOW = 0.5          # s: no launcher is logged as slowly, and milliseconds are above it
 MOST_ROWS = 40      # of a table in a notebook
+PLUS_MINUS = "+- is one standard deviation"   # everywhere; a 95 % interval is named, or written a..b
 
 
 def with_std(value: float | None, std: float | None) -> str:
@@ -22,6 +23,16 @@ def with_std(value: float | None, std: float | None) -> str:
     if not -MOST_DECIMALS <= decimals <= MOST_DECIMALS:
         return f"{value:.{NO_STD_DIGITS}g} +- {rounded:.{DIGITS - 1}e}"
     return f"{round(value, decimals):.{max(decimals, 0)}f} +- {rounded:.{max(decimals, 0)}f}"
+
+
+def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
+    """The lines, the first with a `+-` saying what stands behind it."""
+    first = next((k for k, line in enumerate(lines) if " +- " in line), None)
+    if first is None:
+        return lines
+    line = lines[first]
+    said = f"{line[:-1]}; {PLUS_MINUS})" if line.endswith(")") else f"{line} ({PLUS_MINUS})"
+    return [*lines[:first], said, *lines[first + 1:]]
 
 
 def slow_hint(period: float) -> str:

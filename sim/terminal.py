@@ -6,12 +6,12 @@ import os
 import sys
 import time
 
-from .errors import InputError
+from .errors import InputError, one_line
 
 
 def say(text: str) -> None:
     """Talk, on stderr: one line, whatever a path or a key holds."""
-    print("".join(c if c.isprintable() else ascii(c)[1:-1] for c in text), file=sys.stderr)
+    print(one_line(text), file=sys.stderr)
 
 
 def answer(text: str = "", end: str = "\n") -> None:

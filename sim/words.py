@@ -7,6 +7,7 @@ from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
 
 from .errors import UsageError
 
+WITHIN = ("bounded", "declared", "free")   # how far a diagnosis lets noise levels be from the declared
 NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
 LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or "
             "the name of a measured log of the package such as dfki_pendulum_dircol")

@@ -129,6 +129,27 @@ def test_the_walk_sees_every_fault_in_a_kernel(body):
     assert kernel_faults(tree.body[0])
 
 
+def needs_scipy(function: ast.FunctionDef) -> list[str]:
+    """What numba compiles only where scipy is installed: products of matrices, and all of np.linalg."""
+    at = "{} in line {}".format
+    return [at("@", node.lineno) for node in ast.walk(function)
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)] + [
+        at(name, line) for name, line in calls(function)
+        if ".linalg" in name or name.endswith((".dot", ".vdot", ".matmul"))]
+
+
+@pytest.mark.parametrize("path", CORE + SIM, ids=name_of)
+def test_no_kernel_needs_scipy(path):
+    """`plan` and `reproduce` ended in a traceback where the wheel stood alone: the bound multiplied by `@`."""
+    for function in kernels(path):
+        assert needs_scipy(function) == [], f"{name_of(path)}: {function.name}"
+
+
+@pytest.mark.parametrize("body", ["y = x @ x", "y = np.dot(x, x)", "y = x.dot(x)", "y = np.linalg.inv(x)"])
+def test_the_walk_sees_what_needs_scipy(body):
+    assert needs_scipy(ast.parse(f"@kernel\ndef f(x):\n {body}\n").body[0])
+
+
 def test_core_calls_no_kernel_of_its_own_in_a_circle():
     """No recursion: the call graph of the kernels has an order."""
     names = {function.name for path in CORE for function in kernels(path)}

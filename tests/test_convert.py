@@ -247,6 +247,8 @@ def test_a_missing_library_is_named(tmp_path, columns, capsys, monkeypatch, of, 
     assert main(["convert", str(flight), "--map", str(map_), "--out", str(tmp_path / "out.csv")]) == 2
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1 and module in err and "launchid[logs]" in err
+    with pytest.raises(launchid.UsageError, match=r"launchid\[logs\]"):  # from Python too: it was a ModuleNotFoundError
+        launchid.read_log(flight, map=map_)
 
 
 # ---- attitudes
@@ -381,6 +383,10 @@ HEAD = '[time]\nname = "t"\n[columns]\n'
     (HEAD + "theta = {quaternion = 'q', axis = 'up'}", "one of x, y, z"),
     (HEAD + "theta = {quaternion = 'q', reference = [0, 0, 0, 0]}", "not 0"),
     (HEAD + "theta = {quaternion = 'q', reference = 'last'}", "quaternion"),
+    (HEAD + "theta = {quaternion = 'q', unit = 'deg'}", "a quaternion has no unit"),
+    (HEAD + "theta_dot = {quaternion = 'q'}", "a quaternion is an attitude, theta_dot is not"),
+    (HEAD + "theta = {from = 'x', axis = 'z'}", "columns.theta.axis belongs to quaternion, not to from"),
+    (HEAD + "theta = {quaternion = 'q', weights = [1]}", "columns.theta.weights belongs to sum, not to quaternion"),
     (HEAD + "theta = {from = 'x'}\n[file]\ndelimiter = 'ab'", "one character"),
     ('[time]\nname = "t"\nunit = "h"\n[columns]\ntheta = {from = "x"}', "one of s, ms, us, ns"),
     ('[time]\nname = "t"\nclock = "beta"\n[columns]\ntheta = {from = "x"}', "one of theta"), ("[", "TOML")])

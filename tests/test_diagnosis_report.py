@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -22,13 +23,14 @@ from sim.diagnosis.report import first_screen, whiteness
 from sim.diagnosis.report import page as report_module
 from sim.diagnosis.report.answer import report as json_of
 from sim.diagnosis.report.page import PICTURES, write_report
-from sim.diagnosis.report.words import INTERVAL, amount, headline, lines
+from sim.diagnosis.report.words import amount, headline, lines
 from sim.diagnosis.verdict import Diagnosis, diagnose
 from sim.effects import effect
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.log import Log
 from sim.nominal import built_in, load_nominal
+from sim.shown import with_std
 
 DURATION = 30.0        # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
@@ -215,9 +217,26 @@ def test_a_set_that_spans_places_says_so_and_gives_the_sizes(diagnoses):
 
 
 def test_a_size_has_the_digits_of_its_deviation():
-    assert amount(4.5253, 1.6 / INTERVAL, "1/s") == "4.5 +- 1.6 1/s"
-    assert amount(20.4234, 1.0 / INTERVAL, "") == "20.4 +- 1.0"
+    assert amount(4.5253, 1.6, "1/s") == "4.5 +- 1.6 1/s"
+    assert amount(20.4234, 1.0, "") == "20.4 +- 1.0"
     assert amount(0.123456, None, "") == "0.123"
+
+
+def test_plus_minus_is_one_standard_deviation_and_the_first_says_so(diagnoses):
+    """It was a 95 % half-width here, and a standard deviation in `identify`."""
+    made = diagnoses["explained"]
+    cause = made.causes[0]
+    said = [line for line in lines(made) if " +- " in line]
+    assert said[0].count("+- is one standard deviation)") == 1 and not any("+- is" in line for line in said[1:])
+    name, std = next((name, std) for name, std in cause.std.items() if std)
+    assert with_std(cause.values[name], std) in said[0]
+    assert "\u00b1 is one standard deviation." in unescape(first_screen.plain(made))
+    assert not any(" +- " in line for line in lines(diagnoses["consistent"]))
+
+
+def test_what_a_limit_is_given_for_has_its_unit(diagnoses):
+    limits = [line for line in lines(diagnoses["consistent"]) if "(time" in line or "(frequency" in line]
+    assert limits and all(" s" in line.split("(")[1] or "rad/s" in line.split("(")[1] for line in limits)
 
 
 def test_only_what_looks_alike_is_in_the_matrix(diagnoses):

@@ -138,7 +138,7 @@ def _draw_changes(axis: Any, changes: list[dict[str, Any]]) -> None:
         half = INTERVAL * change["t_std"]
         label = "sudden change" if len(changes) > WORDED else \
             f"sudden change at {with_std(change['t'], change['t_std'])} s, size " \
-            f"{with_std(change['size'], change['size_std'])}"
+            f"{with_std(change['size'], change['size_std'])} (+-: one std)"
         axis.axvspan(change["t"] - half, change["t"] + half, color="0.6", linewidth=0)
         axis.axvline(change["t"], color="0.0", linestyle="-.", linewidth=1.0, label=label)
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..asked import integer, several
 from ..checked import profile_note
 from ..errors import UsageError
-from ..files import write_text
+from ..files import as_path, write_text
 from ..journal import Row
 from ..nominal import Nominal
 from ..requirement.executor import executor_of
@@ -60,9 +62,10 @@ class Campaign(Answer):
         write_text(Path(folder) / VERDICT, [self.to_json(), "\n"])
 
 
-def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, requirement: str | Sequence[str] = (),
-             seed: int = 0, stop: str = "decided", executor: str = "local", workers: int | None = None,
-             merge: Sequence[str | Path] = (), progress: Callable[[int], object] | None = None) -> Campaign:
+def campaign(nominal: Nominal, *, out: str | PathLike[str], flights: int | None = None,
+             requirement: str | Sequence[str] = (), seed: int = 0, stop: str = "decided", executor: str = "local",
+             workers: int | None = None, merge: Sequence[str | PathLike[str]] = (),
+             progress: Callable[[int], object] | None = None) -> Campaign:
     """Fly a nominal with drawn vehicles and weather, and judge requirements.
 
     out       folder of the campaign; of one that was interrupted, or is done: it goes on
@@ -72,20 +75,20 @@ def campaign(nominal: Nominal, *, out: str | Path, flights: int | None = None, r
     merge     folders of campaigns whose flights are taken; nothing is flown
     progress  called with the number of flights newly done
     """
-    asked = _asked(requirement)
+    asked, merge = _asked(requirement), several("--merge", merge, "a list of folders")
     if stop not in STOPS:
         raise UsageError(f"--stop {stop!r}: expected one of {', '.join(STOPS)}")
     if (flights is None) == (not merge):
         raise UsageError("campaign: expected --flights N, or --merge DIR..." if flights is None else
                          "campaign: --flights and --merge: expected one of them")
     for name, value, least in (("--flights", flights, 1), ("--seed", seed, 0), ("--workers", workers, 1)):
-        if value is not None and value < least:
-            raise UsageError(f"{name} {value}: expected an integer of at least {least}")
+        if value is not None:
+            integer(name, value, least)
     nominal.require("actuator", "controller", "guidance", "simulation")
     definition = Definition(nominal, seed, flights or 0, [each.text for each in asked], stop == "never")
-    folder = Path(out)
+    folder = as_path(out)
     if merge:
-        definition, table = merged(definition, [Path(part) for part in merge], folder)
+        definition, table = merged(definition, [as_path(part) for part in merge], folder)
     else:
         with executor_of(executor, workers) as (engine, count):
             table = fly(definition, asked, folder, engine, count, progress)
@@ -112,4 +115,5 @@ def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], s
 
 
 def _asked(texts: str | Sequence[str]) -> list[Requirement]:
-    return [requirement(text) for text in ([texts] if isinstance(texts, str) else texts)]
+    listed = [texts] if isinstance(texts, str) else several("--requirement", texts, "one or a list of texts")
+    return [requirement(text) for text in listed]

@@ -9,6 +9,7 @@ import numpy as np
 
 from launchid_core import Config, Estimate
 
+from ..asked import integer, real, word
 from ..checked import data_warnings, ideal_note, profile_note
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
@@ -20,6 +21,7 @@ from ..log import Log
 from ..nominal import Nominal, write_nominal
 from ..result import Columns, drawn
 from ..uncertainty import greybox, level
+from ..words import WITHIN
 from .answer import Answer, flat
 from .residuals import residuals
 
@@ -166,7 +168,7 @@ class Diagnosed(Answer):
     def write_report(self, folder: str | Path) -> None:
         """report.html, verdict.json, extension.toml and the figures."""
         from ..diagnosis.report.page import write_report
-        write_report(self.made, self.report, str(folder))
+        write_report(self.made, self.report, folder)
 
 
 def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstrap: int = 0, strict: bool = False,
@@ -178,6 +180,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
+    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, WITHIN)
     for each in (log, holdout):
         if each is not None:
             each.check_clock()
@@ -223,7 +226,7 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
     if not logs:
         raise UsageError("fit-lft: expected at least one log")
     for name, value in (("--share", share), ("--confidence", confidence)):
-        if not 0.0 < value < 1.0:
+        if not 0.0 < real(name, value, "a number between 0 and 1") < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()
     flights = []

@@ -10,6 +10,7 @@ import numpy as np
 
 from launchid_core import Config, Sample
 
+from ..asked import integer, real, several
 from ..believed import onboard_model
 from ..checked import profile_note
 from ..effects import Effect, from_text
@@ -67,21 +68,30 @@ class Flown(Answer):
 
 
 def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: Iterable[str | Effect] = ()) -> Flown:
+             effects: str | Iterable[str | Effect] = ()) -> Flown:
     """Fly a nominal.
 
     seed     of all noise;  suite `flight` or `ideal`;  period [s] of the log, None: the suite's
-    effects  as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
+    effects  one or several, each as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
     """
-    if seed < 0:
-        raise UsageError(f"--seed {seed}: expected an integer of at least 0")
-    chosen = [from_text(each) if isinstance(each, str) else each for each in effects]
-    flight = fly_whole(nominal, seed, suite, period, effects=chosen)
+    seed = integer("--seed", seed, 0)
+    period = None if period is None else real("--period", period, "a number of seconds")
+    flight = fly_whole(nominal, seed, suite, period, effects=_chosen(effects))
     said: tuple[str, ...] = ()
     if nominal.simulation is not None:
         said = profile_note(nominal, nominal.simulation.duration, "the flight")
     return Flown(flight, nominal, {"rows": len(flight.t), "period": flight.period, "seed": seed, "lost": flight.lost},
                  said)
+
+
+def _chosen(effects: str | Iterable[str | Effect]) -> list[Effect]:
+    listed = [effects] if isinstance(effects, str) else several(
+        "--effect", effects, "one or a list of effects such as 'gyro_bias:rate=0.01'")
+    chosen = [from_text(each) if isinstance(each, str) else each for each in listed]
+    for each in chosen:
+        if not isinstance(each, Effect):
+            raise UsageError(f"--effect {each!r}: expected a text such as 'gyro_bias:rate=0.01'")
+    return chosen
 
 
 # ---- plan
@@ -126,7 +136,8 @@ class Planned(Answer):
 
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:
     """Design the smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
-    made = planned(nominal, accuracy, window)
+    accuracy = real("--accuracy", accuracy, "a relative accuracy such as 0.01")
+    made = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
     multisine = made.nominal.test_input
     names = ("start", "duration", "frequency", "amplitude", "phase")
     return Planned(made, window, {
@@ -181,6 +192,8 @@ def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = No
                         formulation=formulation, model=model, **choices)
     except ValueError as error:
         raise UsageError(str(error)) from None
+    except TypeError as error:  # of Python's: a word that is none of Config's
+        raise UsageError(f"export-c: {str(error).removeprefix('Config.__init__() ')}") from None
     samples = flown(nominal, config)
     files = single_files(config) if float32 else exported(config, samples)
     return Exported(files, config, samples, {"files": list(files)})

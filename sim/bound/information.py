@@ -12,11 +12,24 @@ DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what
 
 @kernel
 def predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises):
-    """Time update of dp (2, n, n), the derivatives of the covariance p (n, n) for relative a6 and k1."""
+    """Time update of dp (2, n, n), the derivatives of the covariance p (n, n) for relative a6 and k1.
+
+    Products are written out: numba's need scipy, which an installation need not have.
+    """
+    n = len(p)
     for m in range(2):
         slope, share, by = (full_a, a6, fa) if m == 0 else (full_k, k1, fk)
-        left = slope @ p + 0.5 * (full @ dp[m])
-        new = left @ full.T
+        left, new = np.zeros((n, n)), np.zeros((n, n))
+        for i in range(n):
+            for k in range(n):
+                if full[i, k] == 0.0 and slope[i, k] == 0.0:
+                    continue
+                for j in range(n):
+                    left[i, j] += slope[i, k] * p[k, j] + 0.5 * full[i, k] * dp[m, k, j]
+        for i in range(n):
+            for k in range(n):
+                for j in range(n):
+                    new[i, j] += left[i, k] * full[j, k]
         for i in range(N_STATES):
             for j in range(N_STATES):
                 new[i, j] += share * (by[i, 4] * f[j, 4] * noises[3] + by[i, 5] * f[j, 5] * noises[4])

@@ -6,6 +6,7 @@ from typing import Any
 from ..errors import UsageError
 from ..terminal import Counter, answer, say
 from ..words import NOMINAL_HELP, add_command
+from .talk import check_folders
 
 
 def add(commands: Any) -> None:
@@ -43,6 +44,7 @@ def run(args: argparse.Namespace) -> None:
     from ..requirement.executor import check_executor
     check_executor(args.executor)
     nominal = load_nominal(args.nominal)
+    check_folders(args.out)
     from ..answers.of_campaigns import PICTURE, campaign, foreseen
     is_flown = not args.merge and (args.flights or 0) > 0
     for line in foreseen(nominal, args.flights, args.requirement, args.stop) if is_flown else ():

@@ -4,8 +4,8 @@ import argparse
 from typing import Any
 
 from ..terminal import Progress
-from ..words import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
-from .talk import at_least, check_outputs, read_noting, tell
+from ..words import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
+from .talk import at_least, check_folders, check_outputs, read_noting, tell
 
 
 def add(commands: Any) -> None:
@@ -20,7 +20,7 @@ def add(commands: Any) -> None:
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
                      help="measure the threshold on N clean flights of the nominal along this log, cached; "
                           "0: the built-in one (default %(default)s)")
-    sub.add_argument("--noise", default="bounded", choices=["bounded", "declared", "free"],
+    sub.add_argument("--noise", default="bounded", choices=WITHIN,
                      help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at "
                           "all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> None:
     log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", of=args.map) if args.holdout else None
     check_outputs(args.json)
+    check_folders(args.report)
     from ..answers.of_logs import diagnose
     progress = Progress()
     made = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,

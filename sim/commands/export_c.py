@@ -5,6 +5,7 @@ from typing import Any
 
 from ..terminal import say
 from ..words import NOMINAL_HELP, add_choices, add_command, choices
+from .talk import check_folders
 
 
 def add(commands: Any) -> None:
@@ -27,6 +28,7 @@ def run(args: argparse.Namespace) -> None:
     """launchid export-c"""
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
+    check_folders(args.out)
     from ..answers.of_nominals import export_c
     made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
                     float32=args.float32, **choices(args))

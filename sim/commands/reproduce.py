@@ -5,7 +5,7 @@ from typing import Any
 
 from ..terminal import answer
 from ..words import add_command
-from .talk import at_least
+from .talk import at_least, check_folders
 
 
 def add(commands: Any) -> None:
@@ -25,5 +25,6 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """launchid reproduce"""
     at_least("--seeds", args.seeds, 1)
+    check_folders(args.out)
     from ..experiments.report import reproduce
     answer(reproduce(args.case, args.seeds, args.out))

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, UsageError
-from ..files import check_output, write_text
+from ..files import check_folder, check_output, write_text
 from ..terminal import answer, say
 
 if TYPE_CHECKING:
@@ -35,6 +35,13 @@ def check_outputs(*paths: str | None) -> None:
     for path in paths:
         if path and path != "-":
             check_output(path)
+
+
+def check_folders(*paths: str | None) -> None:
+    """The same of a folder."""
+    for path in paths:
+        if path:
+            check_folder(path)
 
 
 def at_least(name: str, value: int, low: int) -> None:

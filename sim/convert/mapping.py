@@ -17,6 +17,7 @@ HELD = ("beta_cmd", "theta_ref", "rate_ref")   # what a computer says holds unti
 TAKES = ("nearest", "held", "linear")
 AXES = ("x", "y", "z")
 ORDERS = ("wxyz", "xyzw")
+ONLY_OF = {"weights": "sum", "order": "quaternion", "axis": "quaternion", "reference": "quaternion"}
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ class _Reader:
             raise self.fail(place, value, "a section")
         for key in value:
             if key not in known:
-                raise InputError(f"{self.path}: unknown key '{place}.{key}'; expected one of {', '.join(known)}")
+                name = key if value is self.table else f"{place}.{key}"
+                raise InputError(f"{self.path}: unknown key '{name}'; expected one of {', '.join(known)}")
         return value
 
     def word(self, place: str, table: dict[str, Any], key: str, words: tuple[str, ...] | None, default: Any) -> Any:
@@ -128,6 +130,7 @@ class _Reader:
         if len(given) != 1:
             raise InputError(f"{self.path}: [{place}] has {' and '.join(given) or 'no source'}; "
                              "expected one of from, sum, quaternion")
+        self.fits_the_source(name, place, table, given[0])
         channels, weights, axis, reference = getattr(self, f"of_{given[0]}")(place, table)
         suffix = PER_SECOND.get(name, "")
         unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLES), f"rad{suffix}")
@@ -137,6 +140,18 @@ class _Reader:
             self.number(f"{place}.offset", table.get("offset", 0.0)), ANGLES[unit.removesuffix(suffix)],
             self.word(place, table, "take", TAKES, "held" if name in HELD else "nearest"),
             self.word(place, table, "time", None, None), within)
+
+    def fits_the_source(self, name: str, place: str, table: dict[str, Any], given: str) -> None:
+        """What a source would leave unused, the writer believes to be done: it is refused."""
+        if given == "quaternion" and name in PER_SECOND:
+            raise InputError(f"{self.path}: {place}.quaternion: a quaternion is an attitude, {name} is not; expected "
+                             "from or sum")
+        if given == "quaternion" and table.get("unit", "rad") != "rad":
+            raise InputError(f"{self.path}: {place}.unit = {table['unit']!r}: a quaternion has no unit, the angle "
+                             "launchid makes of it is in rad; leave unit out")
+        for key, of in ONLY_OF.items():
+            if key in table and given != of:
+                raise InputError(f"{self.path}: {place}.{key} belongs to {of}, not to {given}; leave it out")
 
     def names(self, place: str, value: Any) -> tuple[str, ...]:
         if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..csv_text import AS_TEXT, rows
-from ..errors import InputError
+from ..errors import InputError, UsageError, extras_named
 from ..files import reads
 from ..log_table import number
 
@@ -51,8 +51,9 @@ def read_channels(path: str, options: dict[str, str]) -> Channels:
         return read_csv(path, options)
     name, reader = found
     try:
-        return reader(path)
-    except (ModuleNotFoundError, MemoryError):
+        with extras_named():
+            return reader(path)
+    except (UsageError, MemoryError):
         raise
     except Exception as error:  # of a damaged file a library raises what it likes
         reason = (str(error).splitlines() or [""])[0][:120]

@@ -30,7 +30,7 @@ MEANING = {
     "actuator_gain": "u -> scale*u",
     "actuator_rate_limit": "abs(b') <= rate; `wind_up`: the rate asked for may run ahead of the limit by so much of it "
                            "(a first-order servo has none)",
-    "actuator_backlash": "play of +-half_width on u",
+    "actuator_backlash": "play on u, half_width each way",
     "actuator_bias": "u -> u + angle",
     "attitude_bias": "on z_theta, seen by the controller too",
     "attitude_delay": "on z_theta, seen by the controller too",

@@ -11,6 +11,7 @@ import numpy as np
 from ..effects import Effect, effect
 from ..files import write_text
 from ..nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
+from ..shown import saying_what_plus_minus_is
 from .answer import First, Number
 
 TOLD = 3.0             # standard deviations from 0: below, an offset is none
@@ -192,7 +193,7 @@ def lines(made: First, out: str) -> list[str]:
                     f"{made.servo[1][0]:.3g} {shown(made.servo[1])}")
     for words, numbers in (("offset", made.offsets), ("noise", made.noise), ("wind", made.wind)):
         said += [f"{words} {name} {number[0]:.3g} {shown(number)}" for name, number in numbers.items()]
-    return [*said, *made.notes, f"{out}: written"]
+    return [*saying_what_plus_minus_is(said), *made.notes, f"{out}: written"]
 
 
 def number_json(number: Number | None) -> dict[str, float] | None:

@@ -66,13 +66,5 @@ def load_nominal(path: str | Path) -> Nominal:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
-        raise InputError(one_line(f"{path}: {error}; expected TOML")) from None
-    try:
-        return nominal_of(Table(path, table))
-    except InputError as error:
-        raise InputError(one_line(str(error))) from None
-
-
-def one_line(text: str) -> str:
-    """A message in one line, whatever keys and paths hold."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+        raise InputError(f"{path}: {error}; expected TOML") from None
+    return nominal_of(Table(path, table))

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..sections import ANYWHERE, AT_REST
 from .profiles import read_columns
 
 LARGEST = 1e300  # a number beyond it is no physical quantity
-WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air")}  # keys that are no numbers
+WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air"),
+         "begins": (ANYWHERE, AT_REST)}  # keys that are no numbers
 POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
             "time_limit"}
 SIGNED = {"kp", "kd", "ki"}

@@ -99,8 +99,8 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
 def table(estimates: list[Estimate]) -> str:
     """The windows for a terminal, and what left its range."""
-    lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(f"  {'delta_' + name:>16} {'band [%]':>9} {'its P':>6}"
-                                                      for name in PARAMETERS)]
+    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'its P':>6}" for name in PARAMETERS)
+    lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
     for e in estimates:
         u = e.uncertainty
         assert u is not None

@@ -78,7 +78,7 @@ CAUSES = (
     Hypothesis("actuator_rate_limit", (RATE,), math.inf, LIMITED, only_start, _command_is_known, _rates,
                form=Form(WIND_UP, _ahead, "wind_up")),
     Hypothesis("actuator_backlash", (size("half_width", 5e-5, 0.0, 0.2),), 0.0,
-               "the servo has a play of +-{half_width}", only_start, _command_is_known, _plays, dithered=0.1),
+               "the servo has a play of {half_width} each way", only_start, _command_is_known, _plays, dithered=0.1),
     Hypothesis("actuator_bias", (size("angle", 1e-4),), 0.0, "the servo's null is off by {angle}",
                visible=_command_is_known,
                decides=tuple((other, NOZZLE_SENSOR) for other in ("thrust_misalignment", "steady_wind",

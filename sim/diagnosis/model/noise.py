@@ -22,7 +22,7 @@ from .ahead import horizon_variances
 from .lanes import LANES, likelihoods
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
-from .point import Point, vehicle
+from .point import Point, begins_at_rest, vehicle
 from .predictor import N_RIGID, made_good
 
 LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
@@ -34,6 +34,7 @@ WRONG_NOISE = 1.5      # factor by which levels may be declared wrong without a 
 STILL = 0.25           # s: a6, k1 of a launcher move by less than 1 % meanwhile
 FLOOR = 1e-6           # rad, rad/s, rad, rad, rad/s^2: declared 0 becomes this
 START_RATE = 0.1       # rad/s, one sigma of a rate that no gyro tells at the first row
+REST = 1e-6            # rad, rad/s, one sigma of a vehicle that is known to stand: below what any sensor tells
 MOST = {"plant": 0.3, "actuator": 0.05, "theta": 0.05, "theta_dot": 0.05, "beta": 0.05}  # of a launcher: `largest`
 SENSOR_OF = {ATTITUDE: THETA, GYRO: THETA_DOT, NOZZLE_SENSOR: BETA}
 TAYLOR_ORDER = 10      # of matrices below 1/2: the remainder is below 1e-10
@@ -332,7 +333,7 @@ def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:
 
 
 def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
-    """Covariance (m, m) before the first row; the state begins at the first measured values."""
+    """Covariance (m, m) before the first row; the state begins at the first measured values, or at rest."""
     p = np.zeros((dyn.f.shape[1], dyn.f.shape[1]))
     w = min(record.actuator.frequency, record.fastest)
     level_of = {state: level for (state, _), level in zip(dyn.fresh, levels[5:], strict=True)}
@@ -340,6 +341,8 @@ def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
         p[state, state] = level_of[state]**2 if variance < 0.0 else variance
     p[0, 0] = (30.0 * levels[0])**2
     p[1, 1] = START_RATE**2
+    if begins_at_rest(record):
+        p[0, 0] = p[1, 1] = REST**2
     nozzle = 30.0 * levels[2]
     if "beta" not in record.channels:  # it begins where it was sent, or anywhere that it is sent to
         nozzle = max(nozzle, float(np.std(record.commands)))

@@ -10,6 +10,7 @@ import numpy as np
 from ...effects import Effect, actuator, plant, sensor
 from ...effects.table import CODE, P0, P1, Table
 from ...flight import packed
+from ...sections import AT_REST
 from ...vehicle import step as st
 from ..data.record import BETA, THETA, THETA_DOT, Record
 from .linear import Modes, slots_of
@@ -29,6 +30,11 @@ class Point:
 
     effects: tuple[Effect, ...] = ()
     deviations: tuple[float, ...] = (0.0,) * DEVIATIONS
+
+
+def begins_at_rest(record: Record) -> bool:
+    """The nominal knows the state at the record's first row: the log's start is evidence."""
+    return record.nominal.diagnosis.begins == AT_REST and record.first_step == 0 and record.shift == 0.0
 
 
 def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st.Vehicle:
@@ -56,6 +62,8 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     nulls = sensor.nulls(table.sensor)  # a bias is in the first row as in all: the vehicle is not where it seems to be
     state[st.THETA] = _first(record.z[:, THETA]) - nulls[0]
     state[st.THETA_DOT] = _first(record.z[:, THETA_DOT]) - nulls[1]
+    if begins_at_rest(record):
+        state[st.THETA] = state[st.THETA_DOT] = 0.0
     state[st.BETA] = _first(record.z[:, BETA]) - nulls[2] if np.isfinite(record.z[:, BETA]).any() \
         else record.commands[0]
     late = len(table.sensor) > 0

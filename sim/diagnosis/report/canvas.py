@@ -30,12 +30,14 @@ def legend_above(figure: Figure, axis: Any) -> None:
     figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", ncol=3, fontsize=8, frameon=False)
 
 
-def mark_times(axis: Any, made: Diagnosis) -> None:
-    """When causes begin and end, for those that do."""
+def mark_times(axis: Any, made: Diagnosis, named: bool = True) -> None:
+    """When causes begin and end, for those that do; `named` in the uppermost of panels, where that hides least."""
     for cause in (*made.causes, *made.nearest):
         start, duration = (cause.values.get(name) for name in ("time", "duration"))
         times = [] if start is None else [start] if duration is None else [start, float(start) + float(duration)]
         for time, word in zip(times, (cause.cause, "ends"), strict=False):
             axis.axvline(float(time), color="0.0", linestyle="-.", linewidth=0.9)
+            if not named:
+                continue
             axis.annotate(word, (float(time), 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
                           textcoords="offset points", fontsize=7, bbox=PATCH)

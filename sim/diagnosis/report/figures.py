@@ -111,7 +111,7 @@ def closed_loop(made: Diagnosis) -> Figure | None:
     for axis in axes[:, 0]:
         if axis is not axes[1, 0]:
             axis.legend(fontsize=8, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 0.99), frameon=False)
-        mark_times(axis, made)
+        mark_times(axis, made, named=axis is axes[0, 0])
     return figure
 
 
@@ -138,7 +138,7 @@ def innovation_bands(made: Diagnosis) -> Figure:
             outside = float(np.mean(np.abs(model.e[inside, k]) > band[inside, k]))
             axis.set_title(f"{model.label}: {100 * outside:.1f} % outside", fontsize=8, loc="left")
             axis.set_ylim(-top, top)
-            mark_times(axis, made)
+            mark_times(axis, made, named=row == 0)
         axes[row, 0].set_ylabel(f"{CHANNELS[k]}\n[{UNITS[CHANNELS[k]]}]", fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
@@ -307,7 +307,7 @@ def disturbance(made: Diagnosis) -> Figure | None:
     axis = figure.add_subplot(grid[0, :])
     axis.plot(record.t + record.shift, d, **AFTER)
     axis.set_xlabel("t [s]")
-    axis.set_ylabel("d [rad/s$^2$]", fontsize=9)
+    axis.set_ylabel("acceleration that\nlacks [rad/s$^2$]", fontsize=9)
     axes = [axis]
     states = nominal.states
     for k, name in enumerate(CHANNELS):
@@ -316,8 +316,10 @@ def disturbance(made: Diagnosis) -> Figure | None:
         order = np.array_split(np.argsort(states[:, k], kind="stable"), PARTITIONS)
         middles = [(np.median(states[part, k]), np.median(d[part])) for part in order if len(part)]
         axis.plot(*np.array(middles).T, "o-", color="0.0", markersize=3.5, linewidth=1.2)
-        axis.set_xlabel(f"{SYMBOLS[name]} [{UNITS[name]}]")
+        axis.set_xlabel(f"{SYMBOLS[name]} [{UNITS[name]}]", fontsize=9)
+        axis.locator_params(axis="x", nbins=4)
         axes.append(axis)
+    axes[1].set_ylabel(axes[0].get_ylabel(), fontsize=9)
     for axis in axes:
         axis.grid(True, color="0.88", linewidth=0.6)
         axis.axhline(0.0, color="0.5", linewidth=0.6)

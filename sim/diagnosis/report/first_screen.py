@@ -5,6 +5,7 @@ Each term is explained where it first stands.
 
 import math
 
+from ...shown import PLUS_MINUS
 from ..judge.constancy import CONSTANCY_LIMIT, SEGMENTS
 from ..judge.diagnosis import Diagnosis
 from ..judge.measure import NOISE
@@ -25,7 +26,8 @@ def plain(made: Diagnosis) -> str:
         said.append(f"<b>{text(explains[0].upper() + explains[1:])}</b>")
     terms = [] if made.gain is None or made.gain.share is None or explains is None else [f"{error_words(made.gain)}."]
     terms += [f"Nats{NATS}."] if any(" nats" in line for line in said) else []
-    note = f'<p class="note">{text(" ".join(terms).capitalize())}</p>' if terms else ""
+    terms += [f"{PLUS_MINUS}."] if any("&plusmn;" in line for line in said) else []
+    note = f'<p class="note">{text(" ".join(each[0].upper() + each[1:] for each in terms))}</p>' if terms else ""
     return f'<div class="plain">{"".join(f"<p>{line}</p>" for line in said)}{note}</div>'
 
 
@@ -45,7 +47,7 @@ def _cause_lines(made: Diagnosis) -> list[str]:
     if made.verdict == "bad-data":
         return [text(fault.message) for fault in made.data.faults]
     if made.verdict == "consistent":
-        return ["None is needed: what is measured less what is simulated is noise."]
+        return ["No cause is needed: what is measured less what is simulated is noise."]
     if made.causes:
         return [f"<b>{text(each.label)}</b>: {text(sentence(each))}"
                 + text(f"; or, as well, {' or '.join(alternatives(made, each))}" if each.rivals else "") + "."

@@ -69,10 +69,10 @@ def misfit(made: Diagnosis) -> Figure | None:
         style = BEFORE if model is models[0] else AFTER
         above.plot(t, change[:, k] - error[:, k], label=f"predicted, {model.label}", **style)
         below.plot(t, error[:, k], label=f"{model.label}: {rms(error[:, k]):.2g} {unit} rms", **style)
-    above.set_ylabel(f"change of {name}\nin {spans(record)[-1]:g} s [{unit}]", fontsize=9)
+    above.set_ylabel(f"change of {SYMBOLS[name]}\nin {spans(record)[-1]:g} s [{unit}]", fontsize=9)
     below.set_ylabel(f"measured less\npredicted [{unit}]", fontsize=9)
-    below.set_xlabel(f"t [s]   ({SYMBOLS[name]})")
+    below.set_xlabel("t [s]")
     for axis in (above, below):
         axis.legend(fontsize=8, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 0.98), frameon=False)
-        mark_times(axis, made)
+        mark_times(axis, made, named=axis is above)
     return figure

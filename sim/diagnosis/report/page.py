@@ -13,7 +13,7 @@ from typing import Any
 
 from ...effects import CATALOGUE
 from ...errors import InputError
-from ...files import remove, write_text
+from ...files import make_folder, remove, write_text
 from ...nominal import write_nominal
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
@@ -21,13 +21,12 @@ from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
 from ..judge.limits import LOOK_ALIKE, Limit
 from ..judge.measure import NOISE
-from ..judge.user_gain import INTERVAL
 from ..model.noise import LEVELS, declared
 from ..search.selection import needed
 from . import first_screen as first
 from .answer import NEARLY_ALIKE
 from .markup import table, text
-from .words import ANGULAR, amount, headline
+from .words import ANGULAR, amount, given, headline
 
 WORLD_UNITS = {TURBULENCE: "rad", WALK: "rad/sqrt(s)", SLOW_MOMENT: "rad/s^2"}
 NOISE_UNITS = ("rad", "rad/s", "rad", "rad", "rad/s^2")
@@ -50,7 +49,7 @@ PICTURES = {  # file: heading, and how to read it
         "with the causes."),
     "innovations.png": ("Prediction errors along the log",
         "Innovations: measured less predicted one row ahead, by a filter that corrects itself at each row. Dotted: "
-        "+-3 standard deviations, which 0.3 % leave if the model is right. Before: the causes taken out."),
+        "3 standard deviations to either side, which 0.3 % leave if the model is right. Before: the causes taken out."),
     "correlations.png": ("Is what is left random? Correlations",
         "Of whitened innovations with their own and each other's past. Grey: 99 % of a random sequence's."),
     "spectra.png": ("Is what is left random? Spectra",
@@ -73,6 +72,7 @@ GLOSSARY = (
     ("nominal, extended", "the simulation as it was believed; the same with the named causes (extension.toml)"),
     ("nats", "evidence: by how much the logarithm of the log's likelihood rises with a cause, less a penalty for its "
              "free numbers. 3 nats are odds of 20 to 1, 12 nats 160 000 to 1"),
+    ("+-", "behind a number: one standard deviation; a 95 % interval is called that"),
     ("innovation", "measured less predicted, one row ahead; whitened: divided by what noise explains, so that a right "
                    "model leaves random numbers of variance 1"),
     ("held out", "measured on parts of the log (or on a second log) that nothing was fitted to; blocked folds: "
@@ -83,15 +83,14 @@ GLOSSARY = (
     ("tolerance", "one-sigma error of a6 and k1 that is not worth calling wrong ([diagnosis] of the nominal)"))
 
 
-def write_report(made: Diagnosis, result: dict[str, Any], folder: str) -> None:
+def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) -> None:
     """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
 
     made    the diagnosis;  result  its JSON;  folder  made if need be; InputError in one line if it cannot
     Files of an earlier report that this one lacks are removed.
     """
-    path = Path(folder)
+    path = make_folder(folder)
     try:
-        path.mkdir(parents=True, exist_ok=True)
         for name in (*EXTENSION, *PICTURES):
             remove(path / name)
     except OSError as error:
@@ -169,7 +168,7 @@ def _ranking(made: Diagnosis) -> str:
             rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.0f}",
                          f"{least:.0f}", text(values)))
             chosen.append(place == 0 and each.evidence >= least)
-    final = table(("in the model", "where", "evidence [nats]", "size, 95 %"), [
+    final = table(("in the model", "where", "evidence [nats]", "size +- one standard deviation"), [
         (text(each.label), text(each.where), f"{each.evidence:.0f}", text(", ".join(
             f"{name} {amount(value, each.std.get(name), each.units.get(name, ''))}"
             for name, value in each.values.items()))) for each in (*made.causes, *made.nearest)])
@@ -201,16 +200,16 @@ def _noise(made: Diagnosis) -> str:
     levels = dict(zip(names, zip(declared(made.record), units, strict=True), strict=True))
     rows = []
     for name, level in made.noise.items():
-        spread = "" if level["std"] is None else f" +- {INTERVAL * level['std']:.2g}"
+        spread = "" if level["std"] is None else f" +- {level['std']:.2g}"
         rows.append((text(name), f"{levels[name][0]:.3g} {levels[name][1]}", text(f"{level['factor']:.3g}{spread}"),
                      "differs" if level["significant"] else "as declared"))
-    return table(("noise of", "declared", "measured over declared, 95 %",
+    return table(("noise of", "declared", "measured over declared +- one standard deviation",
                   f"(beyond {NOISE:g} it forbids EXPLAINED)"), rows)
 
 
 def _limits(made: Diagnosis) -> str:
     rows = [(text(each.cause), CATALOGUE[each.cause].where, text(_limit(each)),
-             text(", ".join(f"{name} {value:.4g}" for name, value in each.at)))
+             text(given(each)))
             for each in made.limits if each.size is not None]
     blind = ", ".join(each.cause for each in made.limits if each.size is None)
     return ('<p class="note">In this log, its manoeuvres, noise and columns, a cause of this size is found at even '

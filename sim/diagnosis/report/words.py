@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping
 
-from ...shown import with_std
+from ...shown import saying_what_plus_minus_is, with_std
 from ..causes import RECORDS, Cause, what_decides, what_is_like
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
+from ..judge.limits import Limit
 from ..judge.named import Named
-from ..judge.user_gain import INTERVAL
 
 ANGULAR = ("rad", "rad/s", "rad/s^2")
 ALONE = 3              # digits of a value whose standard deviation nobody made
@@ -22,11 +22,10 @@ def error_words(gain: Gain) -> str:
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
-    """A value with its 95 % half-width, to two digits of that; angles in degrees too, a frequency in Hz."""
+    """A value with its standard deviation, to two digits of that; angles in degrees too, a frequency in Hz."""
     if isinstance(value, str):
         return value
-    half = None if not std or not math.isfinite(std) else INTERVAL * std
-    shown = with_std(value, half) if half else f"{value:.{ALONE}g}"
+    shown = with_std(value, std) if std and math.isfinite(std) else f"{value:.{ALONE}g}"
     if unit == "rad/s" and hertz:
         return f"{shown} rad/s ({value / (2.0 * math.pi):.3g} Hz)"
     degrees = f" ({math.degrees(value):.3g} {unit.replace('rad', 'deg')})" if unit in ANGULAR and value else ""
@@ -164,7 +163,7 @@ def lines(made: Diagnosis) -> list[str]:
     if made.proposal is not None:
         said.append(f"  proposal: {made.proposal}")
     said += _gain_lines(made) + _ranking_lines(made) + _noise_lines(made) + _limit_lines(made)
-    return said
+    return saying_what_plus_minus_is(said)
 
 
 def _gain_lines(made: Diagnosis) -> list[str]:
@@ -209,6 +208,12 @@ def _noise_lines(made: Diagnosis) -> list[str]:
     return [f"noise over the nominal's: {levels}"]
 
 
+def given(limit: Limit) -> str:
+    """What a limit holds for, of the other parameters of its cause."""
+    units = ((name, value, RECORDS[limit.cause].unit(name)) for name, value in limit.at)
+    return ", ".join(f"{name} {value:.4g}{f' {unit}' if unit else ''}" for name, value, unit in units)
+
+
 def _limit_lines(made: Diagnosis) -> list[str]:
     if not made.limits:
         return []
@@ -217,7 +222,7 @@ def _limit_lines(made: Diagnosis) -> list[str]:
     said = ["could not have been seen below (even odds):"]
     for limit in seen:
         assert limit.size is not None
-        at = ", ".join(f"{name} {value:.4g}" for name, value in limit.at)
+        at = given(limit)
         away = "" if limit.neutral == 0.0 or math.isinf(limit.neutral) else f" from {limit.neutral:g}"
         where = f" ({at})" if at else ""
         said.append(f"  {limit.cause:<24}{limit.parameter} {limit.size:.2g} {limit.unit}{away}{where}")

@@ -29,6 +29,7 @@ int main(void)
     launchid_sample sample;
     launchid_estimate estimate;
     launchid_state_reset(&state);
+    printf("end of window: a6, k1 (+- is one standard deviation)\n");
     for (int k = 0; next_sample(k, &sample); k++) {
         const launchid_status status = launchid_state_update(&state, &work, &sample);
         if (status < 0) {
