@@ -24,10 +24,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
-from numba.extending import register_jitable
 
 from .kernel_cache import keep
-from .parts import OF_A_PART
+from .parts import OF_A_PART, OF_AN_ENTRY, stand_in, widened
 
 _numba: Any = numba  # some of the choices are not in its types
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -39,11 +38,11 @@ def compiled(part: bool = False, **choices: Any) -> Callable[[Function], Functio
 
     part  what kernels call and Python cannot: no machine code of its own (`parts`)
     """
-    jit = _numba.njit(error_model="numpy", nogil=True, **choices, **(_OF_A_PART if part else {}))
+    jit = _numba.njit(error_model="numpy", nogil=True, **choices, **(_OF_A_PART if part else OF_AN_ENTRY))
 
     def decorate(function: Function) -> Function:
         made: Function = keep(jit(function))
-        return made
+        return widened(made) if part else made
 
     return decorate
 
@@ -52,4 +51,9 @@ kernel = compiled(_nrt=False)
 inner = compiled(part=True, _nrt=False)
 once = compiled(part=True, _nrt=False, forceinline=True)
 merged = _numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
-shared: Callable[[Function], Function] = register_jitable(error_model="numpy", _nrt=False, **OF_A_PART)
+
+
+def shared(function: Function) -> Function:
+    """Python calls the function itself, kernels an inner one of it."""
+    stand_in(function, inner(function))
+    return function

@@ -15,6 +15,9 @@ import numpy as np
 from numba import extending
 from numba.core import cgutils, types
 
+from .kernels import inner
+from .parts import stand_in
+
 _extending: Any = extending  # typed by numba only in part
 
 
@@ -56,19 +59,24 @@ def take3(buffer, at, n, m, k):
     return buffer[at:at + n * m * k].reshape((n, m, k)), at + n * m * k
 
 
-@_extending.overload(take, jit_options={"_nrt": False})
+@inner
 def _take(buffer, at, n):
-    return lambda buffer, at, n: (_piece(buffer, at, (n,)), at + n)
+    return _piece(buffer, at, (n,)), at + n
 
 
-@_extending.overload(take2, jit_options={"_nrt": False})
+@inner
 def _take2(buffer, at, n, m):
-    return lambda buffer, at, n, m: (_piece(buffer, at, (n, m)), at + n * m)
+    return _piece(buffer, at, (n, m)), at + n * m
 
 
-@_extending.overload(take3, jit_options={"_nrt": False})
+@inner
 def _take3(buffer, at, n, m, k):
-    return lambda buffer, at, n, m, k: (_piece(buffer, at, (n, m, k)), at + n * m * k)
+    return _piece(buffer, at, (n, m, k)), at + n * m * k
+
+
+stand_in(take, _take)
+stand_in(take2, _take2)
+stand_in(take3, _take3)
 
 
 class Block(NamedTuple):

@@ -3,8 +3,9 @@
 numba alone optimises every function with all that it calls, makes machine code of it, and does both again in whoever
 calls it: a kernel five calls deep is optimised and written five times, which was a third of the time to the first
 `Estimator`.  A part (`inner`, `once`, `shared` of `kernels`) stays in the compiler's language until an entry is
-compiled; that one holds all of it, and is optimised and written once.  The operations and their order are the same,
-so are the bits.
+compiled; that one holds all of it, and is optimised and written once, in one pass where numba alone makes three: over
+each function, quickly over the whole, and over the whole (a third of what then was left).  A part is compiled once
+for all its callers and all integers.  The operations and their order are the same, so are the bits.
 
 Not part of what flies, as `kernel_cache`.  It uses what is no public part of numba; with a numba that is another than
 it expects it does without, which costs time and nothing else.
@@ -15,6 +16,8 @@ from typing import Any
 
 import numba.core.codegen
 import numba.core.compiler
+from numba.core import types
+from numba.core.typing import templates
 
 codegen: Any = numba.core.codegen
 compiler: Any = numba.core.compiler
@@ -22,10 +25,28 @@ compiler: Any = numba.core.compiler
 KIND = "part"  # of what is kept on disk, beside numba's "object"
 
 KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
+         and all(hasattr(codegen.ll, f"create_new_{kind}_pass_manager") for kind in ("function", "module"))
          and all(hasattr(codegen.JITCodeLibrary, name)
                  for name in ("finalize", "_get_module_for_linking", "get_pointer_to_function", "codegen",
-                              "serialize_using_object_code", "_optimize_functions"))
+                              "serialize_using_object_code", "_optimize_functions", "_optimize_final_module"))
          and all(hasattr(compiler, name) for name in ("Compiler", "CompileResult", "CR_FIELDS")))
+
+
+def _sweep(library: Any, module: Any) -> None:
+    """What no one uses is taken out, above all addresses of this process; all else waits for the entry."""
+    module.data_layout = library._codegen._data_layout
+    passes = codegen.ll.create_new_function_pass_manager()
+    passes.add_dead_code_elimination_pass()
+    builder = library._codegen._pass_builder()
+    for function in module.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
+
+
+def _holds_address(library: Any) -> bool:
+    """Of this process."""
+    return any(each.name.startswith("numba.dynamic.globals") for each in library._final_module.global_variables)
+
 
 if KNOWN:
     class _Written:
@@ -44,6 +65,7 @@ if KNOWN:
         """What numba keeps of a compiled function; of a part, what it does and which parts it calls."""
 
         _shared_module: Any
+        _optimize_functions = _sweep
 
         @property
         def codegen(self) -> Any:
@@ -53,6 +75,12 @@ if KNOWN:
         def finalize(self) -> None:
             """No more comes: nothing is made of it."""
             self._raise_if_finalized()
+            if _holds_address(self):  # still: what numba put down across branches needs more to be seen as unused
+                passes = codegen.ll.create_new_module_pass_manager()
+                passes.add_sroa_pass()
+                passes.add_dead_code_elimination_pass()
+                passes.add_global_dead_code_eliminate_pass()
+                passes.run(self._final_module, self._codegen._pass_builder())
             self._finalized = True
 
         def get_pointer_to_function(self, name: str) -> int:
@@ -73,8 +101,8 @@ if KNOWN:
         @property
         def has_dynamic_globals(self) -> bool:
             """It, or what it calls, holds an address of this process: then it is not for the disk."""
-            return any(variable.name.startswith("numba.dynamic.globals") for part in self.parts()
-                       for variable in part._final_module.global_variables)
+            self._ensure_finalized()
+            return any(_holds_address(part) for part in self.parts())
 
         def _own_module(self) -> Any:
             module = self._final_module.clone()
@@ -109,6 +137,15 @@ if KNOWN:
             part._disable_inspection = part._finalized = True
             return part
 
+    class Entry(codegen.JITCodeLibrary):  # type: ignore[misc]
+        """Of an entry: it is optimised once, with all its parts in it; numba alone does it three times."""
+
+        _optimize_functions = _sweep
+
+        def _optimize_final_module(self) -> None:
+            passes, builder = self._codegen._module_pass_manager()
+            passes.run(self._final_module, builder)
+
     class PartCompiler(compiler.Compiler):  # type: ignore[misc]
         """numba's, for a part."""
 
@@ -117,7 +154,46 @@ if KNOWN:
             self.state.library = Part(self.state.targetctx.codegen(), function.__qualname__)
             return super().compile_extra(function)
 
+    class EntryCompiler(compiler.Compiler):  # type: ignore[misc]
+        """numba's, for an entry."""
+
+        def compile_extra(self, function: Any) -> Any:
+            """As numba's."""
+            self.state.library = Entry(self.state.targetctx.codegen(), function.__qualname__)
+            self.state.library.enable_object_caching()
+            return super().compile_extra(function)
+
 OF_A_PART: dict[str, Any] = {"pipeline_class": PartCompiler} if KNOWN else {}
+OF_AN_ENTRY: dict[str, Any] = {"pipeline_class": EntryCompiler} if KNOWN else {}
+
+
+def widened(made: Any) -> Any:
+    """A jitted part that is compiled once for all integers; numba alone compiles it anew for each constant.
+
+    An un-jitted one is returned as it is.
+    """
+    if hasattr(made, "get_call_template"):
+        resolve = made.get_call_template
+
+        def resolve_widened(args: Any, kws: Any) -> Any:
+            return resolve(tuple(types.unliteral(each) for each in args),
+                           {name: types.unliteral(each) for name, each in kws.items()})
+
+        made.get_call_template = resolve_widened
+    return made
+
+
+def stand_in(function: Any, made: Any) -> None:
+    """Where a kernel names this plain function, it means that jitted one.
+
+    numba's own way (`overload`) compiles it anew for callers of another kind, and a wrapper for C each time.
+    """
+    if hasattr(made, "get_call_template"):
+        _standing.append(made)
+        templates.infer_global(function, types.Dispatcher(made))
+
+
+_standing: list[Any] = []  # numba's types hold them weakly
 
 
 def is_part(payload: Any) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numba
 
-from launchid_core import kernel_cache
+from launchid_core import kernel_cache, parts
 
 if kernel_cache.KNOWN:
     class _Locator(kernel_cache._Locator):
@@ -40,7 +40,7 @@ class _Kept(kernel_cache.Kept):
 def compiled(kernel: Any) -> Callable[..., Any]:
     """An `inner` kernel with the wrapper that Python needs; un-jitted where numba is told not to compile."""
     function = getattr(kernel, "py_func", kernel)
-    made: Any = numba.njit(error_model="numpy")(function)
+    made: Any = numba.njit(error_model="numpy", **parts.OF_AN_ENTRY)(function)
     if kernel_cache.KNOWN and hasattr(made, "_cache"):
         made._cache = _Kept(function)
     return made

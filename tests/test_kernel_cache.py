@@ -152,6 +152,48 @@ def test_a_part_has_no_machine_code_and_its_entry_has_all_of_it():
     assert not isinstance(whole, parts.Part)
 
 
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or not parts.KNOWN, reason="there are no parts")
+def test_a_part_is_compiled_once_for_all_its_callers_and_all_integers():
+    @kernels.shared
+    def power(x, n):
+        return x**n
+
+    @kernels.inner
+    def square(x):
+        return power(x, 2)
+
+    @kernels.once
+    def cube(x):
+        return power(x, 3)
+
+    @kernels.kernel
+    def entry(x):
+        return square(x) + cube(x) + power(x, 4)
+
+    assert entry(2.0) == 28.0 and power(2, 4) == 16
+    made = next(each for each in parts._standing if each.py_func is power)
+    assert len(made.signatures) == 1
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or not parts.KNOWN, reason="there are no parts")
+def test_no_address_of_this_process_stays_in_a_part():
+    """numba names what is called by its address; before `or` it does so across a branch."""
+    @kernels.inner
+    def deep(x, sure):
+        return x if sure else -x
+
+    @kernels.inner
+    def part(x, y):
+        return deep(x, x > 0.0 or y > 0.0)
+
+    @kernels.kernel
+    def entry(x, y):
+        return part(x, y)
+
+    assert entry(-2.0, 0.0) == 2.0 and entry(-2.0, 1.0) == -2.0
+    assert not part.overloads[part.signatures[0]].library.has_dynamic_globals
+
+
 def test_numba_s_settings_are_told_apart(toy):
     toy.run()
     assert toy.run(NUMBA_BOUNDSCHECK="1") == (7.0, 2)
