@@ -303,8 +303,10 @@ def test_a_further_cause_needs_more_than_the_first_and_never_less_than_the_thres
 def test_what_may_join_which_causes():
     known = tuple(RECORDS[name] for name in ("gust", "gyro_bias", "actuator_delay", "actuator_bandwidth"))
 
+    measured, commanded = (SimpleNamespace(channels=("theta", *more)) for more in (("beta",), ()))
+
     def joining(*present):
-        return [each.cause for each in selection._allowed(known, present)]
+        return [each.cause for each in selection._allowed(measured, known, present)]
 
     delay, lag = RECORDS["actuator_delay"], RECORDS["actuator_delay"].form.hypothesis
     assert joining(Cause(RECORDS["gust"], ()), Cause(RECORDS["gyro_bias"], ())) == \
@@ -312,4 +314,8 @@ def test_what_may_join_which_causes():
     assert joining(Cause(delay, ())) == ["gust", "gyro_bias", "actuator_bandwidth"]
     assert joining(Cause(lag, ())) == ["gust", "gyro_bias", "actuator_delay"]   # in whichever form
     terms = (missing_term("theta^2"), missing_term("theta^3"))
-    assert selection._allowed(terms, (Cause(terms[0], ()),)) == [terms[1]]
+    assert selection._allowed(measured, terms, (Cause(terms[0], ()),)) == [terms[1]]
+    scales = tuple(RECORDS[name] for name in ("control_effectiveness", "actuator_gain"))
+    for one in (0, 1):   # where no sensor tells the nozzle, one is the other
+        joins = [selection._allowed(r, scales, (Cause(scales[one], (0.8,)),)) for r in (measured, commanded)]
+        assert joins == [[scales[1 - one]], []]

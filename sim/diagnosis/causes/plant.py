@@ -39,7 +39,8 @@ def _middle(record: Record) -> Values:
 
 CAUSES = (
     Hypothesis("control_effectiveness", (size("scale", 0.01, 0.05, 5.0),), 1.0,
-               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes", floor=as_dispersed),
+               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes", floor=as_dispersed,
+               twin="actuator_gain"),
     Hypothesis("control_loss", (size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0,
                "k1 drops by {fraction} at {time}", start=Start.ONSET, limit_at=_middle, largest=1.0, may_repeat=True,
                tells_onset=True, steps=Steps(3.0, (0.25, 0.8))),

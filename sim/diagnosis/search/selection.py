@@ -150,7 +150,7 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
           blocks: Sequence[tuple[Cause, ...]]) -> Model | None:
     """The model with the best further cause, or None if none reaches the limit."""
     base = found.model
-    allowed = _allowed(known, base.causes)
+    allowed = _allowed(record, known, base.causes)
     ranked = _ranking(record, base, allowed)
     for block in blocks:
         model = profile(record, (*base.causes, *block), base.fit.delta, base.fit.filter)
@@ -169,17 +169,18 @@ def _has_one(causes: Sequence[Cause], blocks: Sequence[tuple[Cause, ...]]) -> bo
     return any(cause.hypothesis.label in labels for cause in causes)
 
 
-def _allowed(known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
+def _allowed(record: Record, known: tuple[Hypothesis, ...], causes: tuple[Cause, ...]) -> list[Hypothesis]:
     """Hypotheses that may join these causes."""
     present = {cause.hypothesis.label for cause in causes}
     forms = {cause.hypothesis.cause for cause in causes if has_forms(cause.hypothesis)}
-    return [h for h in known if h.may_repeat or not (h.label in present or h.cause in forms)]
+    twins = {cause.hypothesis.twin for cause in causes if "beta" not in record.channels}
+    return [h for h in known if h.may_repeat or not (h.label in present or h.cause in forms | twins)]
 
 
 def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list[Ranked]:
     """Each hypothesis that promises anything as the next cause, best first."""
     return [Ranked(model.causes[-1], evidence)
-            for model, evidence in _ranking(record, base, _allowed(tuple(known), base.causes))]
+            for model, evidence in _ranking(record, base, _allowed(record, tuple(known), base.causes))]
 
 
 def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None) \
@@ -363,7 +364,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
             asked = not (record.is_late or in_a_block(model.causes, k))
-            models = _ranking(record, without, _allowed(known, others) if asked else [], gain)
+            models = _ranking(record, without, _allowed(record, known, others) if asked else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
         if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):
