@@ -292,6 +292,22 @@ def test_a_first_look_sees_what_the_acceleration_noise_has_taken_in(record, monk
     assert (weather._first_look(SimpleNamespace(fit=fitted, dynamics=None)) is not None) == seen
 
 
+@pytest.mark.parametrize(("noise", "name", "factor", "disagree"), [
+    ("bounded", "gyro_delay", 3.0, True), ("bounded", "gyro_delay", 2.5, False),
+    ("bounded", "aero_damping", 3.0, False),
+    ("declared", "gyro_delay", 1.0, False), ("free", "gyro_delay", 3.0, False)])
+def test_a_gyro_as_noisy_as_it_may_be_beside_a_cause_of_a_sensor_does_not_fit(record, monkeypatch, noise, name, factor,
+                                                                              disagree):
+    """As of a rate that a device has filtered: a delay is the nearest, and no cause is told from what is left."""
+    log = dataclasses.replace(record, noise=noise)
+    levels = declared(log)
+    levels[THETA_DOT] *= factor
+    monkeypatch.setattr(weather, "Refilter", lambda *given: SimpleNamespace(log_likelihood=lambda *given: 0.0))
+    fitted = SimpleNamespace(record=log, filter=SimpleNamespace(levels=levels), innovations=np.zeros((5, 3)))
+    model = SimpleNamespace(fit=fitted, dynamics=None, causes=(Cause(RECORDS[name], (0.02,)),))
+    assert weather.sensors_disagree(model) == disagree
+
+
 @pytest.mark.parametrize(("second", "early"), [(0.9, True), (1.1, False)])
 def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less_than_half_of_it(
         monkeypatch, second, early):

@@ -110,12 +110,13 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span
 
 
 def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str]:
-    """Oscillations so near each other that they stand for one that changes along the log, a line each."""
+    """Oscillations of one cause so near each other that they stand for one that changes along the log, a line each."""
     resolution = 2.0 * math.pi / (span[1] - span[0])
-    lines = sorted(float(each.values["frequency"]) for each in named if each.record.is_line)
-    return [f"two oscillations, of {low:.4g} and {high:.4g} rad/s, in a log that resolves {resolution:.2g} rad/s, "
-            "stand for one that changes"
-            for low, high in itertools.pairwise(lines) if high - low < OWN_BINS * resolution]
+    waves = sorted((each.cause, float(each.values["frequency"])) for each in named
+                   if each.record.is_line or each.record.is_mode)
+    return [f"{one}: two oscillations, of {low:.4g} and {high:.4g} rad/s, in a log that resolves {resolution:.2g} "
+            "rad/s, stand for one that changes" for (one, low), (other, high) in itertools.pairwise(waves)
+            if one == other and high - low < OWN_BINS * resolution]
 
 
 def of_gain(gain: Gain, bounds: Bounds) -> list[str]:

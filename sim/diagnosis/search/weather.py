@@ -21,6 +21,7 @@ from ..model.noise import (
     Disturbance,
     Filter,
     Refilter,
+    bounds,
     declared,
     dynamics,
     first_filter,
@@ -36,6 +37,7 @@ SIZES = np.geomspace(1e-3, 1.0, 8)  # of a first look, over the largest
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
 HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
+AT_END = 0.99                   # of a level's largest, from which it is that
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -82,10 +84,15 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
 
 def sensors_disagree(model: Model) -> bool:
     """Attitude and rate are measured, and this model does not make them one motion: a disturbance of one of them, as
-    large as its innovations, is worth DISAGREE nats a row."""
+    large as its innovations, is worth DISAGREE nats a row; or beside a cause of a sensor the noise of one of them is as
+    large as it may be."""
     record, fitted = model.fit.record, model.fit
     if not {"theta", "theta_dot"} <= set(record.channels):
         return False
+    most = (bounds(record)[1] * declared(record))[:2]
+    if record.noise == "bounded" and any(cause.hypothesis.where == "sensor" for cause in model.causes) and \
+            np.any(fitted.filter.levels[:2] > AT_END * most):
+        return True
     refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
     own = refilter.log_likelihood(fitted.filter.levels)
     sizes = np.sqrt(np.nanmean(fitted.innovations[:, :2]**2, axis=0)).tolist()
