@@ -6,6 +6,7 @@ leaves little; but the generic shape that it is like (`shapes`) explains more in
 the log can tell and something beside it.
 """
 
+import math
 from dataclasses import dataclass
 
 from ..model.nuisance import Problem
@@ -45,5 +46,6 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         if gain > own + SHAPE_LIMIT or (gain > PARALLEL * own and (place, shape) in remaining):
-            return Rival(model.causes[first].hypothesis.cause, place, shape, gain / own)
+            share = gain / own if own > 0.0 else math.inf  # a cause that explains nothing here has any shape for a rival
+            return Rival(model.causes[first].hypothesis.cause, place, shape, share)
     return None

@@ -37,7 +37,7 @@ SIZES = np.geomspace(1e-3, 1.0, 8)  # of a first look, over the largest
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
 HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
-AT_END = 0.99                   # of a level's largest, from which it is that
+FULL = 0.99                     # of a level's largest, from which it is that
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -91,7 +91,7 @@ def sensors_disagree(model: Model) -> bool:
         return False
     most = (bounds(record)[1] * declared(record))[:2]
     if record.noise == "bounded" and any(cause.hypothesis.where == "sensor" for cause in model.causes) and \
-            np.any(fitted.filter.levels[:2] > AT_END * most):
+            np.any(fitted.filter.levels[:2] > FULL * most):
         return True
     refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
     own = refilter.log_likelihood(fitted.filter.levels)
