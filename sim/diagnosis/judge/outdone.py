@@ -46,6 +46,6 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         if gain > own + SHAPE_LIMIT or (gain > PARALLEL * own and (place, shape) in remaining):
-            share = gain / own if own > 0.0 else math.inf  # a cause that explains nothing here has any shape for a rival
+            share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(model.causes[first].hypothesis.cause, place, shape, share)
     return None
