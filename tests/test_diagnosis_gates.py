@@ -33,7 +33,8 @@ def varying(share, chi_squared=CONSTANCY_LIMIT + 1.0, mean=1.0, std=1e-6):
 
 
 def cause(name="slosh", evidence=100.0, varies=0.0, **given):
-    return Named(name, {}, {}, {}, (), evidence, varying(varies), **given)
+    values = {"frequency": evidence} if RECORDS[name].is_mode else {}   # two of them are far apart
+    return Named(name, values, dict.fromkeys(values, 1e-3), {}, (), evidence, varying(varies), **given)
 
 
 def left(gain, place="plant", shape="", at_mode=False):

@@ -113,7 +113,7 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
     """Oscillations of one cause so near each other that they stand for one that changes along the log, a line each."""
     resolution = 2.0 * math.pi / (span[1] - span[0])
     waves = sorted((each.cause, float(each.values["frequency"])) for each in named
-                   if (each.record.is_line or each.record.is_mode) and "frequency" in each.values)
+                   if each.record.is_line or each.record.is_mode)
     return [f"{one}: two oscillations, of {low:.4g} and {high:.4g} rad/s, in a log that resolves {resolution:.2g} "
             "rad/s, stand for one that changes" for (one, low), (other, high) in itertools.pairwise(waves)
             if one == other and high - low < OWN_BINS * resolution]
