@@ -8,6 +8,7 @@ import pytest
 
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause, other_form, pinned, what_decides, what_is_like
 from sim.diagnosis.judge import limits as limits_module
+from sim.diagnosis.judge.absorbed import Absorbing
 from sim.diagnosis.judge.named import Named
 from sim.diagnosis.judge.user_gain import samples
 from sim.diagnosis.report.words import look_alikes, sentence, would_decide
@@ -17,7 +18,8 @@ from sim.sections import Actuator
 RECORD = SimpleNamespace(
     t=np.arange(0.0, 40.0, 0.01), period=0.01, resolution=0.01, step=0.0025, tick=4, rows=4000, command_is_known=True,
     channels=("theta", "theta_dot", "beta"), commands=np.sin(np.arange(0.0, 40.0, 0.01)),
-    actuator=Actuator(natural_frequency=50.0, damping_ratio=0.7))
+    actuator=Actuator(natural_frequency=50.0, damping_ratio=0.7, deflection_limit=0.2), a6=np.full(3, 2.0),
+    k1=np.full(3, -7.0))
 
 
 @pytest.mark.parametrize("cause", [each.cause for each in SOUGHT])
@@ -47,15 +49,26 @@ def test_what_the_columns_cannot_show_is_not_sought(name, channels, known):
 # ---- limits
 
 
-def smallest(monkeypatch, name, energy, needed=8.0):
-    """The limit of one cause whose response has this energy per unit of its size."""
+def calm():
+    """What a model without wind has to absorb an effect with: nothing."""
+    made = object.__new__(Absorbing)
+    made.levels, made.costs = np.zeros((0, 5)), np.zeros(0)
+    return made
+
+
+def smallest(monkeypatch, name, energy, needed=8.0, grows=lambda size: size):
+    """The limit of one cause whose response has this energy per unit of its size, or of what it grows as."""
+    unit = np.array([math.sqrt(energy)])
     monkeypatch.setattr(limits_module, "SOUGHT", (RECORDS[name],))
     monkeypatch.setattr(limits_module, "penalty", lambda record, hypothesis: 0.0)
-    monkeypatch.setattr(limits_module, "Problem", lambda *given: None)
-    monkeypatch.setattr(limits_module, "Projector", lambda *given, **kept: SimpleNamespace(out=lambda vector: vector))
-    monkeypatch.setattr(limits_module, "response", lambda *given: np.array([math.sqrt(energy)]))
-    model = SimpleNamespace(fit=SimpleNamespace(filter=None))
-    found, _ = limits_module.limits(RECORD, model, needed)
+    monkeypatch.setattr(limits_module, "Problem", lambda *given: SimpleNamespace(
+        residual=lambda size: grows(size) * unit))
+    monkeypatch.setattr(limits_module, "Projector", lambda *given, **kept: SimpleNamespace(
+        residual=0.0 * unit, out=lambda vector: vector))
+    monkeypatch.setattr(limits_module, "Absorbing", lambda model: calm())
+    monkeypatch.setattr(limits_module, "response", lambda *given: unit)
+    monkeypatch.setattr(limits_module, "with_effect", lambda fit, cause: abs(cause.values[0] - RECORDS[name].neutral))
+    found, _ = limits_module.limits(RECORD, SimpleNamespace(fit=SimpleNamespace(filter=None)), needed)
     return found[0].size
 
 
@@ -65,9 +78,23 @@ def test_the_smallest_size_pays_what_is_needed_and_no_more_than_all_of_k1_is_los
     assert smallest(monkeypatch, "control_loss", 100.0) == pytest.approx(0.4)
     assert smallest(monkeypatch, "control_loss", 15.9) is None
     assert smallest(monkeypatch, "aero_damping", 0.0) is None
-    assert smallest(monkeypatch, "attitude_bias", 2.0) == pytest.approx(math.sqrt(8.0))
-    assert smallest(monkeypatch, "attitude_bias", 1.6) is None   # more than half a turn: where a6 is 0, 2e9 rad
-    assert smallest(monkeypatch, "steady_wind", 15.0) is None    # from farther than a radian aside
+
+
+@pytest.mark.parametrize(("name", "most"), [
+    ("attitude_bias", 7.0 / 2.0), ("steady_wind", 7.0 / 2.0), ("thrust_misalignment", 1.0)])
+def test_what_the_nozzle_cannot_hold_is_no_size(monkeypatch, name, most):
+    """a6 theta = -k1 beta at the nozzle's limit: where that is small, the vehicle does not survive what is larger."""
+    limit = RECORD.actuator.deflection_limit
+    assert limit < 0.25  # rad: so that none is a wind from more than a radian aside
+    assert smallest(monkeypatch, name, 16.0 / (0.99 * most * limit)**2) == pytest.approx(0.99 * most * limit)
+    assert smallest(monkeypatch, name, 16.0 / (1.01 * most * limit)**2) is None
+
+
+def test_the_size_of_a_response_that_saturates_is_what_gains_enough(monkeypatch):
+    """|c|^2 grows as the size, not as its square: 1/2 100 x 0.001 = 0.05 at 0.001; 8 at 0.16, not at 0.4."""
+    size = smallest(monkeypatch, "aero_damping", 100.0, grows=math.sqrt)
+    assert size == pytest.approx(0.16, rel=0.06)
+    assert smallest(monkeypatch, "lateral_drift", 1.0, grows=lambda size: min(size, 0.5)) is None
 
 
 @pytest.mark.parametrize(("name", "true"), [("actuator_backlash", 2e-3), ("actuator_rate_limit", 0.02)])
@@ -77,10 +104,12 @@ def test_a_size_that_is_not_proportional_is_bisected_from_its_own_side(monkeypat
     monkeypatch.setattr(limits_module, "with_effect", lambda fit, cause: cause.values[0])
     problem = SimpleNamespace(record=RECORD, residual=lambda size: np.array([10.0 if shows(size) else 0.1]))
     project = SimpleNamespace(residual=0.0, out=lambda vector: vector)
-    size, change = limits_module._bisected(problem, SimpleNamespace(fit=None), project, RECORDS[name], 8.0)
+    size, change = limits_module._bisected(problem, SimpleNamespace(fit=None), project, calm(), RECORDS[name],
+                                           8.0)
     assert size == pytest.approx(true, rel=limits_module.PRECISE - 1.0) and len(change) == 1
     blind = SimpleNamespace(record=RECORD, residual=lambda size: np.array([0.1]))
-    assert limits_module._bisected(blind, SimpleNamespace(fit=None), project, RECORDS[name], 8.0) == (None, None)
+    found = limits_module._bisected(blind, SimpleNamespace(fit=None), project, calm(), RECORDS[name], 8.0)
+    assert found == (None, None)
 
 
 # ---- look-alikes, forms and words

@@ -14,10 +14,14 @@ from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, WALK
+from sim.diagnosis.judge.absorbed import Absorbing
+from sim.diagnosis.model.level_fit import fit_levels
 from sim.diagnosis.model.noise import Refilter, bounds, declared, dynamics, first_filter, run_filter
+from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, innovations, prediction_errors
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.search.profile import as_simulated
+from sim.diagnosis.search.scan import Projector
 from sim.diagnosis.search.selection import _ranking
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
@@ -308,3 +312,43 @@ def test_weather_in_the_second_half_alone_is_consistent(seed):
     assert not np.array_equal(flight.theta, still.theta)
     result = report(diagnose(log_of(flight), windy))
     assert result["verdict"] == "consistent", result["doubts"]
+
+
+# ---- what the wind's levels absorb of what is not modelled
+
+
+def absorbed_by_a_fit(model, change):
+    """[nats] that a cause with this change of the residual gains over a model without, whose levels are fitted: mean of
+    both signs, in which what the noise has in common with it cancels."""
+    record, base = model.fit.record, model.fit
+    shift = np.einsum("kab,kb->ka", base.filter.low, change[:3 * record.rows].reshape(-1, 3))
+    own = fit_levels(record, model.dynamics, base.innovations, base.filter, base.filter.levels)
+    lost = []
+    for sign in (1.0, -1.0):
+        moved = fit_levels(record, model.dynamics, base.innovations + sign * shift, base.filter, own.levels)
+        lost.append(likely(record, own) - likely(record, moved))
+    return float(np.mean(lost))
+
+
+def likely(record, filt):
+    """Log-likelihood of levels, with what is declared of them."""
+    return filt.log_likelihood - 0.5 * float(np.sum(np.log(filt.levels / declared(record))[5:]**2))
+
+
+@pytest.mark.parametrize(("effect", "least", "most"), [
+    ("lateral_drift:z_alpha=0.1,z_beta=0.0", 0.3, 0.6), ("control_loss:fraction=0.3,time=15", 0.6, 0.9),
+    ("gyro_bias:rate=8e-5", 0.95, 1.01)])
+def test_wind_takes_over_a_part_of_what_is_slow_and_nothing_of_a_sensor_s(effect, least, most):
+    """An effect that nobody models raises the wind's levels: its gain is less than half its response's square."""
+    made = diagnose(flown(WINDY), WINDY, hypotheses=FEW)
+    model = made.selection.model
+    problem = Problem(model.fit.record, model.fit.filter)
+    project = Projector(problem, model.fit, causes=False)
+    change = project.out(problem.residual(Point((from_text(effect),), model.fit.point.deviations)) - project.residual)
+    absorbing, whole = Absorbing(model), 0.5 * float(change @ change)
+    gain = absorbing.gain(change)
+    assert least * whole < gain < most * whole
+    assert gain == pytest.approx(absorbed_by_a_fit(model, change), rel=0.15)
+    times = absorbing.multiple(change, 20.0)
+    assert absorbing.gain(times * change) == pytest.approx(20.0, rel=1e-3)
+    assert Absorbing(diagnose(flown(NOMINAL), NOMINAL, hypotheses=FEW).selection.model).gain(change) == whole

@@ -1,10 +1,15 @@
 """A nominal out of the table of its file."""
 
+import math
+from dataclasses import replace
+
 from ..errors import InputError
 from ..sections import Controller, Diagnosis, Nominal, Offsets, Sensors, Simulation
 from .control import actuator_of, controller_of, guidance_of, test_input_of
 from .plant import drift_of, effects_of, uncertainty_of, vehicle_of, wind_of
 from .table import Table
+
+MOST_PARTS = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
 
 
 def nominal_of(file: Table) -> Nominal:
@@ -26,7 +31,7 @@ def nominal_of(file: Table) -> Nominal:
     sensors = file.section("sensors", Sensors)
     assert sensors is not None
     if simulation is not None:
-        whole_steps(file, simulation, controller, sensors)
+        simulation = with_whole_steps(file, simulation, controller, sensors)
     vehicle, terms = vehicle_of(file)
     return Nominal(
         name=name, vehicle=vehicle, terms=terms, sensors=sensors, uncertainty=uncertainty_of(file),
@@ -36,12 +41,32 @@ def nominal_of(file: Table) -> Nominal:
         offsets=file.section("offsets", Offsets), effects=effects_of(file), path=str(file.path))
 
 
-def whole_steps(file: Table, simulation: Simulation, controller: Controller | None, sensors: Sensors) -> None:
-    """The controller's and the sensors' periods must be whole numbers of integration steps."""
+def with_whole_steps(file: Table, simulation: Simulation, controller: Controller | None,
+                     sensors: Sensors) -> Simulation:
+    """The controller's and the sensors' periods must be whole numbers of integration steps; where the file names no
+    step, it is the longest up to the default for which they are."""
     periods = {"sensors.period": sensors.period}
     if controller is not None:
         periods["controller.period"] = controller.period
+    if "step" not in file.table["simulation"]:
+        simulation = replace(simulation, step=_whole_step(simulation.step, tuple(periods.values())))
     for place, period in periods.items():
-        steps = period / simulation.step
-        if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        if not _is_whole(period, simulation.step):
             raise file.fail(place, period, f"a whole number of simulation steps ({simulation.step} s)")
+    return simulation
+
+
+def _is_whole(period: float, step: float) -> bool:
+    steps = period / step
+    return round(steps) >= 1 and abs(steps - round(steps)) <= 1e-6
+
+
+def _whole_step(longest: float, periods: tuple[float, ...]) -> float:
+    """The longest step [s], at most `longest`, of which all periods [s] are whole numbers; `longest` where there is
+    none."""
+    shortest = min(periods)
+    first = max(1, math.ceil(shortest / longest - 1e-9))
+    for parts in range(first, first + MOST_PARTS):
+        if all(_is_whole(period, shortest / parts) for period in periods):
+            return longest if abs(shortest / parts / longest - 1.0) < 1e-9 else shortest / parts
+    return longest

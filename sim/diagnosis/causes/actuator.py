@@ -5,7 +5,18 @@ import math
 import numpy as np
 
 from ..data.record import Record
-from .hypothesis import Correction, Form, Free, Hypothesis, Values, as_commanded, as_timed, only_start, size
+from .hypothesis import (
+    Correction,
+    Form,
+    Free,
+    Hypothesis,
+    Values,
+    as_commanded,
+    as_deflected,
+    as_timed,
+    only_start,
+    size,
+)
 
 RATE_SHARES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command: the servo follows a part of it
 FASTEST = 0.999        # quantile of the command's rate that counts as its largest
@@ -83,5 +94,6 @@ CAUSES = (
                visible=_command_is_known,
                decides=tuple((other, NOZZLE_SENSOR) for other in ("thrust_misalignment", "steady_wind",
                                                                   "attitude_bias")),
-               corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),), floor=as_commanded),
+               corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),), floor=as_commanded,
+               held=as_deflected),
 )

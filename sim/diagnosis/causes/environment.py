@@ -1,7 +1,7 @@
 """Causes around the vehicle."""
 
 from ..data.record import Record
-from .hypothesis import Free, Hypothesis, Start, Values, size
+from .hypothesis import Free, Hypothesis, Start, Values, as_aside, size
 from .plant import ANOTHER_PROFILE
 
 ABEAM = 1.0             # rad: what comes from farther aside is no wind on a vehicle that flies
@@ -23,10 +23,11 @@ WIND_WALK = Hypothesis("wind_walk", (size("level", 1e-3, 0.0),), 0.0, "the wind 
 CAUSES = (
     Hypothesis("gust", (size("angle", 1e-3, -ABEAM, ABEAM), Free("time", 0.05),
                         Free("duration", 0.02, 0.2, 20.0, logarithmic=True)), 0.0,  # s: longer, the wind has changed
-               "a gust of {angle} hits at {time} for {duration}", start=Start.PULSE, limit_at=_gust, may_repeat=True),
+               "a gust of {angle} hits at {time} for {duration}", start=Start.PULSE, limit_at=_gust, may_repeat=True,
+               held=as_aside),
     Hypothesis("steady_wind", (size("angle", 1e-3, -ABEAM, ABEAM),), 0.0,
                "a steady wind adds {angle} to the angle of attack",
-               decides=(("attitude_bias", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE))),
+               decides=(("attitude_bias", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE)), held=as_aside),
     Hypothesis("periodic_disturbance", (
         size("amplitude", 1e-4),
         Free("frequency", 1e-4, 0.05, 300.0, logarithmic=True),  # its phase drifts over the whole log

@@ -92,6 +92,24 @@ def no_floor(record: Record) -> float:
     return 0.0
 
 
+def any_size(record: Record) -> float:
+    """The nozzle need not hold it."""
+    return math.inf
+
+
+def as_deflected(record: Record) -> float:
+    """[rad] The nozzle's limit."""
+    return record.actuator.deflection_limit
+
+
+def as_aside(record: Record) -> float:
+    """[rad] The angle of attack whose moment the nozzle at its limit outweighs all along the log."""
+    unstable = record.a6 > 0.0
+    if not unstable.any():
+        return math.inf
+    return float(record.actuator.deflection_limit * np.min(np.abs(record.k1[unstable]) / record.a6[unstable]))
+
+
 def as_timed(record: Record) -> float:
     """[s] Servo and transport times may be off by this, one sigma, without being wrong."""
     return record.nominal.diagnosis.timing
@@ -133,6 +151,7 @@ class Hypothesis:
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
     floor    of a record: a size nearer to neutral is within what the nominal leaves open, and explains nothing
+    held     of a record: the largest size that its nozzle can hold; what is larger, the vehicle does not survive
     """
 
     cause: str
@@ -158,6 +177,7 @@ class Hypothesis:
     like: tuple[tuple[str, str], ...] = ()
     corrections: tuple[Correction, ...] | None = None
     floor: Callable[[Record], float] = no_floor
+    held: Callable[[Record], float] = any_size
 
     def effect(self, values: Values) -> Effect:
         """The simulator's effect at these values of the free numbers, and the fixed ones."""

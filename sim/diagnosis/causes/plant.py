@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.record import Record
-from .hypothesis import Free, Hypothesis, Start, Steps, Values, as_dispersed, size
+from .hypothesis import Free, Hypothesis, Start, Steps, Values, as_deflected, as_dispersed, size
 
 SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 28))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
@@ -53,7 +53,7 @@ CAUSES = (
     Hypothesis("friction", (size("coefficient", 1e-3, 0.0),), 0.0,
                "dry friction of {coefficient} opposes the rotation"),
     Hypothesis("thrust_misalignment", (size("angle", 1e-4),), 0.0, "the thrust is {angle} off the nozzle's axis",
-               decides=(("attitude_bias", ANOTHER_PROFILE),)),
+               decides=(("attitude_bias", ANOTHER_PROFILE),), held=as_deflected),
     Hypothesis("slosh", (size("coupling", 0.005, -0.8, 5.0),
                          Free("frequency", 2e-3, 0.2, 25.0, logarithmic=True),  # faster, it is no liquid
                          DAMPING), 0.0,

@@ -4,7 +4,7 @@ import math
 
 from ..data.record import Record
 from .environment import REFERENCE
-from .hypothesis import Correction, Hypothesis, as_commanded, as_timed, size
+from .hypothesis import Correction, Hypothesis, as_aside, as_commanded, as_timed, size
 from .plant import ANOTHER_PROFILE
 
 
@@ -21,7 +21,7 @@ CAUSES = (
     Hypothesis("attitude_bias", (size("angle", 1e-3, -math.pi, math.pi),), 0.0,
                "the attitude sensor reads {angle} too much",
                decides=(("steady_wind", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE)),
-               corrections=(Correction("theta", lambda x, of: x - of["angle"]),)),
+               corrections=(Correction("theta", lambda x, of: x - of["angle"]),), held=as_aside),
     Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late",
                floor=as_timed),
     Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0, "the gyro reads {rate} too much", visible=_gyro,

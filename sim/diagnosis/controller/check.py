@@ -45,19 +45,20 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     expected = recomputed(record)[stride]
     fair = (np.abs(logged) < NEAR_LIMIT * limit) & (np.abs(expected) < NEAR_LIMIT * limit)
     fair[:2] = False  # a log that begins in flight lacks the error before its first
-    fair &= _measured(record)[stride]
-    if record.logged is not None:
-        fair &= record.logged[stride]
+    whole = _whole(record)[stride]
+    forgets = not whole.all()
+    if forgets:
+        fair &= _so_long(whole, round(LONGEST_LAG) + 2) & np.concatenate([[False], fair[:-1]])
     if fair.sum() < FEWEST:
         return None
-    before = _rms(logged - expected, fair)
+    before = _rms(_own_part(record, logged - expected, forgets), fair)
     if before < max(ROUNDING, record.nominal.diagnosis.command):
         return ControllerCheck(NONE, before, before)
-    parts = _parts(record)
-    best = min((_gains_and_lag(record, parts, logged, fair, lag) for lag in _lags(parts, logged, fair)),
+    parts, wanted = _parts(record, forgets), _own_part(record, logged, forgets)
+    best = min((_gains_and_lag(record, parts, wanted, fair, lag) for lag in _lags(parts, wanted, fair)),
                key=lambda check: check.after)
     if best.after > ROUNDING:
-        filtered = _filter(record, logged, fair)
+        filtered = _filter(record, logged, fair, forgets)
         best = filtered if filtered is not None and filtered.after < 0.5 * best.after else best
     best = replace(best.of_kind(SAME_RECOMPUTED, _period(record)), before=before,
                    evidence=float(fair.sum() * math.log(before / max(best.after, ROUNDING))))
@@ -65,10 +66,25 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     return replace(best, kind=UNKNOWN) if best.kind == NONE or best.after > most else best
 
 
-def _measured(record: Record) -> np.ndarray:
-    """Ticks whose own and last attitude were measured."""
-    seen = np.isfinite(record.z[:, THETA]) & np.isfinite(record.reference)
-    return seen & np.concatenate([[False], seen[:-1]])
+def _whole(record: Record) -> np.ndarray:
+    """(n,) bool: rows with attitude, reference and command."""
+    whole = np.isfinite(record.z[:, THETA]) & np.isfinite(record.reference)
+    return whole if record.logged is None else whole & record.logged
+
+
+def _so_long(whole: np.ndarray, rows: int) -> np.ndarray:
+    """(n,) bool: the row and so many before it are."""
+    count = np.concatenate([np.zeros(rows + 1), np.cumsum(~whole)])
+    return np.asarray(count[rows + 1:] - count[:-rows - 1] == 0.0)
+
+
+def _own_part(record: Record, x: np.ndarray, forgets: bool) -> np.ndarray:
+    """Commands (or differences) x (periods,) [rad]; where rows were lost what the derivative's filter remembers of the
+    errors before is taken off, x(k) - alpha x(k-1): it decays by alpha = tau/(tau + T) a period."""
+    if not forgets:
+        return x
+    tau, period = controller_gains(record.nominal)[2:4]
+    return np.asarray(x - tau / (tau + period) * np.concatenate([x[:1], x[:-1]]))
 
 
 def _period(record: Record) -> float:
@@ -80,15 +96,16 @@ def _rms(x: np.ndarray, rows: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x[rows]**2)))
 
 
-def _parts(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """kp e and kd d [rad] of every period: the command is linear in both gains."""
+def _parts(record: Record, forgets: bool) -> tuple[np.ndarray, np.ndarray]:
+    """kp e and kd d [rad] of every period, or of both the `_own_part`: the command is linear in both gains."""
     controller = record.nominal.controller
     assert controller is not None
     wide = replace(record.nominal.actuator, deflection_limit=math.inf) if record.nominal.actuator else None
     made = []
     for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
         nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), actuator=wide, test_input=None)
-        made.append(recomputed(replace(record, nominal=nominal))[record.held_phase::record.held])
+        made.append(_own_part(record, recomputed(replace(record, nominal=nominal))[record.held_phase::record.held],
+                              forgets))
     return made[0], made[1]
 
 
@@ -124,7 +141,7 @@ def _gains_and_lag(record: Record, parts: tuple[np.ndarray, np.ndarray], logged:
                            (float(spread[0]), float(spread[1]), lag_std * tick))
 
 
-def _filter(record: Record, logged: np.ndarray, fair: np.ndarray) -> ControllerCheck | None:
+def _filter(record: Record, logged: np.ndarray, fair: np.ndarray, forgets: bool) -> ControllerCheck | None:
     """The derivative's time constant that with gains and computing time would explain the difference best."""
     controller = record.nominal.controller
     assert controller is not None
@@ -133,8 +150,9 @@ def _filter(record: Record, logged: np.ndarray, fair: np.ndarray) -> ControllerC
 
     def best_with(tau: float, lags: Iterable[float]) -> ControllerCheck:
         nominal = replace(record.nominal, controller=replace(controller, derivative_time_constant=tau))
-        parts = _parts(replace(record, nominal=nominal))
-        return min((replace(_gains_and_lag(record, parts, logged, fair, lag), time_constant=tau)
+        with_it = replace(record, nominal=nominal)
+        parts, wanted = _parts(with_it, forgets), _own_part(with_it, logged, forgets)
+        return min((replace(_gains_and_lag(record, parts, wanted, fair, lag), time_constant=tau)
                     for lag in lags), key=lambda check: check.after)
 
     taus = controller.derivative_time_constant * ALL_FILTERS

@@ -20,6 +20,7 @@ from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
 
+LONGEST_LOST = 50  # rows of a gap: in a longer one the command is taken to wander no further
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
 
@@ -48,7 +49,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     if direct:
         known = np.zeros(draft.rows, bool)
     elif not known.any() and recomputable:
-        return replace(draft, commands=recomputed(draft), input="controller")
+        return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
     source = "beta_cmd"
     if not known.any():
         command, source = draft.z[:, BETA], "beta"
@@ -59,18 +60,64 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
         draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
                         actuator=Actuator(natural_frequency=DIRECT / draft.step, damping_ratio=DIRECT_DAMPING))
+    else:
+        command = _shared(command, draft.held, draft.held_phase)
+        known = np.isfinite(command)
+        draft = replace(draft, logged=known)
+    lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
     rows = np.arange(draft.rows)
+    if lost.any():
+        draft = replace(draft, lost=lost, unknown=_off_by(command, lost))
+        command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
+        known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
     if draft.fine > 1:
-        return replace(draft, commands=_placed(draft, command, known, source), input=source,
-                       logged=known if source == "beta_cmd" else None)
+        return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
         early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
         issued = issued + early * np.diff(issued, append=issued[-1])
     m = draft.every // draft.tick
     ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
-    return replace(draft, commands=ticks, input=source, logged=known if source == "beta_cmd" else None)
+    return replace(draft, commands=ticks, input=source)
+
+
+def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
+    """(n,) [rad] with the command of rows that do not have it from another row at which the same one was held."""
+    made, rows = command.copy(), np.arange(len(command))
+    for by in range(1, held):
+        for other in (rows - by, rows + by):
+            inside = (other >= 0) & (other < len(rows))
+            same = inside & ((rows - phase) // held == (other - phase) // held) & ~np.isfinite(made)
+            made[same] = command[other[same]]
+    return made
+
+
+def _off_by(command: np.ndarray, lost: np.ndarray) -> float:
+    """[rad] RMS a lost row by which its command is off the line over its gap, such that independent errors of so much
+    move the vehicle as far by the gap's end as the true ones: as they would in gaps as long where nothing was lost.
+
+    command (n,) [rad], NaN where there is none;  lost (n,) bool
+    """
+    there = np.isfinite(command)
+    total = np.concatenate([[0.0], np.cumsum(np.where(there, command, 0.0))])
+    count = np.concatenate([[0], np.cumsum(there)])
+    edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
+    lengths = np.minimum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1), min(LONGEST_LOST, len(command) // 4))
+    square = 0.0
+    for length, gaps in zip(*np.unique(lengths, return_counts=True), strict=True):
+        whole = count[length + 2:] - count[:-length - 2] == length + 2
+        inner = total[length + 1:-1] - total[1:-length - 1]
+        line = 0.5 * length * (command[:-length - 1] + command[length + 1:])
+        square += gaps * float(np.mean((inner - line)[whole]**2)) if whole.any() else gaps * np.nanvar(command)
+    return float(math.sqrt(square / lengths.sum()))
+
+
+def _with_lost(r: Record) -> Record:
+    """Of a record whose commands are recomputed the rows without an attitude, which the controller saw."""
+    lost = ~np.isfinite(r.z[:, THETA])
+    issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
+    return replace(r, lost=lost, unknown=_off_by(issued, lost)) if lost.any() else r
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:

@@ -58,6 +58,7 @@ class Record:
     held        rows that share one command and its noise, 1 unless the log is faster than the controller;
                 held_phase: rows from the first to the first at which a command is issued
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
+    lost        (n,) bool, rows that the log does not have; their command is off by `unknown` [rad], one sigma
     at          (n,) steps from the first row to each;  fine  ticks a row that stand for one command (jittered logs)
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
@@ -85,6 +86,8 @@ class Record:
     held_phase: int = 0
     fill_gain: float = 0.0
     logged: np.ndarray | None = None
+    lost: np.ndarray | None = None   # none is
+    unknown: float = 0.0
     at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
     fine: int = 1
     world: World = CALM

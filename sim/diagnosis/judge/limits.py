@@ -1,25 +1,29 @@
 """What this log could have shown: the smallest size of each cause that would be found, and which look alike.
 
-The smallest size is the one whose expected gain of log-likelihood, everything else refitted, pays the threshold and
-the penalty: about even odds of being found.  Both tables are made of the model's own responses, so they hold for this
-log, its manoeuvres, its noise and its columns.
+The smallest size is the one whose expected gain of log-likelihood, everything else refitted (the wind's levels:
+`absorbed`), pays the threshold and the penalty: about even odds of being found.  What the nozzle cannot hold is none.
+Both tables are made of the model's own responses, so they hold for this log, its manoeuvres, its noise and its columns.
 """
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..causes import SOUGHT, Cause, Hypothesis
+from ..causes import SOUGHT, Cause, Hypothesis, Values
 from ..data.record import Record
 from ..model.nuisance import Problem
 from ..search.profile import Model, penalty
 from ..search.scan import Projector, response, with_effect
+from .absorbed import Absorbing
 
 LOOK_ALIKE = 0.999     # |cosine| from which two causes cannot be told apart by any size
 BEYOND = 30.0          # times the smallest and the largest size of a record, between which one is sought
 PRECISE = 1.02         # factor to which it is found
+PROPORTIONAL = 0.2     # of the gain, by which a response may miss being proportional to the size
+CONFIRMED = 1.1        # factor to which a size is found whose response does
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,7 @@ class Isolability:
 def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit], Isolability]:
     """For every hypothesis, and the isolability of those that the log's columns can show."""
     problem = Problem(record, model.fit.filter)
-    project = Projector(problem, model.fit, causes=False)
+    project, absorbing = Projector(problem, model.fit, causes=False), Absorbing(model)
     found, responses, names = [], [], []
     for hypothesis in SOUGHT:
         shape = hypothesis.limit_at(record)
@@ -89,13 +93,20 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
             needed = threshold + penalty(record, hypothesis)
             if hypothesis.sizes is None:
                 change = project.out(response(problem, model.fit, project, hypothesis, shape))
-                energy = float(change @ change)
-                amount = math.sqrt(2.0 * needed / energy) if energy > 0.0 else None
+                amount = absorbing.multiple(change, needed)
             else:
-                amount, change = _bisected(problem, model, project, hypothesis, needed)
+                amount, change = _bisected(problem, model, project, absorbing, hypothesis, needed)
             if amount is not None:
                 amount = max(amount, hypothesis.floor(record))
-            if amount is not None and amount > hypothesis.reach:
+            most = min(hypothesis.reach, hypothesis.held(record))
+            if amount is not None and amount <= most and hypothesis.sizes is None:
+                def gain(size: float, hypothesis: Hypothesis = hypothesis, shape: Values = shape) -> float:
+                    cause = Cause(hypothesis, (_away(hypothesis, size), *shape))
+                    moved = problem.residual(with_effect(model.fit, cause)) - project.residual
+                    return absorbing.gain(project.out(moved))
+
+                amount = _confirmed(gain, amount, most, needed)
+            if amount is not None and amount > most:
                 amount = None
         found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))
         if change is not None and float(change @ change) > 0.0:
@@ -105,13 +116,35 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
     return found, Isolability(tuple(names), stack @ stack.T)
 
 
+def _away(hypothesis: Hypothesis, size: float) -> float:
+    """A size's value, on the side of neutral to which the range is open."""
+    return hypothesis.neutral + (size if hypothesis.neutral + size <= hypothesis.free[0].high else -size)
+
+
+def _confirmed(gain: Callable[[float], float], size: float, most: float, needed: float) -> float | None:
+    """The smallest size that gains what is needed, from the one that would if the response were proportional to it;
+    None: there is none up to `most`."""
+    if abs(gain(size) / needed - 1.0) < PROPORTIONAL:
+        return size
+    low, high = (size, min(most, size * BEYOND)) if gain(size) < needed else (size / BEYOND, size)
+    if high <= low or gain(high) < needed:
+        return None
+    while high / low >= CONFIRMED:
+        middle = math.sqrt(low * high)
+        if gain(middle) >= needed:
+            high = middle
+        else:
+            low = middle
+    return math.sqrt(low * high)
+
+
 def unseen() -> list[Limit]:
     """Of a log too short for anything."""
     return [Limit(each.cause, each.free[0].name, each.unit(each.free[0].name), None, each.neutral, ())
             for each in SOUGHT]
 
 
-def _bisected(problem: Problem, model: Model, project: Projector, hypothesis: Hypothesis,
+def _bisected(problem: Problem, model: Model, project: Projector, absorbing: Absorbing, hypothesis: Hypothesis,
               needed: float) -> tuple[float | None, np.ndarray | None]:
     """Smallest size (a play) or largest (a rate limit) that pays, where the response is not proportional to it."""
     shrinks = math.isinf(hypothesis.neutral)
@@ -125,8 +158,7 @@ def _bisected(problem: Problem, model: Model, project: Projector, hypothesis: Hy
         return project.out(moved - project.residual)
 
     def pays(size: float) -> bool:
-        moved = change(size)
-        return 0.5 * float(moved @ moved) >= needed
+        return absorbing.gain(change(size)) >= needed
 
     low, high = min(tries) / BEYOND, max(tries) * BEYOND
     if not pays(low if shrinks else high):

@@ -8,7 +8,7 @@ unlikely.  Upwards the acceleration has no bound: what no model explains must be
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,7 @@ class Dynamics:
     command_q: np.ndarray       # (b, m, m) for unit variance of the command noise
     acceleration_q: np.ndarray  # (b, m, m)
     fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
+    lost_q: np.ndarray          # (b, m, m) of rows that the log does not have
     entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
     rate_scale: float           # of the gyro: gains are those of one without (`predictor`)
     slots: np.ndarray           # (m,) where each state stands in gains (n, 6 + 2 modes + the world's, 3)
@@ -117,8 +118,21 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
     command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
-    return _in_the_world(record, Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, entry,
-                                          float(made_good(scale)), np.arange(m)[kept], (), ()), v.a6[half], v.k1[half])
+    own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, np.zeros_like(f), entry,
+                   float(made_good(scale)), np.arange(m)[kept], (), ())
+    return _with_lost(record, _in_the_world(record, own, v.a6[half], v.k1[half]))
+
+
+def _with_lost(record: Record, own: Dynamics) -> Dynamics:
+    """With blocks of their own for the rows that the log does not have: their command is not believed."""
+    if record.lost is None:
+        return own
+    enters = record.unknown * own.entry[:, :, 0]
+    lost_q = np.concatenate([own.lost_q, enters[:, :, None] * enters[:, None, :]])
+    f, command_q, acceleration_q, fill_q, entry = (
+        np.concatenate([x, x]) for x in (own.f, own.command_q, own.acceleration_q, own.fill_q, own.entry))
+    return replace(own, f=f, command_q=command_q, acceleration_q=acceleration_q, fill_q=fill_q, lost_q=lost_q,
+                   entry=entry, block=np.where(record.lost, own.block + len(own.f), own.block))
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray) -> Dynamics:
@@ -138,9 +152,9 @@ def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray)
         if source.is_stochastic:
             fresh.append((j, source.fresh(period)))
         first.append((j, source.initial**2 if math.isinf(source.time_constant) else -1.0))
-    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q)]
+    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q, own.lost_q)]
     slots = np.append(own.slots, N_RIGID + 2 * len(own.modes) + np.arange(w))
-    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], entry, own.rate_scale,
+    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], q[3], entry, own.rate_scale,
                     slots, tuple(fresh), tuple(first))
 
 
@@ -289,7 +303,8 @@ class Refilter:
         """Transition and process noise (b, m, m), measurement (3, m), first covariance (m, m), variances of held
         noises."""
         record, dyn = self.record, self.dyn
-        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q
+        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q \
+            + dyn.lost_q
         for (state, variance), level in zip(dyn.fresh, levels[5:], strict=True):
             q[:, state, state] = variance * level**2
         f, c, p = dyn.f, dyn.c, _start(record, levels, dyn)

@@ -1,0 +1,83 @@
+"""What is left of an effect's gain where nobody models it and the wind's levels change for it.
+
+A model without the effect is not bound to the levels of a clean log: it takes a slow misfit for more wind.  With other
+levels the effect's response c weighs less, |c|^2_k instead of |c|^2, and the log without the effect has become less
+likely, by d_k [nats].  The best that a model without can do is the least of these, so a cause gains
+
+    min_k ( |c|^2_k / 2 + d_k ),    k = 0: the levels as they are, d_0 = 0
+
+where |c|^2/2 would be expected with levels that are known.  Of an effect that multiplies the wind itself (of a6) the
+response is a part of the noise, and what is left of its gain is less than this by up to a half.
+"""
+
+import itertools
+import math
+
+import numpy as np
+
+from ..model.level_fit import PRIOR
+from ..model.noise import Refilter, bounds, declared
+from ..search.profile import Model
+
+FACTORS = (0.7, 1.0, 1.4, 2.0)  # of each level, within its bounds: a source that takes more leaves the other less
+UNTOUCHED = 0.03  # of |c|^2: what the highest levels leave so much the same is of no wind
+
+
+class Absorbing:
+    """Other levels of the wind than a model's, and what they cost."""
+
+    def __init__(self, model: Model) -> None:
+        record, fitted = model.fit.record, model.fit
+        self.record, self.dynamics, self.filter = record, model.dynamics, fitted.filter
+        levels, (least, most) = fitted.filter.levels, bounds(record)
+        free = [k for k in range(5, len(levels)) if most[k] > least[k]]
+        self.levels = np.zeros((0, len(levels)))
+        self.costs = np.zeros(0)
+        if not free:
+            return
+        own = declared(record)
+        tries = []
+        for factors in itertools.product(FACTORS, repeat=len(free)):
+            moved = levels.copy()
+            moved[free] = np.clip(levels[free] * np.array(factors), own[free] * least[free], own[free] * most[free])
+            if not np.array_equal(moved, levels):
+                tries.append(moved)
+        self.levels = np.array(tries)
+
+        def unlikely(x: np.ndarray) -> np.ndarray:
+            return 0.5 * np.sum((np.log(x[..., free] / own[free]) / PRIOR)**2, axis=-1)
+
+        refilter = Refilter(record, self.dynamics, fitted.innovations, self.filter)
+        likely = refilter.log_likelihoods(np.concatenate([levels[None], self.levels]))
+        likely -= unlikely(np.concatenate([levels[None], self.levels]))
+        self.costs = np.maximum(likely[0] - likely[1:], 0.0)
+        self.still = self._refilter(np.zeros(3 * record.rows)).log_likelihoods(self.levels)
+
+    def _refilter(self, white: np.ndarray) -> Refilter:
+        """Of innovations that are white (3n,) under the model's own filter."""
+        low, white = self.filter.low, white.reshape(-1, 3)
+        e = np.einsum("kab,kb->ka", low, white)
+        return Refilter(self.record, self.dynamics, np.where(np.isfinite(self.record.z), e, math.nan), self.filter)
+
+    def _energies(self, change: np.ndarray) -> np.ndarray:
+        """(k,) |c|^2 under these levels, of a change (3n + 5,) of the residual."""
+        if not len(self.levels):
+            return self.costs
+        own, refilter = float(change @ change), self._refilter(change[:3 * self.record.rows])
+        highest = 2.0 * (self.still[-1] - refilter.log_likelihood(self.levels[-1]))
+        if abs(highest - own) <= UNTOUCHED * own:
+            return np.full(len(self.levels), own)
+        return np.asarray(2.0 * (self.still - refilter.log_likelihoods(self.levels)))
+
+    def gain(self, change: np.ndarray) -> float:
+        """[nats] to be expected of a cause with this change (3n + 5,) of the residual."""
+        own = 0.5 * float(change @ change)
+        return float(min([own, *(0.5 * self._energies(change) + self.costs)]))
+
+    def multiple(self, change: np.ndarray, needed: float) -> float | None:
+        """Smallest multiple of a change that gains so much [nats]; None where none does."""
+        energies = np.append(self._energies(change), float(change @ change))
+        missing = np.maximum(needed - np.append(self.costs, 0.0), 0.0)
+        if np.any((energies <= 0.0) & (missing > 0.0)):
+            return None
+        return float(np.sqrt(np.max(2.0 * missing / np.maximum(energies, 1e-300))))
