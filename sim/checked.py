@@ -1,17 +1,17 @@
 """The data check in front of the commands: what seems wrong with a log, in one line, before its numbers are believed.
 
 The detector is the diagnosis' own (`sim.diagnosis.data`), which sees a unit or a sign against another column; what only
-the vehicle could tell (beta and its command both reversed) `plant_check` sees.
+the vehicle could tell (beta and its command both reversed) `diagnosis.data.vehicle` sees.
 """
 
 import numpy as np
 
 from .diagnosis.data.check import check
 from .diagnosis.data.fault import Fault
+from .diagnosis.data.vehicle import plant_faults
 from .errors import InputError
 from .log import Log
 from .nominal import Nominal, constant_profile
-from .plant_check import plant_faults
 from .sections import Sensors
 
 COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity

@@ -17,7 +17,7 @@ from sim.sections import Actuator
 
 RECORD = SimpleNamespace(
     t=np.arange(0.0, 40.0, 0.01), period=0.01, resolution=0.01, step=0.0025, tick=4, rows=4000, command_is_known=True,
-    channels=("theta", "theta_dot", "beta"), commands=np.sin(np.arange(0.0, 40.0, 0.01)),
+    path_is_known=False, channels=("theta", "theta_dot", "beta"), commands=np.sin(np.arange(0.0, 40.0, 0.01)),
     actuator=Actuator(natural_frequency=50.0, damping_ratio=0.7, deflection_limit=0.2), a6=np.full(3, 2.0),
     k1=np.full(3, -7.0))
 

@@ -36,12 +36,12 @@ class Found:
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None):
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
-        self.rival = rival
+        self.rival, self.instead = rival, instead
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
@@ -261,6 +261,18 @@ def test_the_strongest_alone_stands_where_several_together_are_in_doubt(judged):
     assert (made.verdict, made.causes) == ("explained", (strong,)) and made.doubts == ()
     made = judged(Found(weak, strong, fewer=Found(strong, nats=-1.0))).made
     assert (made.verdict, made.nearest) == ("unexplained", (weak, strong)) and "gyro_scale" in made.doubts[0]
+
+
+def test_weather_alone_stands_where_causes_in_it_explain_hardly_more(judged):
+    """A shear was a drift in turbulence.  A sensor's cause is told from weather, and stays."""
+    sky = Found(weather=weather(430.0))
+    drift, bias = cause("lateral_drift", 71.0), cause("gyro_bias", 71.0)
+    made = judged(Found(drift, weather=weather(28.0), instead=sky)).made
+    assert (made.verdict, [each.cause for each in made.causes]) == ("explained", ["turbulence"])
+    made = judged(Found(drift, weather=weather(28.0), instead=Found(weather=weather(430.0), left=[left(99.0)]))).made
+    assert (made.verdict, made.nearest) == ("unexplained", (drift,)) and "weather alone" in made.doubts[0]
+    made = judged(Found(bias, weather=weather(28.0), instead=sky)).made
+    assert made.verdict == "explained" and bias in made.causes
 
 
 # ---- where it is

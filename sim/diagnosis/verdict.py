@@ -17,6 +17,7 @@ from .data import clock
 from .data.check import check
 from .data.record import THETA_DOT, Record
 from .data.used import shortened, sparser, used
+from .data.vehicle import plant_faults
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
 from .judge.gain import Gain, held_out, on_another, removed
@@ -51,7 +52,7 @@ MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; ot
 FEWEST_ROWS = 100      # without which nothing is fitted
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
-FREE = ("plant", "environment")  # places where a term of the equation may be missing
+FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
 SEARCHED = 0.7         # of the time limit that the search may take
 JUDGED = 0.9           # of it at whose end what is judged is fitted no more; the rest is for detection limits
@@ -110,6 +111,9 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
     assert made.selection is not None
+    if made.verdict == "unexplained":  # for the unit or the sign of a column, which no cause of the vehicle is
+        whole = plant_faults(made.log, made.nominal, made.data.masks)
+        made.doubts = (*(fault.message for fault in whole), *made.doubts)
     say("detection limits")
     found, made.isolability = limits(made.selection.model.fit.record, made.selection.model, made.threshold)
     made.limits = tuple(found)
@@ -226,7 +230,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
         _without_idle(made, _only_strongest(made.selection), measure, say)
     elif made.gain is not None and not made.record.is_late:
         shares = removed(made.selection.model, made.gain)
-        if made.remaining and _without_idle(made, shares, measure, say):
+        if (made.remaining or made.selection.weather is not None) and _without_idle(made, shares, measure, say):
             shares = removed(made.selection.model, made.gain)
         made.nearest = with_removed(made.nearest, made.selection.model, shares)
     made.open = tuple(cause for cause in made.nearest if cause.is_open(made.record))
@@ -276,6 +280,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     if rival is not None:
         found.append(f"{rival.cause}: a disturbance proportional to {rival.shape} at the {rival.place} alone explains "
                      f"{100 * rival.share:.0f} % of what it does")
+    if selection.instead is not None and any(each.where in FREE for each in made.nearest if not each.is_weather):
+        found.append("weather alone explains nearly as much as these causes in weather do")
     if found:
         return found
     say("held-out gain")
@@ -311,14 +317,19 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 
 def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """The strongest cause alone, where several together are in doubt."""
+    """The strongest cause alone, where several together are in doubt; the weather alone, where causes in it are."""
     assert made.selection is not None
-    if len(made.selection.model.causes) < 2:
-        return found
+    if len(made.selection.model.causes) > 1:
+        found = _instead(made, fewer(made.selection, [strongest(made.selection)]), measure, found, say)
+    if found and made.selection.instead is not None:
+        found = _instead(made, made.selection.instead, measure, found, say)
+    return found
+
+
+def _instead(made: Diagnosis, selection: Selection, measure: Measure, found: list[str], say: Say) -> list[str]:
+    """What is in doubt replaced by another selection if that is not."""
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    selection = fewer(made.selection, [strongest(made.selection)])
-    again = _tested(made, selection, measure, say)
-    if not again:
+    if not _tested(made, selection, measure, say):
         made.selection = selection
         return []
     made.nearest, made.left, made.gain, made.noise, made.remaining = before
@@ -326,12 +337,13 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 
 def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
-    """Where something remains, without the causes that do next to nothing for the predictions: they stand in for it.
-    True where that is so."""
+    """Where something remains, or is called weather, without the causes that do next to nothing for the predictions:
+    they stand in for it.  True where that is so."""
     selection = made.selection
     assert selection is not None
     kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
-    if not kept or len(kept) == len(shares):
+    wind_alone = selection.weather is not None and selection.weather.is_wind
+    if len(kept) == len(shares) or not (kept or wind_alone):
         return False
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
     without = fewer(selection, kept)

@@ -21,6 +21,7 @@ from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
 
 LONGEST_LOST = 50  # rows of a gap: in a longer one the command is taken to wander no further
+LONGEST_HELD = 10  # rows of one command: over more nobody commands
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
 
@@ -126,11 +127,19 @@ def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) 
     ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
     at, values = draft.at[known].astype(np.float64), command[known]
     changed = np.diff(values) != 0.0
-    if source != "beta" and len(changed) and np.mean(changed) < 1.0 - HELD:
+    if source != "beta" and _is_held(changed):
         at[1:] = np.where(changed, 0.5 * (at[1:] + at[:-1]), at[1:])
     if source == "beta":
         return np.interp(ticks + 2.0 * DIRECT_DAMPING / DIRECT, at, values)
     return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])
+
+
+def _is_held(changed: np.ndarray) -> bool:
+    """Whether commands, which changed (n - 1,) bool from one to the next, are held over rows: they change less often
+    than the rows come, where they change at all."""
+    apart = np.diff(np.flatnonzero(changed))
+    apart = apart[apart <= LONGEST_HELD]
+    return len(apart) > 0 and float(np.mean(apart)) * (1.0 - HELD) > 1.0
 
 
 def _phase(command: np.ndarray, held: int) -> int:

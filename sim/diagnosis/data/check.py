@@ -1,7 +1,7 @@
 """The data check: is the log what its columns say, before anything is concluded from it.
 
 Time stamps, infinite values, dropouts, stale runs, spikes, units, signs, exchanged
-columns.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
+columns, columns of a slower channel.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
 may do passes.  What is wrong is named and masked.
 
 Limitations: a sign or a unit shows only against another column (see `relations`);
@@ -17,6 +17,7 @@ from ...log import SHORTEST, Log
 from ...sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
+from .filled import filled_forward
 
 __all__ = ["DataCheck", "Fault", "check"]
 
@@ -51,7 +52,12 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     """
     clock = stamps.clock(log.t, nominal.sensors.period)
     masks, faults = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, clock.usable)
-    return DataCheck((*clock.faults, *faults, *_between(log, nominal, clock, masks)), clock.usable, masks)
+    faults += _between(log, nominal, clock, masks)
+    for name in channels.MEASURED:  # last, since between the channels every row counts
+        filled = list(filled_forward(name, log.t, getattr(log, name), masks[name]))
+        if filled:  # its longest repeats looked frozen
+            faults = [fault for fault in faults if (fault.kind, fault.channel) != ("stale", name)] + filled
+    return DataCheck((*clock.faults, *faults), clock.usable, masks)
 
 
 def _between(log: Log, nominal: Nominal, clock: stamps.Clock, masks: dict[str, np.ndarray]) -> list[Fault]:

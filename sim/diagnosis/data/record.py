@@ -38,6 +38,8 @@ MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
 DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
 DIRECT_DAMPING = 0.7
 DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
+MOST_DECIMALS = 6        # of a stamp that a logger rounded
+ROUNDING_SLACK = 0.02    # of the last one, beyond half of which either way no stamp is off
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
@@ -192,6 +194,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
     period = _period(t, nominal)
     shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
     index, off = _places(t, period)
+    if _is_printed(t, index):
+        off = np.zeros(len(t))
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
     n = int(index[-1]) + 1
     if n > MOST_ROWS:
@@ -230,6 +234,17 @@ def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     place = (t - t[0]) / period
     index = np.round(place).astype(np.int64)
     return index, place - index
+
+
+def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:
+    """Whether stamps t (n,) [s] of places index (n,) on the grid are those of a uniform log, rounded to a decimal."""
+    for decimals in range(1, MOST_DECIMALS + 1):
+        if np.all(np.abs(np.round(t, decimals) - t) < 1e-9 * np.maximum(np.abs(t), 1.0)):
+            break
+    else:
+        return False
+    off = t - np.polyval(np.polyfit(index - index.mean(), t, 1), index - index.mean())
+    return bool(np.ptp(off) <= (1.0 + ROUNDING_SLACK) * 10.0**-decimals)
 
 
 def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:

@@ -21,7 +21,7 @@ from ...nominal import Nominal
 WIND, NOZZLE, MOMENT, ATTITUDE, GYRO, NOZZLE_SENSOR = range(6)  # where a state enters: a6 x, k1 x, x; the sensors
 ARC_MINUTE = 2.9e-4     # rad of nozzle: the undeclared slow moment's one sigma is k1 times it
 SLOW = 20.0             # s, its time constant: slow beside the vehicle, several times in a flight
-WEATHER = (0.5, 2.0)    # factors within which a declared level of the wind may be fitted
+WEATHER = (0.05, 2.0)   # factors within which a declared level of the wind may be fitted: a calm day contradicts nobody
 LEAST = 1e-3            # of the level where a search begins
 WINDY = 40.0            # of a wind that is sought: more than 0.2 rad is no weather to fly in
 SOUGHT = 0.005          # rad, rad/sqrt(s): where the search of weather begins

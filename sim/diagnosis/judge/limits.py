@@ -96,8 +96,6 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
                 amount = absorbing.multiple(change, needed)
             else:
                 amount, change = _bisected(problem, model, project, absorbing, hypothesis, needed)
-            if amount is not None:
-                amount = max(amount, hypothesis.floor(record))
             most = min(hypothesis.reach, hypothesis.held(record))
             if amount is not None and amount <= most and hypothesis.sizes is None:
                 def gain(size: float, hypothesis: Hypothesis = hypothesis, shape: Values = shape) -> float:
@@ -106,6 +104,8 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
                     return absorbing.gain(project.out(moved))
 
                 amount = _confirmed(gain, amount, most, needed)
+            if amount is not None:
+                amount = max(amount, hypothesis.floor(record))
             if amount is not None and amount > most:
                 amount = None
         found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))

@@ -120,7 +120,7 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
     own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, np.zeros_like(f), entry,
                    float(made_good(scale)), np.arange(m)[kept], (), ())
-    return _with_lost(record, _in_the_world(record, own, v.a6[half], v.k1[half]))
+    return _with_lost(record, _in_the_world(record, own, record.a6[half], v.k1[half]))
 
 
 def _with_lost(record: Record, own: Dynamics) -> Dynamics:
@@ -136,7 +136,7 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray) -> Dynamics:
-    """With the world's states behind the vehicle's;  a6, k1 (b,) [1/s^2] of the blocks."""
+    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks."""
     sources, period = record.world.sources, record.period
     (b, m, _), w = own.f.shape, len(sources)
     f, entry, c = np.zeros((b, m + w, m + w)), np.zeros((b, m + w, 2)), np.zeros((3, m + w))

@@ -115,8 +115,8 @@ def innovations(record: Record, of: Gains, point: Point, extra: np.ndarray | Non
     """(innovations (n, 3), corrected states (n, 4), whether the model stayed with the log)."""
     e, states = np.empty_like(record.z), np.empty((record.rows, 4))
     v = vehicle(record, point, extra)
-    stayed = follow(v, slots_of(v, of.modes), record.world.table(record.period), record.at, record.z, of.gains,
-                    record.held, record.held_phase, e, states)
+    stayed = follow(v, slots_of(v, of.modes), record.world.table(record.period), record.a6, record.at, record.z,
+                    of.gains, record.held, record.held_phase, e, states)
     return e, states, bool(stayed)
 
 
@@ -124,7 +124,8 @@ def predicted_attitude(record: Record, of: Gains) -> np.ndarray:
     """(ticks,) [rad] what the attitude sensor would have read at every controller tick, under the nominal."""
     attitudes = np.zeros(len(record.commands))
     v = vehicle(record, Point())
-    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period), record.z, of.gains, attitudes)
+    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period), record.a6, record.z, of.gains,
+                   attitudes)
     return attitudes
 
 
@@ -135,6 +136,6 @@ def prediction_errors(record: Record, of: Gains, point: Point, horizons: Sequenc
     ahead = np.array([max(1, round(h / record.period)) for h in horizons], np.int64)
     errors = np.full((-(-record.rows // rows), len(ahead), 3), math.nan)
     v = vehicle(record, point)
-    horizon_errors(v, slots_of(v, of.modes), record.world.table(record.period), record.at, record.z, of.gains,
-                   record.held, record.held_phase, rows, ahead, errors)
+    horizon_errors(v, slots_of(v, of.modes), record.world.table(record.period), record.a6, record.at, record.z,
+                   of.gains, record.held, record.held_phase, rows, ahead, errors)
     return errors

@@ -61,12 +61,16 @@ def expected(v, i, world, air, row):
 
 
 @inner
-def push(v, i, world, air):
-    """[rad/s^2] What the world's states (`data.world`) add at step i."""
+def push(v, i, world, air, a6):
+    """[rad/s^2] What the world's states (`data.world`) add at step i.
+
+    a6 (2 steps + 1,) in  [1/s^2] the nominal's at every half step: the wind is an acceleration in its units, so that no
+    other a6 of the vehicle is the better for making the wind's declared levels larger or smaller
+    """
     total = 0.0
     for a in range(len(air)):
         if world[a, 0] == WIND:
-            total += v.a6[2 * i] * air[a]
+            total += a6[2 * i] * air[a]
         elif world[a, 0] == NOZZLE:
             total += v.k1[2 * i] * air[a]
         elif world[a, 0] == MOMENT:
@@ -194,12 +198,13 @@ def advance_apart(v, held, pushed, first, last, begin):
 
 
 @kernel
-def follow(v, slots, world, at, z, gains, held_rows, held_phase, innovations, states):
+def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations, states):
     """Innovations of a log under a vehicle.  Returns False if the model ran away.
 
     v                        inout  at the first row; counter[CONTROL_EVERY] steps a command
     slots (plant's rows,)    in     where in the gains each mode's value stands, -1: it has none there
     world (w, 2)             in     the world's states: where they enter, what is left of them after a row
+    a6 (2 steps + 1,)        in     as `push`
     at (n,)                  in     steps from the first row to each
     z (n, 3)                 in     measured; NaN: not
     gains (n, 6 + 2 modes + w, 3)  in   Kalman gains of each row
@@ -223,19 +228,19 @@ def follow(v, slots, world, at, z, gains, held_rows, held_phase, innovations, st
         for j in range(4):
             states[k, j] = v.state[j]
         if k + 1 < len(z):
-            advance_row(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
+            advance_row(v, held, push(v, i, world, air, a6), i, begin + at[k + 1], begin)
             air *= world[:, 1]
     return True
 
 
 @kernel
-def tick_attitudes(v, slots, world, z, gains, attitudes):
+def tick_attitudes(v, slots, world, a6, z, gains, attitudes):
     """What the attitude sensor would have read at every tick of the commands: attitudes (ticks,) out [rad]."""
     every, begin, tick = v.counter[LOG_EVERY], v.counter[0], v.counter[1]
     held, air, row, per_row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS), every // tick
     for k in range(len(z)):
         correct_apart(v, slots, held, world, air, begin + k * every, k, z, gains, row)
-        pushed = push(v, begin + k * every, world, air)
+        pushed = push(v, begin + k * every, world, air, a6)
         for j in range(per_row):
             i = begin + k * every + j * tick
             if v.history.shape[1] > 0:
@@ -247,10 +252,10 @@ def tick_attitudes(v, slots, world, z, gains, attitudes):
 
 
 @kernel
-def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing, ahead, errors):
+def horizon_errors(v, slots, world, a6, at, z, gains, held_rows, held_phase, spacing, ahead, errors):
     """Errors of predictions without correction, begun from the corrected state every `spacing` rows.
 
-    v, slots, world, at, z, gains, held_rows, held_phase   as `follow`
+    v, slots, world, a6, at, z, gains, held_rows, held_phase   as `follow`
     spacing          in    rows between starts; the first starts at row 0
     ahead (h,)       in    horizons in rows, increasing
     errors (s, h, 3) out   measured less predicted of start s, NaN where not measured or beyond the log
@@ -274,7 +279,7 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
                 while reached < k + ahead[b]:
                     if reached > k and (held_rows == 1 or (reached - held_phase) % held_rows == 0):
                         ahead_held[:] = 0.0
-                    pushed = push(v, begin + at[reached], world, ahead_air)
+                    pushed = push(v, begin + at[reached], world, ahead_air, a6)
                     advance_apart(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
                     ahead_air *= world[:, 1]
                     reached += 1
@@ -285,5 +290,5 @@ def horizon_errors(v, slots, world, at, z, gains, held_rows, held_phase, spacing
                     errors[k // spacing, b, c] = z[reached, c] - row[c]
             v.state[:], v.plant[:, :], v.actuator[:, :] = kept, moments, servo
         if k + 1 < n:
-            advance_apart(v, held, push(v, i, world, air), i, begin + at[k + 1], begin)
+            advance_apart(v, held, push(v, i, world, air, a6), i, begin + at[k + 1], begin)
             air *= world[:, 1]

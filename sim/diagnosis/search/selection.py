@@ -77,6 +77,7 @@ class Selection:
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
     weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
+    instead    what else there is in weather alone, where that explains nearly as much as what turns the vehicle in it
     """
 
     nominal: Model
@@ -86,6 +87,7 @@ class Selection:
     rankings: list[list[Ranked]] = field(default_factory=list)
     weather: Weather | None = None
     calm: "Model | None" = None
+    instead: "Selection | None" = None
 
 
 def needed(threshold: float, causes: int) -> float:
@@ -290,7 +292,8 @@ def with_time(of: Selection, until: float) -> Selection:
 
     nominal = later(of.nominal)
     return replace(of, nominal=nominal, model=nominal if of.model is of.nominal else later(of.model),
-                   calm=None if of.calm is None else later(of.calm))
+                   calm=None if of.calm is None else later(of.calm),
+                   instead=None if of.instead is None else with_time(of.instead, until))
 
 
 def relevelled(of: Selection) -> Selection:
@@ -312,7 +315,7 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
     fitted = of.nominal.fit
     model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
     model = _plain(fitted.record, of.nominal, model) if len(kept) == 1 else model
-    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
+    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm, instead=of.instead)
     for k, cause in enumerate(model.causes):
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(fitted.record, others, fitted.delta, model.fit.filter) if others else of.nominal

@@ -3,6 +3,8 @@
 Turbulence, a walk of the wind, or a slow moment that is no wind at all, whichever the log likes best.  It can absorb
 what a cause does (a gain that is wrong looks like weather that goes with the manoeuvres), so it is asked only for what
 the best causes leave, or where it explains more than any single one; and it is charged for its level and its time.
+
+Weather keeps to no law exactly (a shear is a ramp, no walk): what turns the vehicle has to explain more than that.
 """
 
 import math
@@ -38,6 +40,8 @@ WORTH = 4.0                     # nats of the first look, from which weather is 
 HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
 FULL = 0.99                     # of a level's largest, from which it is that
+LAW = 0.1                       # of what weather explains alone: no weather keeps to a law better, so causes of the
+                                # vehicle's motion that explain no more beyond it stand for its own shape (|cos| 0.95)
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -118,10 +122,20 @@ def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[H
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
         return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
+    if any(is_outside(cause.hypothesis) for cause in found.model.causes) and not record.is_late:
+        alone = _weathered(calm)
+        if alone is not None and found.model.log_likelihood - alone.model.log_likelihood < LAW * alone.gain:
+            apart = tuple(hypothesis for hypothesis in known if not is_outside(hypothesis))
+            found.instead = _in_weather(calm, alone, apart, threshold, say)
     found.calm = calm
     found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
                             quiet(found.model) > UNSTEADY)
     return found
+
+
+def is_outside(of: Hypothesis) -> bool:
+    """It turns the vehicle as weather does."""
+    return of.where in ("plant", "environment")
 
 
 def in_its_weather(of: Selection, found: Selection, threshold: float, say: Say) -> Selection:

@@ -4,16 +4,18 @@ theta_dot between blocks changes by the integral of a6 alpha + k1 beta: a regres
 k1, gives k1 over the nominal's.  In a flight it is 0.8 to 1.3; a wind that nobody measured, which the loop answers,
 draws it to 0 and leaves little explained; a bending mode that the loop excites has made it 22 at most.  A reversed sign
 or degrees are beyond that.  A log all in degrees obeys the equation as before: its noise is 57 times the declared.
+
+Before an estimate this is a warning; in a diagnosis, which asks the vehicle, a doubt more about what nothing explains.
 """
 
 import math
 
 import numpy as np
 
-from .diagnosis.data.fault import Fault
-from .diagnosis.data.relations import DEGREES, block_means
-from .log import Log
-from .nominal import Nominal
+from ...log import Log
+from ...nominal import Nominal
+from .fault import Fault
+from .relations import DEGREES, block_means
 
 BLOCK = 0.2          # s: long enough to average the noise, short beside the motion
 FEWEST_BLOCKS = 30
