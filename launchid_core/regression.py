@@ -29,7 +29,7 @@ from .guard import (
 from .kernels import inner, once
 from .lanes import standard
 from .library import N_VARIABLES, TAU, library_column, raw_from_standard
-from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
+from .linsolve import EPS, pivot_ratio, qr_factor, rotate_transposed, scale_columns
 from .residual import drift_integral, drift_pointwise, report_absent, report_spread
 from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
 from .sparse import factor_whole, sparse_solve
@@ -247,11 +247,10 @@ def regress(fixed, work, out, count, pieces):
     reduce_library(work, at, q)
     factor_whole(work.mt, work.whole)
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
-    for d in range(PAIR):
-        apply_q_transposed(at, work.tau, q, drift[d])
+    rotate_transposed(at, work.tau, q, drift)
+    rotate_transposed(at, work.tau, q, target)
     for e in range(EQUATIONS):
         y = target[e]
-        apply_q_transposed(at, work.tau, q, y)
         passes = sparse_solve(fixed.plan[SOLVER], work.mt, work.whole, y[:q], fixed.threshold[0], work.xi, work.active,
                               work.sparse)
         if passes < 0 and e == ATTITUDE:
