@@ -57,8 +57,8 @@ class Work(NamedTuple):
     scale: np.ndarray       # (4,)
     raw: np.ndarray         # (4, m) theta, theta_dot, beta, tau by row
     z: np.ndarray           # (4, m) the same, standardised
-    half: np.ndarray        # (m,) half the time since the row before
-    value: np.ndarray       # (m,) a library column at every row
+    half: np.ndarray        # (m,) half the time since the row before; later products of residuals by lag
+    value: np.ndarray       # (m,) a library column at every row; later as `half`
     order: np.ndarray       # (q,) int64
     tau: np.ndarray         # (q,)
     norms: np.ndarray       # (q,)

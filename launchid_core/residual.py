@@ -25,7 +25,7 @@ import numpy as np
 
 from .batch import PAIR, TERM_A6, TERM_A6_DOT
 from .kernels import inner, once
-from .lanes import divide, dot, multiply, subtract
+from .lanes import divide, dot, lagged, multiply, subtract, weigh
 from .linsolve import apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
 from .ring import BETA, THETA, T
 from .sparse import ACTIVE_TOLERANCE, solve_active
@@ -73,21 +73,23 @@ def bandwidth(scores):
 
 
 @inner
-def long_run(scores, freedom, covariance):
+def long_run(scores, freedom, covariance, ahead, behind):
     """S of the module's head, of series with n - k = `freedom`.
 
     scores     (k, n) in
     covariance (>=k, >=k) out
+    ahead, behind (>lags,) scratch, n will do
     """
     size, count = scores.shape
     lags = bandwidth(scores)
     for a in range(size):
         for b in range(a + 1):
             value = dot(scores[a], scores[b], 0, count)
+            lagged(scores[a], scores[b], 1, lags + 1, count, ahead)
+            if a != b:
+                lagged(scores[b], scores[a], 1, lags + 1, count, behind)
             for lag in range(1, lags + 1):
-                both = dot(scores[a][lag:], scores[b], 0, count - lag)
-                back = both if a == b else dot(scores[b][lag:], scores[a], 0, count - lag)
-                both += back
+                both = ahead[lag] + (ahead[lag] if a == b else behind[lag])
                 value += (1.0 - lag / (lags + 1.0)) * both
             covariance[a, b] = value * count / freedom
             covariance[b, a] = covariance[a, b]
@@ -183,6 +185,25 @@ def fill_extended(plan, active, mt, drift, with_drifts, columns):
 
 
 @once
+def fill_influences(plan, work, out, width, series):
+    """Influences of the rows on a6 and k1 in the factor's rotation, 0 if not active, into series (3, n); work.change.
+
+    An influence is a row of R^-1 over the column's norm, turned back: (Q Q' (row of R^-1)/norm).
+    """
+    for p in range(PAIR):
+        place = position(work.active, plan[TERM_A6 + p])
+        work.change[p] = 0.0
+        influence = series[1 + p]
+        influence[:] = 0.0
+        if place >= 0:
+            k = place_of(work.extended_order, place, width)
+            norm = work.extended_norms[place]
+            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
+            for i in range(width):
+                influence[i] = work.extended_inverse[k, i] / norm
+
+
+@once
 def report_spread(plan, work, out, at, y, rows):
     """Standard deviations and correlation of a6 and k1, the active ones.
 
@@ -211,24 +232,14 @@ def report_spread(plan, work, out, at, y, rows):
     invert_triangle(columns, width, work.extended_inverse)
     for k in range(width):
         residual[k] = 0.0
-    for p in range(PAIR):
-        place = position(work.active, plan[TERM_A6 + p])
-        work.change[p] = 0.0
-        influence = series[1 + p]
-        influence[:] = 0.0
-        if place >= 0:
-            k = place_of(work.extended_order, place, width)
-            norm = work.extended_norms[place]
-            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
-            for i in range(width):
-                influence[i] = work.extended_inverse[k, i] / norm
+    fill_influences(plan, work, out, width, series)
     rotate(columns, work.extended_tau, width, series, 1 + PAIR)
     rotate(at, work.tau, q, series, 1 + PAIR)
     for p in range(PAIR):
         if position(work.active, plan[TERM_A6 + p]) >= 0:
             multiply(series[1 + p], residual, 0, count)
     scores = work.series[count:(1 + PAIR) * count].reshape((PAIR, count))
-    long_run(scores, rows - width, work.covariance)
+    long_run(scores, rows - width, work.covariance, work.value, work.half)
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
@@ -298,11 +309,9 @@ def report_absent(plan, work, out, at, y, rows):
     rotate(at, work.tau, q, series, found)  # in time
     for k in range(1, found):
         j = work.extended_order[k]
-        along = series[k]
-        for i in range(count):
-            along[i] *= (residual[i] - lost[j] * along[i]) / length[j]
+        weigh(series[k], residual, lost[j], length[j], 0, count)
         long_run(work.extended[k * count:(k + 1) * count].reshape((1, count)), rows - size - 1,
-                 work.covariance)
+                 work.covariance, work.value, work.half)
         std = math.sqrt(work.covariance[0, 0])
         out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
         for p in range(PAIR):
