@@ -57,8 +57,8 @@ class Work(NamedTuple):
     scale: np.ndarray       # (4,)
     raw: np.ndarray         # (4, m) theta, theta_dot, beta, tau by row
     z: np.ndarray           # (4, m) the same, standardised
-    half: np.ndarray        # (m,) half the time since the row before
-    value: np.ndarray       # (m,) a library column at every row
+    half: np.ndarray        # (m,) half the time since the row before; later products of residuals by lag
+    value: np.ndarray       # (m,) a library column at every row; later as `half`
     order: np.ndarray       # (q,) int64
     tau: np.ndarray         # (q,)
     norms: np.ndarray       # (q,)
@@ -75,8 +75,7 @@ class Work(NamedTuple):
     extended_norms: np.ndarray     # (q + 2,)
     extended_solution: np.ndarray  # (q + 2,)
     extended_inverse: np.ndarray   # (q + 2, q + 2)
-    residual: np.ndarray    # (p,)
-    scores: np.ndarray      # (2*p,) of a6 and k1
+    series: np.ndarray      # (3*p,) residual, influences of a6 and k1, later times the residual
     change: np.ndarray      # (2,) of a6 and k1 where they may drift
     covariance: np.ndarray  # (2, 2)
     trial: np.ndarray       # (q,)
@@ -139,8 +138,7 @@ def view_work(f, at, i, m, q, rows, p):
     extended_norms, at = take(f, at, width)
     extended_solution, at = take(f, at, width)
     extended_inverse, at = take2(f, at, width, width)
-    residual, at = take(f, at, p)
-    scores, at = take(f, at, PAIR * p)
+    series, at = take(f, at, (1 + PAIR) * p)
     change, at = take(f, at, PAIR)
     covariance, at = take2(f, at, PAIR, PAIR)
     trial, at = take(f, at, q)
@@ -148,5 +146,5 @@ def view_work(f, at, i, m, q, rows, p):
     length, at = take(f, at, 1)
     return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, half, value, order, tau,
                 norms, tt, mt, xi, active, whole, sparse, drift, extended, extended_order, extended_tau,
-                extended_norms, extended_solution, extended_inverse, residual, scores, change, covariance,
-                trial, direction, length), at, m
+                extended_norms, extended_solution, extended_inverse, series, change, covariance, trial,
+                direction, length), at, m

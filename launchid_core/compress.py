@@ -9,6 +9,7 @@ from .kernels import once
 
 MULTIPLIER = 48271
 MODULUS = 2147483647
+DRAWS = 20  # bits of the most rows a window may have, `config.MAX_ROWS`
 
 
 def first_state(seed: int) -> int:
@@ -17,6 +18,20 @@ def first_state(seed: int) -> int:
     for _ in range(4):
         x = x * MULTIPLIER % MODULUS
     return x
+
+
+@once
+def after(number, draws):
+    """The generator's state after so many draws, fewer than 2^DRAWS; by squaring."""
+    factor = MULTIPLIER
+    for _ in range(DRAWS):
+        if draws == 0:
+            break
+        if draws % 2 == 1:
+            number = number * factor % MODULUS
+        factor = factor * factor % MODULUS
+        draws = draws // 2
+    return number
 
 
 @once
@@ -33,13 +48,21 @@ def choose_rows(usable, n, p, random, kept):
     left = 0
     for i in range(n):
         left += usable[i]
-    wanted = min(p, left)
     count = 0
+    if left <= p:  # all of them
+        for i in range(n):
+            if usable[i] == 1:
+                kept[count] = i
+                count += 1
+        random[0] = after(random[0], left)
+        return count
+    number = random[0]
     for i in range(n):
         if usable[i] == 1:
-            random[0] = random[0] * MULTIPLIER % MODULUS
-            if random[0] * left < (wanted - count) * MODULUS:
+            number = number * MULTIPLIER % MODULUS
+            if number * left < (p - count) * MODULUS:
                 kept[count] = i
                 count += 1
             left -= 1
+    random[0] = number
     return count

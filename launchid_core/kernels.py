@@ -48,7 +48,7 @@ def compiled(part: bool = False, **choices: Any) -> Callable[[Function], Functio
 
 
 kernel = compiled(_nrt=False)
-inner = compiled(part=True, _nrt=False)
+inner = compiled(part=True, _nrt=False, forceinline=False)  # said, for numba takes it from the first caller
 once = compiled(part=True, _nrt=False, forceinline=True)
 merged = _numba.njit(error_model="numpy", nogil=True, _nrt=False, inline="always")
 

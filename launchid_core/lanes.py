@@ -5,24 +5,17 @@ own machine code of them is scalar: an index may be negative there, and two view
 knows.  Positions start .. stop-1 must lie inside the vectors, and start <= stop.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numba import extending
 from numba.core import cgutils, types
 
 from .parts import OF_A_PART
-
-LANES = 4
+from .vectors import LANES, NUMBER, VECTOR, ZERO, Column, Sums, along, elementwise, ir, lagged_build, reflect_build
 
 _extending: Any = extending  # typed by numba only in part
-ir: Any = cgutils.ir  # llvmlite's, by way of numba
 _AS_WRITTEN: dict[str, Any] = {"_nrt": False, "forceinline": True, **OF_A_PART}
-_NUMBER = ir.DoubleType()
-_VECTOR = ir.VectorType(_NUMBER, LANES)
-_ZERO = ir.Constant(_VECTOR, [0.0] * LANES)
-_ALIGNED = np.dtype(np.float64).alignment
+_APART: dict[str, Any] = {"_nrt": False, "forceinline": False, **OF_A_PART}  # too long to stand wherever it is called
 
 
 def dot(a, b, start, stop):
@@ -55,6 +48,12 @@ def multiply(y, x, start, stop):
         y[i] *= x[i]
 
 
+def scale(y, by, start, stop):
+    """y[i] *= by"""
+    for i in range(start, stop):
+        y[i] *= by
+
+
 def divide(y, by, start, stop):
     """y[i] /= by"""
     for i in range(start, stop):
@@ -65,6 +64,41 @@ def standard(y, x, centre, scale, start, stop):
     """y[i] = (x[i] - centre)/scale"""
     for i in range(start, stop):
         y[i] = (x[i] - centre) / scale
+
+
+def reflect(v, tau, columns, first, last, start, stop):
+    """Householder's reflection of rows first .. last-1 of `columns` (n, m), several at a time.
+
+    c[start] and c[i] less s and s*v[i], i in start+1..stop-1, with s = tau*(c[start] + sum v[i]*c[i]); v, whose own
+    v[start] is taken as 1, is none of them.
+    """
+    for j in range(first, last):
+        column = columns[j]
+        s = tau * (column[start] + dot(v, column, start + 1, stop))
+        column[start] -= s
+        subtract(column, s, v, start + 1, stop)
+
+
+def reflect_sized(v, tau, columns, first, last, start, stop, squares):
+    """As `reflect`; squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
+    for j in range(first, last):
+        column = columns[j]
+        s = tau * (column[start] + dot(v, column, start + 1, stop))
+        column[start] -= s
+        subtract(column, s, v, start + 1, stop)
+        squares[j] = dot(column, column, start + 1, stop)
+
+
+def lagged(a, b, first, last, n, sums):
+    """sums[k] = sum a[i + k]*b[i], i in 0..n-k-1, for k in first..last-1, several at a time."""
+    for k in range(first, last):
+        sums[k] = dot(a[k:], b, 0, n - k)
+
+
+def weigh(y, x, s, by, start, stop):
+    """y[i] *= (x[i] - s*y[i])/by"""
+    for i in range(start, stop):
+        y[i] *= (x[i] - s * y[i]) / by
 
 
 def largest_size(x, start, stop):
@@ -78,70 +112,18 @@ def largest_size(x, start, stop):
 # ---- the same as numba compiles it: an intrinsic each, which an overload calls (numba takes no intrinsic as one)
 
 
-def _filled(builder: Any, number: Any) -> Any:
-    """A vector of one number."""
-    vector = ir.Constant(_VECTOR, ir.Undefined)
-    for k in range(LANES):
-        vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), k))
-    return vector
-
-
-class _Column:
-    """A (n,) array's numbers, one or four from a position on; one after another in memory, or it does not compile."""
-
-    def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
-        if kind.ndim != 1 or kind.layout == "A" or kind.dtype != types.float64:
-            raise TypeError(f"a column of doubles one after another is needed, not {kind}")
-        self._data, self._builder = context.make_array(kind)(context, builder, array).data, builder
-
-    def _place(self, at: Any, kind: Any) -> Any:
-        return self._builder.bitcast(self._builder.gep(self._data, [at]), kind.as_pointer())
-
-    def load(self, at: Any, kind: Any) -> Any:
-        """One or four, as `kind` says."""
-        return self._builder.load(self._place(at, kind), align=_ALIGNED)
-
-    def store(self, at: Any, numbers: Any) -> None:
-        """One or four."""
-        self._builder.store(numbers, self._place(at, numbers.type)).align = _ALIGNED
-
-
-def _along(builder: Any, work: Callable[[Any, Any], None], start: Any, stop: Any) -> None:
-    """`work` at every fourth position with vectors, then at each of the rest with numbers."""
-    one, four = (ir.Constant(start.type, n) for n in (1, LANES))
-    rest = builder.sub(stop, builder.srem(builder.sub(stop, start), four))
-    with cgutils.for_range_slice(builder, start, rest, four, inc=True) as (at, _):
-        work(at, _VECTOR)
-    with cgutils.for_range_slice(builder, rest, stop, one, inc=True) as (at, _):
-        work(at, _NUMBER)
-
-
-def _elementwise(change: Callable[..., Any], columns: int, numbers: int, reads: bool) -> Any:
-    """An intrinsic (y, other columns.., numbers.., start, stop): y[i] = change(builder, y[i] if it reads it, ...)."""
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        rows = [_Column(context, builder, kind, each)
-                for kind, each in zip(signature.args[:columns], arguments[:columns], strict=True)]
-        scalars = arguments[columns:columns + numbers]
-        filled = [_filled(builder, each) for each in scalars]
-
-        def work(at: Any, kind: Any) -> None:
-            given = [row.load(at, kind) for row in (rows if reads else rows[1:])]
-            rows[0].store(at, change(builder, *given, *(filled if kind is _VECTOR else scalars)))
-
-        _along(builder, work, *arguments[columns + numbers:])
-        return context.get_dummy_value()
-
-    return build
-
-
 def _typed(columns: Any, numbers: Any, start: Any, stop: Any) -> Any:
     return types.void(*columns, *(types.float64 for _ in numbers), types.intp, types.intp)
 
 
-_subtract_build = _elementwise(lambda b, y, x, s: b.fsub(y, b.fmul(s, x)), 2, 1, True)
-_multiply_build = _elementwise(lambda b, y, x: b.fmul(y, x), 2, 0, True)
-_divide_build = _elementwise(lambda b, y, by: b.fdiv(y, by), 1, 1, True)
-_standard_build = _elementwise(lambda b, x, centre, scale: b.fdiv(b.fsub(x, centre), scale), 2, 2, False)
+_subtract_build = elementwise(lambda b, y, x, s: b.fsub(y, b.fmul(s, x)), 2, 1, True)
+_multiply_build = elementwise(lambda b, y, x: b.fmul(y, x), 2, 0, True)
+_scale_build = elementwise(lambda b, y, by: b.fmul(y, by), 1, 1, True)
+_divide_build = elementwise(lambda b, y, by: b.fdiv(y, by), 1, 1, True)
+_standard_build = elementwise(lambda b, x, centre, scale: b.fdiv(b.fsub(x, centre), scale), 2, 2, False)
+
+
+_weigh_build = elementwise(lambda b, y, x, s, by: b.fmul(y, b.fdiv(b.fsub(x, b.fmul(s, y)), by)), 2, 2, True)
 
 
 @_extending.intrinsic
@@ -160,6 +142,16 @@ def _multiply(typing, y, x, start, stop):
 
 
 @_extending.intrinsic
+def _scale(typing, y, by, start, stop):
+    return _typed((y,), (by,), start, stop), _scale_build
+
+
+@_extending.intrinsic
+def _weigh(typing, y, x, s, by, start, stop):
+    return _typed((y, x), (s, by), start, stop), _weigh_build
+
+
+@_extending.intrinsic
 def _divide(typing, y, by, start, stop):
     return _typed((y,), (by,), start, stop), _divide_build
 
@@ -172,44 +164,47 @@ def _standard(typing, y, x, centre, scale, start, stop):
 @_extending.intrinsic
 def _dot(typing, a, b, start, stop):
     def build(context, builder, signature, arguments):
-        left, right = (_Column(context, builder, kind, each)
+        left, right = (Column(context, builder, kind, each)
                        for kind, each in zip(signature.args[:2], arguments[:2], strict=True))
-        sums = cgutils.alloca_once_value(builder, _ZERO)
-        first = ir.Constant(ir.IntType(32), 0)
-
-        def work(at, kind):
-            product = builder.fmul(left.load(at, kind), right.load(at, kind))
-            so_far = builder.load(sums)
-            if kind is _VECTOR:
-                builder.store(builder.fadd(so_far, product), sums)
-            else:
-                builder.store(builder.insert_element(
-                    so_far, builder.fadd(builder.extract_element(so_far, first), product), first), sums)
-
-        _along(builder, work, *arguments[2:])
-        whole = builder.load(sums)
-        s = [builder.extract_element(whole, ir.Constant(ir.IntType(32), k)) for k in range(LANES)]
-        return builder.fadd(builder.fadd(s[0], s[1]), builder.fadd(s[2], s[3]))
+        sums = Sums(builder, 1)
+        along(builder, lambda at, kind: sums.add(0, builder.fmul(left.load(at, kind), right.load(at, kind))),
+              arguments[2], arguments[3], sums.begin_rest)
+        return sums.total(0)
 
     return types.float64(a, b, types.intp, types.intp), build
 
 
 @_extending.intrinsic
+def _reflect(typing, v, tau, columns, first, last, start, stop):
+    return types.void(v, types.float64, columns, *(types.intp,) * 4), reflect_build
+
+
+@_extending.intrinsic
+def _reflect_sized(typing, v, tau, columns, first, last, start, stop, squares):
+    return types.void(v, types.float64, columns, *(types.intp,) * 4, squares), reflect_build
+
+
+@_extending.intrinsic
+def _lagged(typing, a, b, first, last, n, sums):
+    return types.void(a, b, types.intp, types.intp, types.intp, sums), lagged_build
+
+
+@_extending.intrinsic
 def _largest_size(typing, x, start, stop):
     def build(context, builder, signature, arguments):
-        column = _Column(context, builder, signature.args[0], arguments[0])
-        vector, number = (cgutils.alloca_once_value(builder, zero) for zero in (_ZERO, ir.Constant(_NUMBER, 0.0)))
+        column = Column(context, builder, signature.args[0], arguments[0])
+        vector, number = (cgutils.alloca_once_value(builder, zero) for zero in (ZERO, ir.Constant(NUMBER, 0.0)))
 
         def larger(so_far, new):
             return builder.select(builder.fcmp_ordered(">", new, so_far), new, so_far)
 
         def work(at, kind):
-            into = vector if kind is _VECTOR else number
-            given, zero = column.load(at, kind), _ZERO if kind is _VECTOR else ir.Constant(_NUMBER, 0.0)
+            into = vector if kind is VECTOR else number
+            given, zero = column.load(at, kind), ZERO if kind is VECTOR else ir.Constant(NUMBER, 0.0)
             size = builder.select(builder.fcmp_ordered("<", given, zero), builder.fsub(zero, given), given)
             builder.store(larger(builder.load(into), size), into)
 
-        _along(builder, work, *arguments[1:])
+        along(builder, work, *arguments[1:])
         whole, largest = builder.load(vector), builder.load(number)
         for k in range(LANES):
             largest = larger(largest, builder.extract_element(whole, ir.Constant(ir.IntType(32), k)))
@@ -233,6 +228,16 @@ def _multiply_compiled(y, x, start, stop):
     return lambda y, x, start, stop: _multiply(y, x, start, stop)  # noqa: PLW0108
 
 
+@_extending.overload(scale, jit_options=_AS_WRITTEN)
+def _scale_compiled(y, by, start, stop):
+    return lambda y, by, start, stop: _scale(y, by, start, stop)  # noqa: PLW0108
+
+
+@_extending.overload(weigh, jit_options=_AS_WRITTEN)
+def _weigh_compiled(y, x, s, by, start, stop):
+    return lambda y, x, s, by, start, stop: _weigh(y, x, s, by, start, stop)  # noqa: PLW0108
+
+
 @_extending.overload(divide, jit_options=_AS_WRITTEN)
 def _divide_compiled(y, by, start, stop):
     return lambda y, by, start, stop: _divide(y, by, start, stop)  # noqa: PLW0108
@@ -246,3 +251,20 @@ def _standard_compiled(y, x, centre, scale, start, stop):
 @_extending.overload(largest_size, jit_options=_AS_WRITTEN)
 def _largest_size_compiled(x, start, stop):
     return lambda x, start, stop: _largest_size(x, start, stop)  # noqa: PLW0108
+
+
+@_extending.overload(reflect, jit_options=_APART)
+def _reflect_compiled(v, tau, columns, first, last, start, stop):
+    return lambda v, tau, columns, first, last, start, stop: _reflect(  # noqa: PLW0108
+        v, tau, columns, first, last, start, stop)
+
+
+@_extending.overload(reflect_sized, jit_options=_APART)
+def _reflect_sized_compiled(v, tau, columns, first, last, start, stop, squares):
+    return lambda v, tau, columns, first, last, start, stop, squares: _reflect_sized(  # noqa: PLW0108
+        v, tau, columns, first, last, start, stop, squares)
+
+
+@_extending.overload(lagged, jit_options=_APART)
+def _lagged_compiled(a, b, first, last, n, sums):
+    return lambda a, b, first, last, n, sums: _lagged(a, b, first, last, n, sums)  # noqa: PLW0108

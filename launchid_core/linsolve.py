@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from .kernels import inner, once
-from .lanes import divide, dot, largest_size, subtract
+from .lanes import divide, dot, largest_size, reflect, reflect_sized, scale, subtract
 
 EPS = np.finfo(np.float64).eps
 
@@ -54,18 +54,6 @@ def swap_columns(at, order, j, k):
     order[k] = number
 
 
-@once
-def largest_column(at, k):
-    """Index and squared norm of the column with the largest part below row k, among columns k.. ."""
-    best = k
-    best_square = -1.0
-    for j in range(k, at.shape[0]):
-        square = dot(at[j], at[j], k, at.shape[1])
-        if square > best_square:
-            best, best_square = j, square
-    return best, best_square
-
-
 @inner
 def qr_factor(at, order, tau, tolerance):
     """A P = Q R in place; returns the numerical rank.
@@ -79,29 +67,33 @@ def qr_factor(at, order, tau, tolerance):
     n, m = at.shape
     for j in range(n):
         order[j] = j
-        tau[j] = 0.0
+        tau[j] = dot(at[j], at[j], 0, m)  # square of what is left of a column, until it is one of R
     first = 0.0
+    rank = 0
     for k in range(min(n, m)):
-        best, square = largest_column(at, k)
+        best = k
+        square = -1.0
+        for j in range(k, n):
+            if tau[j] > square:
+                best, square = j, tau[j]
         norm = math.sqrt(max(square, 0.0))
         if k == 0:
             first = norm
         if not (norm > tolerance * first and norm < np.inf):
-            return k
+            break
         swap_columns(at, order, k, best)
+        tau[best] = tau[k]
         v = at[k]
         beta = -math.copysign(norm, v[k])
         tau[k] = (beta - v[k]) / beta
         inverse = 1.0 / (v[k] - beta)
-        for i in range(k + 1, m):
-            v[i] *= inverse
+        scale(v, inverse, k + 1, m)
         v[k] = beta
-        for j in range(k + 1, n):
-            column = at[j]
-            s = tau[k] * (column[k] + dot(v, column, k + 1, m))
-            column[k] -= s
-            subtract(column, s, v, k + 1, m)
-    return min(n, m)
+        reflect_sized(v, tau[k], at, k + 1, n, k, m, tau)
+        rank += 1
+    for j in range(rank, n):
+        tau[j] = 0.0
+    return rank
 
 
 @inner
@@ -113,6 +105,21 @@ def apply_q_transposed(at, tau, rank, y):
         s = tau[k] * (y[k] + dot(v, y, k + 1, m))
         y[k] -= s
         subtract(y, s, v, k + 1, m)
+
+
+@inner
+def rotate_transposed(at, tau, rank, columns):
+    """`apply_q_transposed` to several columns, one after the other in memory.  columns (n, m) inout."""
+    for k in range(rank):
+        reflect(at[k], tau[k], columns, 0, columns.shape[0], k, at.shape[1])
+
+
+@inner
+def rotate(at, tau, rank, columns, n):
+    """columns <- Q times its first n ones, for the factor made by `qr_factor`.  columns (>=n, m) inout."""
+    for back in range(rank):
+        k = rank - 1 - back
+        reflect(at[k], tau[k], columns, 0, n, k, at.shape[1])
 
 
 @inner

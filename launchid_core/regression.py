@@ -14,7 +14,7 @@ import numpy as np
 from . import ring as rb
 from .batch import ENOUGH, KEEP, MEASURED, PAIR, SOLVER, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
 from .compress import choose_rows
-from .derivative import differentiate, mark_segments
+from .derivative import mark_segments
 from .guard import (
     CARRIED,
     are_rows_whole,
@@ -27,11 +27,19 @@ from .guard import (
     xor_integer,
 )
 from .kernels import inner, once
-from .lanes import standard
-from .library import N_VARIABLES, TAU, library_column, raw_from_standard
-from .linsolve import EPS, apply_q_transposed, pivot_ratio, qr_factor, scale_columns
+from .library import raw_from_standard
+from .linsolve import pivot_ratio, qr_factor, rotate_transposed, scale_columns
 from .residual import drift_integral, drift_pointwise, report_absent, report_spread
-from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
+from .ring import BETA, THETA, THETA_DOT
+from .rows import (
+    centre_segments,
+    fill_rate,
+    fill_slopes,
+    fill_states,
+    integral_rows,
+    pointwise_rows,
+    standardise,
+)
 from .sparse import factor_whole, sparse_solve
 from .status import EstimateStatus
 from .stuck import stands_still
@@ -55,7 +63,6 @@ RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above
 ONE_DIRECTION = 0.99      # |correlation| beyond which a6 and k1 are one direction
 UNKNOWN_APART = 0.3       # relative standard deviation of both, in one direction: only a combination is known
 UNKNOWN = 1.0             # relative standard deviation of both: nothing is known
-STILL = 64.0 * EPS        # a variable that moves less than this of its size does not move
 
 OK = int(EstimateStatus.OK)
 SHORT = int(EstimateStatus.SHORT)
@@ -66,128 +73,6 @@ NUMERICS = int(EstimateStatus.NUMERICS)
 LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
 SEPARATION = int(EstimateStatus.SEPARATION)
 STUCK = int(EstimateStatus.STUCK)
-
-
-@once
-def fill_rate(work, n):
-    """Difference theta where theta_dot was not measured."""
-    missing = False
-    for i in range(n):
-        missing = missing or np.isnan(work.signal[THETA_DOT, i])
-    if missing:
-        differentiate(work.signal[T], work.signal[THETA], n, work.segment, work.slope[0])
-        for i in range(n):
-            if np.isnan(work.signal[THETA_DOT, i]):
-                work.signal[THETA_DOT, i] = work.slope[0, i]
-
-
-@once
-def fill_slopes(work, n, measured):
-    """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1."""
-    for i in range(n):
-        work.slope[0, i] = work.signal[THETA_DOT, i]
-        work.slope[1, i] = work.signal[THETA_DDOT, i]
-    if measured == 0:
-        differentiate(work.signal[T], work.signal[THETA_DOT], n, work.segment, work.slope[1])
-    differentiate(work.signal[T], work.signal[BETA], n, work.segment, work.slope[2])
-
-
-@inner
-def standardise(work, centred, count, n):
-    """Standardised variables of rows 0..n-1, by mean and root mean square deviation over the kept rows (centre 0 where
-    not `centred`)."""
-    for v in range(N_VARIABLES):
-        raw = work.raw[v]
-        total = 0.0
-        if centred[v] == 1:
-            for r in range(count):
-                total += raw[work.kept[r]]
-        centre = total / count
-        square = largest = 0.0
-        for r in range(count):
-            x = raw[work.kept[r]]
-            square += (x - centre) * (x - centre)
-            largest = max(largest, abs(x))
-        scale = np.sqrt(square / count)
-        if not scale > STILL * largest:
-            scale = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
-        work.centre[v], work.scale[v] = centre, scale
-        standard(work.z[v], raw, centre, scale, 0, n)
-
-
-@inner
-def fill_states(work, n, t_centre):
-    """theta, theta_dot, beta, tau of every row."""
-    for i in range(n):
-        work.raw[0, i] = work.signal[THETA, i]
-        work.raw[1, i] = work.signal[THETA_DOT, i]
-        work.raw[2, i] = work.signal[BETA, i]
-        work.raw[TAU, i] = work.signal[T, i] - t_centre
-
-
-@once
-def pointwise_rows(codes, work, count):
-    """Library columns and derivative targets at the kept rows."""
-    q = codes.shape[0]
-    phi = work.phi[:q * count].reshape((q, count))
-    target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
-    for v in range(N_VARIABLES):
-        for r in range(count):
-            work.raw[v, r], work.z[v, r] = work.raw[v, work.kept[r]], work.z[v, work.kept[r]]
-    for j in range(q):
-        library_column(codes[j], work.z, work.raw[codes[j, 5]], count, phi[j])
-    for e in range(EQUATIONS):
-        for r in range(count):
-            target[e, r] = work.slope[e, work.kept[r]]
-
-
-@once
-def integral_rows(codes, work, n, count):
-    """Running integrals (trapezoid) of the library columns, and the states, at the kept rows."""
-    q = codes.shape[0]
-    phi = work.phi[:q * count].reshape((q, count))
-    target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
-    for i in range(1, n):
-        work.half[i] = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
-    for j in range(q):
-        library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.value)
-        running = before = 0.0
-        r = 0
-        for i in range(n):
-            now = work.value[i]
-            if i == 0 or work.segment[i] != work.segment[i - 1]:
-                running = 0.0
-            else:
-                running += work.half[i] * (before + now)
-            before = now
-            if r < count and work.kept[r] == i:
-                phi[j, r] = running
-                r += 1
-    for r in range(count):
-        i = work.kept[r]
-        target[0, r] = work.signal[THETA, i]
-        target[1, r] = work.signal[THETA_DOT, i]
-        target[2, r] = work.signal[BETA, i]
-
-
-@inner
-def centre_segments(columns, work, count):
-    """Subtract from each column its mean over every gap-free piece; returns the number of pieces."""
-    pieces = 0
-    first = 0
-    for end in range(1, count + 1):
-        if end < count and work.segment[work.kept[end]] == work.segment[work.kept[first]]:
-            continue
-        pieces += 1
-        for j in range(columns.shape[0]):
-            mean = 0.0
-            for r in range(first, end):
-                mean += columns[j, r]
-            mean /= end - first
-            for r in range(first, end):
-                columns[j, r] -= mean
-        first = end
-    return pieces
 
 
 @once
@@ -247,11 +132,10 @@ def regress(fixed, work, out, count, pieces):
     reduce_library(work, at, q)
     factor_whole(work.mt, work.whole)
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
-    for d in range(PAIR):
-        apply_q_transposed(at, work.tau, q, drift[d])
+    rotate_transposed(at, work.tau, q, drift)
+    rotate_transposed(at, work.tau, q, target)
     for e in range(EQUATIONS):
         y = target[e]
-        apply_q_transposed(at, work.tau, q, y)
         passes = sparse_solve(fixed.plan[SOLVER], work.mt, work.whole, y[:q], fixed.threshold[0], work.xi, work.active,
                               work.sparse)
         if passes < 0 and e == ATTITUDE:

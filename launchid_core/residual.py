@@ -25,8 +25,8 @@ import numpy as np
 
 from .batch import PAIR, TERM_A6, TERM_A6_DOT
 from .kernels import inner, once
-from .lanes import divide, dot, multiply, subtract
-from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .lanes import divide, dot, lagged, multiply, subtract, weigh
+from .linsolve import apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
 from .ring import BETA, THETA, T
 from .sparse import ACTIVE_TOLERANCE, solve_active
 from .window import O_A6, O_A6_STD, O_CORRELATION
@@ -73,21 +73,23 @@ def bandwidth(scores):
 
 
 @inner
-def long_run(scores, freedom, covariance):
+def long_run(scores, freedom, covariance, ahead, behind):
     """S of the module's head, of series with n - k = `freedom`.
 
     scores     (k, n) in
     covariance (>=k, >=k) out
+    ahead, behind (>lags,) scratch, n will do
     """
     size, count = scores.shape
     lags = bandwidth(scores)
     for a in range(size):
         for b in range(a + 1):
             value = dot(scores[a], scores[b], 0, count)
+            lagged(scores[a], scores[b], 1, lags + 1, count, ahead)
+            if a != b:
+                lagged(scores[b], scores[a], 1, lags + 1, count, behind)
             for lag in range(1, lags + 1):
-                both = dot(scores[a][lag:], scores[b], 0, count - lag)
-                back = both if a == b else dot(scores[b][lag:], scores[a], 0, count - lag)
-                both += back
+                both = ahead[lag] + (ahead[lag] if a == b else behind[lag])
                 value += (1.0 - lag / (lags + 1.0)) * both
             covariance[a, b] = value * count / freedom
             covariance[b, a] = covariance[a, b]
@@ -100,24 +102,6 @@ def place_of(order, column, n):
         if order[k] == column:
             return k
     return -1
-
-
-@inner
-def score(row, norm, columns, tau, at, window_tau, residual, v):
-    """v <- influence times residual, a row of the window at a time: v = (Q Q' (row of R^-1)/norm) r.
-
-    row (>=k,)         in   of the inverted triangle of the solve's factor
-    columns (k, m), tau    in   that factor, in the rotated coordinates, of which it may hold the first m alone
-    at (q, n), window_tau  in   the window's factor, which rotates back
-    residual (n,)      in   in time;  v (n,) out
-    """
-    n = columns.shape[0]
-    v[:] = 0.0
-    for k in range(n):
-        v[k] = row[k] / norm
-    apply_q(columns, tau, n, v[:columns.shape[1]])
-    apply_q(at, window_tau, at.shape[0], v)
-    multiply(v, residual, 0, v.shape[0])
 
 
 @inner
@@ -201,6 +185,25 @@ def fill_extended(plan, active, mt, drift, with_drifts, columns):
 
 
 @once
+def fill_influences(plan, work, out, width, series):
+    """Influences of the rows on a6 and k1 in the factor's rotation, 0 if not active, into series (3, n); work.change.
+
+    An influence is a row of R^-1 over the column's norm, turned back: (Q Q' (row of R^-1)/norm).
+    """
+    for p in range(PAIR):
+        place = position(work.active, plan[TERM_A6 + p])
+        work.change[p] = 0.0
+        influence = series[1 + p]
+        influence[:] = 0.0
+        if place >= 0:
+            k = place_of(work.extended_order, place, width)
+            norm = work.extended_norms[place]
+            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
+            for i in range(width):
+                influence[i] = work.extended_inverse[k, i] / norm
+
+
+@once
 def report_spread(plan, work, out, at, y, rows):
     """Standard deviations and correlation of a6 and k1, the active ones.
 
@@ -220,7 +223,8 @@ def report_spread(plan, work, out, at, y, rows):
     if width == 0:
         return
     columns = work.extended[:width * count].reshape((width, count))
-    residual = work.residual[:count]
+    series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
+    residual = series[0]
     for i in range(count):
         residual[i] = y[i]
     apply_q_transposed(columns, work.extended_tau, width, residual)
@@ -228,19 +232,14 @@ def report_spread(plan, work, out, at, y, rows):
     invert_triangle(columns, width, work.extended_inverse)
     for k in range(width):
         residual[k] = 0.0
-    apply_q(columns, work.extended_tau, width, residual)
-    apply_q(at, work.tau, q, residual)
-    scores = work.scores[:PAIR * count].reshape((PAIR, count))
+    fill_influences(plan, work, out, width, series)
+    rotate(columns, work.extended_tau, width, series, 1 + PAIR)
+    rotate(at, work.tau, q, series, 1 + PAIR)
     for p in range(PAIR):
-        place = position(work.active, plan[TERM_A6 + p])
-        work.change[p] = 0.0
-        scores[p, :] = 0.0
-        if place >= 0:
-            k = place_of(work.extended_order, place, width)
-            norm = work.extended_norms[place]
-            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
-            score(work.extended_inverse[k], norm, columns, work.extended_tau, at, work.tau, residual, scores[p])
-    long_run(scores, rows - width, work.covariance)
+        if position(work.active, plan[TERM_A6 + p]) >= 0:
+            multiply(series[1 + p], residual, 0, count)
+    scores = work.series[count:(1 + PAIR) * count].reshape((PAIR, count))
+    long_run(scores, rows - width, work.covariance, work.value, work.half)
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
@@ -274,20 +273,22 @@ def report_absent(plan, work, out, at, y, rows):
 
     A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
     coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
-    inf: the window cannot tell it from the active ones.  Overwrites work.sparse.
+    inf: the window cannot tell it from the active ones.  Overwrites work.sparse and work.extended.
     """
     q, count = at.shape
     size = count_active(work.active)
     if size == q:
         return
-    residual, scores = work.residual[:count], work.scores[:count].reshape((1, count))
     direction = work.direction[0]
     known = rows > size + 1 and solve_active(work.mt, y[:q], work.active, work.trial, work.sparse) == 0
     factors = work.sparse.columns[:size * q].reshape((size, q))
-    for i in range(count):  # of the active terms, in time
+    series = work.extended[:(1 + q - size) * count].reshape((1 + q - size, count))
+    residual = series[0]
+    for i in range(count):  # of the active terms
         residual[i] = y[i] if i >= q else (work.sparse.right[i] if i >= size else 0.0)
     apply_q(factors, work.sparse.tau, size, residual[:q])
-    apply_q(at, work.tau, q, residual)
+    lost, length = work.sparse.auxiliary, work.sparse.weight
+    found = 1
     for j in range(q):
         if work.active[j]:
             continue
@@ -298,18 +299,21 @@ def report_absent(plan, work, out, at, y, rows):
         share = add_direction(factors, work.sparse.tau, size, direction) if known else 0.0
         if share == 0.0:
             continue
-        lost = dot(direction, work.sparse.right, size, q)
+        length[j] = share * work.length[0]
+        lost[j] = dot(direction, work.sparse.right, size, q)
         apply_q(factors, work.sparse.tau, size, direction)
-        along = scores[0]
         for i in range(count):
-            along[i] = direction[i] if i < q else 0.0
-        apply_q(at, work.tau, q, along)
-        length = share * work.length[0]
-        for i in range(count):
-            along[i] *= (residual[i] - lost * along[i]) / length
-        long_run(scores, rows - size - 1, work.covariance)
+            series[found, i] = direction[i] if i < q else 0.0
+        work.extended_order[found] = j
+        found += 1
+    rotate(at, work.tau, q, series, found)  # in time
+    for k in range(1, found):
+        j = work.extended_order[k]
+        weigh(series[k], residual, lost[j], length[j], 0, count)
+        long_run(work.extended[k * count:(k + 1) * count].reshape((1, count)), rows - size - 1,
+                 work.covariance, work.value, work.half)
         std = math.sqrt(work.covariance[0, 0])
-        out.absent[j] = abs(lost / length) + INTERVAL * std
+        out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
         for p in range(PAIR):
             if j == plan[TERM_A6 + p]:
                 out.number[O_A6_STD + p] = std

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from launchid_core import compress
 from launchid_core.compress import MODULUS, MULTIPLIER, first_state
+from launchid_core.config import MAX_ROWS
 
 choose_rows = compiled(compress.choose_rows)
 
@@ -44,6 +45,19 @@ def test_same_seed_same_rows(usable, p, seed):
 def test_rows_beyond_n_do_not_count(usable, beyond, p, seed):
     state = first_state(seed)
     assert chosen(usable + beyond, p, state, len(usable)) == chosen(usable, p, state)
+
+
+@given(st.integers(0, 300), seeds)
+def test_where_all_rows_are_kept_the_generator_goes_on_as_if_each_was_drawn(n, seed):
+    kept, state = chosen([1] * n, n, first_state(seed))
+    assert kept == list(range(n))
+    assert state == first_state(seed) * pow(MULTIPLIER, n, MODULUS) % MODULUS
+
+
+def test_a_window_has_no_more_rows_than_the_generator_skips_at_once():
+    assert MAX_ROWS < 2 ** compress.DRAWS
+    _, state = chosen([1] * MAX_ROWS, MAX_ROWS, 1)
+    assert state == pow(MULTIPLIER, MAX_ROWS, MODULUS)
 
 
 @given(seeds)

@@ -9,6 +9,7 @@ from launchid_core import lanes
 ODD = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1e308, -1e160)
 CASES = {  # loop -> its call
     "dot": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "subtract": (lambda f, y, x, s, c, i, j: f(y, s, x, i, j)),
+    "scale": (lambda f, y, x, s, c, i, j: f(y, s, i, j)), "weigh": (lambda f, y, x, s, c, i, j: f(y, x, s, c, i, j)),
     "multiply": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "divide": (lambda f, y, x, s, c, i, j: f(y, s, i, j)),
     "standard": (lambda f, y, x, s, c, i, j: f(y, x, c, s, i, j)),
     "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}
@@ -44,6 +45,42 @@ def test_a_loop_in_vectors_has_the_bits_of_the_loop_as_written(name):
                         answer = call(loop, z, x, float(s), float(c), start, start + length)
                         answers.append((bits(z), bits(0.0 if answer is None else answer)))
                     assert answers[0] == answers[1], (length, start)
+
+
+@pytest.mark.parametrize("name", ["reflect", "reflect_sized"])
+def test_columns_reflected_together_have_the_bits_of_one_after_the_other(name):
+    rng = np.random.default_rng(2)
+    compiled, written = called(name), getattr(lanes, name)
+    with np.errstate(all="ignore"):
+        for columns in range(12):
+            for length in (1, 2, 3, 5, 6, 7, 8, 9, 23):
+                for first in {0, min(1, columns), columns}:
+                    start = int(rng.integers(0, length))
+                    at = rng.normal(size=(columns, length)) * 10.0 ** rng.integers(-3, 4, (columns, length))
+                    v = rng.normal(size=length)
+                    if length > 5 and columns:
+                        at[rng.integers(0, columns), rng.integers(0, length)] = rng.choice(ODD)
+                    answers = []
+                    for loop in (compiled, written):
+                        matrix, squares = at.copy(), np.full(columns, 7.0)
+                        more = (squares,) if name == "reflect_sized" else ()
+                        loop(v, 0.7, matrix, first, columns, start, length, *more)
+                        answers.append((bits(matrix), bits(squares)))
+                    assert answers[0] == answers[1], (columns, length, first, start)
+
+
+def test_lagged_products_together_have_the_bits_of_one_after_the_other():
+    rng = np.random.default_rng(3)
+    compiled = called("lagged")
+    for n in range(1, 26):
+        a, b = rng.normal(size=(2, n)) * 10.0 ** rng.integers(-3, 4, (2, n))
+        for last in range(1, n + 1):
+            answers = []
+            for loop in (compiled, lanes.lagged):
+                sums = np.full(n, 7.0)
+                loop(a, b, min(1, last), last, n, sums)
+                answers.append(bits(sums))
+            assert answers[0] == answers[1], (n, last)
 
 
 def test_a_column_that_is_not_one_after_another_in_memory_does_not_compile():
