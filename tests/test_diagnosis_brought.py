@@ -92,3 +92,14 @@ def test_what_is_beside_found_weather_and_takes_nothing_away_is_not_named():
     result = report(diagnose(log, NOMINAL, hypotheses=few))
     assert result["verdict"] in ("explained", "dominant", "unexplained")
     assert [each["cause"] for each in result["causes"]] in ([], ["wind_walk"], ["turbulence"])
+
+
+def test_a_line_that_the_gyro_alone_sees_is_no_moment():
+    """An engine's vibration of 9 Hz in the gyro: the attitude does not follow.  As a moment it is named."""
+    lines = tuple(each for each in SOUGHT if each.cause == "periodic_disturbance")
+    log = flown("")
+    shaken = dataclasses.replace(log, theta_dot=log.theta_dot + 0.01 * np.sin(56.5 * log.t))
+    result = report(diagnose(shaken, NOMINAL, hypotheses=lines))
+    assert result["verdict"] == "unexplained" and "at the theta_dot alone explains" in result["doubts"][0]
+    moment = report(diagnose(flown("periodic_disturbance:amplitude=0.5,frequency=56.5"), NOMINAL, hypotheses=lines))
+    assert [each["cause"] for each in moment["causes"]] == ["periodic_disturbance"]

@@ -3,7 +3,8 @@
 A true cause, in its true form, explains all of its own misfit, so nothing else alone explains more than chance adds.
 Of what is no cause of the catalogue (a gyro that saturates, a bent characteristic) the best imitation explains most and
 leaves little; but the generic shape that it is like (`shapes`) explains more in the place of that cause, or as much as
-the log can tell and something beside it.
+the log can tell and something beside it.  A line that one sensor alone sees (a gyro that vibrates with the engine) is
+no moment: the attitude does not follow it.
 """
 
 import math
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 from ..model.nuisance import Problem
 from ..search.fit import fit
 from ..search.selection import Selection, in_a_block, strongest
-from .leftover import SHAPE_LIMIT, Leftover
-from .shapes import shape_gains
+from .leftover import LINE, SHAPE_LIMIT, Leftover
+from .shapes import line_gain, shape_gains
 
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
 
@@ -43,9 +44,14 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     problem = Problem(model.fit.record, model.fit.filter)
     base = fit(problem, others, model.fit.delta)
     own = base.cost - model.fit.cost
+    cause = model.causes[first]
+    for place in model.fit.record.channels if cause.hypothesis.is_line else ():
+        gain, frequency = line_gain(problem, base, place, cause.values[1]), cause.values[1]
+        if gain > own + SHAPE_LIMIT:
+            return Rival(cause.hypothesis.cause, place, f"{LINE}({frequency:.4g} t)", gain / own)
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         if gain > own + SHAPE_LIMIT or (gain > PARALLEL * own and (place, shape) in remaining):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
-            return Rival(model.causes[first].hypothesis.cause, place, shape, share)
+            return Rival(cause.hypothesis.cause, place, shape, share)
     return None

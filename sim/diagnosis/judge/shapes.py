@@ -85,6 +85,18 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
     return sorted(found, key=lambda each: -each[3])
 
 
+def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float) -> float:
+    """[nats] that a sine of this frequency [rad/s], of any amplitude and phase, gains at a place."""
+    record, project = problem.record, Projector(problem, fitted)
+    turned = frequency * record.t
+    changes = np.column_stack([
+        project.out(_moved(problem, fitted, record, place, PIECE * wave) - project.residual) / PIECE
+        for wave in (np.sin(turned), np.cos(turned))])
+    found, *_ = np.linalg.lstsq(changes, project.rest, rcond=NO_ENERGY)
+    explained = changes @ found
+    return 0.5 * float(explained @ explained)
+
+
 def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.ndarray) -> np.ndarray:
     """Residual (3n + 5,) with a shape added."""
     ticks = record.every // record.tick
