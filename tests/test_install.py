@@ -71,8 +71,7 @@ def test_both_installations_in_either_order_twice_leave_a_working_command(tmp_pa
         place.run(place.bin / "launchid", "simulate", "constant", "--period", "0.1", "--out", log)
         table = place.run(place.bin / "launchid", "identify", log)
         assert "samples accepted" in table
-        found = "from importlib.util import find_spec; print(find_spec('launchid_core').origin)"
-        where = Path(place.python("-c", found).strip())
+        where = Path(place.python("-c", "import launchid_core; print(launchid_core.__file__)").strip())
         assert where.is_relative_to(sources if how == "editable" else place.packages)
         assert list(place.packages.rglob("*.nbi")) == []
 
