@@ -5,6 +5,7 @@ passed (un-jitted, with bounds checks); `long` by hand.
 """
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -21,6 +22,9 @@ settings.register_profile("few", max_examples=10, deadline=None, derandomize=Tru
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
 
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of `pytest &` in a script; commands that are started inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 WORKERS = 2  # of the whole suite; they share the kernels' cache, and none is compiled twice
 

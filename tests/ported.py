@@ -4,7 +4,8 @@ import dataclasses
 import math
 import shutil
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from sim.effects import from_text
 from sim.export_c.program import c_files
 from sim.flight import fly
 from sim.identify import onboard_model
-from sim.nominal import load_nominal
+from sim.nominal import Nominal, load_nominal
 from sim.sections import Drift, Offsets, Wind
 from sim.uncertainty.level import ranged_model
 
@@ -29,12 +30,29 @@ NAN = math.nan
 SHARED = Path(__file__).parent
 
 
-def built(folder: Path, config: Config, *flags: str) -> Path:
-    """The replay program of a configuration."""
-    for name, text in c_files(config).items():
+_translated: dict[str, dict[str, str]] = {}
+
+
+def translated(config: Config) -> dict[str, str]:
+    """`c_files`, once a process for each configuration (two that are equal may differ by the sign of a zero)."""
+    key = repr(config)
+    if key not in _translated:
+        _translated[key] = c_files(config)
+    return _translated[key]
+
+
+def written(folder: Path, config: Config) -> Path:
+    """The folder, with all files of a configuration."""
+    for name, text in translated(config).items():
         (folder / name).write_text(text, encoding="utf-8")
-    program = folder / "replay"
-    subprocess.run([str(CC), *STRICT, *(flags or ("-O2",)), "replay.c", "launchid.c", "-lm", "-o", str(program)],
+    return folder
+
+
+def built(folder: Path, config: Config, *flags: str) -> Path:
+    """The replay program of a configuration; compiled quickly where no flags are given, for what optimisation does to
+    the bits is asked by tests of its own."""
+    program = written(folder, config) / "replay"
+    subprocess.run([str(CC), *STRICT, *(flags or ("-O0",)), "replay.c", "launchid.c", "-lm", "-o", str(program)],
                    cwd=folder, check=True)
     return program
 
@@ -96,10 +114,20 @@ def some(*names: str, of: Iterable[str] = CONFIGS) -> list[Any]:
     return [name if name in names else pytest.param(name, marks=pytest.mark.campaign) for name in of]
 
 
+@cache
+def _flown(name: str, suite: str) -> tuple[Sample, ...]:
+    return tuple(_flight(load_nominal(name), suite))
+
+
+def _flight(nominal: Nominal, suite: str) -> Iterator[Sample]:
+    return fly(nominal, seed=3, suite=suite, effects=[from_text("control_loss:fraction=0.4,time=20")])
+
+
 def flight(name: str = "constant", suite: str = "flight", **sections) -> list[Sample]:
     """A flight that loses control efficiency on the way."""
-    lost = from_text("control_loss:fraction=0.4,time=20")
-    return list(fly(dataclasses.replace(load_nominal(name), **sections), seed=3, suite=suite, effects=[lost]))
+    if sections:
+        return list(_flight(dataclasses.replace(load_nominal(name), **sections), suite))
+    return list(_flown(name, suite))
 
 
 def hostile(seed: int, length: int = 600) -> list[Sample]:

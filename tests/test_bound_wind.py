@@ -69,19 +69,26 @@ def drawn(nuisances: dict, count: int, seed: int) -> tuple[np.ndarray, np.ndarra
     return z, u
 
 
-def likelihood(nuisances: dict, z: np.ndarray, u: np.ndarray, a6: float, k1: float, known: bool) -> np.ndarray:
-    """Log-likelihood (count,) of the logs at relative deviations a6, k1; the wind's law moves with a6 if known."""
-    f, g, q, h, p = plain(nuisances, A6 * (1 + a6), K1 * (1 + k1), A6 * (1 + a6) if known else A6)
-    x = np.zeros((len(z), len(f)))
-    total = np.zeros(len(z))
+def likelihood(nuisances: dict, z: np.ndarray, u: np.ndarray, points: np.ndarray, known: bool) -> np.ndarray:
+    """Log-likelihood (points, count) of the logs at relative deviations (a6, k1); the wind moves with a6 if known.
+
+    One filter a point, all abreast.
+    """
+    made = [plain(nuisances, A6 * (1 + a6), K1 * (1 + k1), A6 * (1 + a6) if known else A6) for a6, k1 in points]
+    f, g, q, h, p = (np.array(each) for each in zip(*made, strict=True))
+    h, noise = h[0], np.diag(NOISES[:3])
+    z, u = np.ascontiguousarray(z.transpose(1, 2, 0)), np.ascontiguousarray(u.T)  # a column a log: long inner loops
+    x = np.zeros((len(points), h.shape[1], z.shape[2]))
+    total = np.zeros((len(points), z.shape[2]))
     for k in range(ROWS):
-        s = h @ p @ h.T + np.diag(NOISES[:3])
-        gain = np.linalg.solve(s, h @ p).T
-        e = z[:, k] - x @ h.T
-        total -= 0.5 * (np.linalg.slogdet(s)[1] + np.sum(e * np.linalg.solve(s, e.T).T, axis=1))
-        rest = np.eye(len(f)) - gain @ h
-        x = (x + e @ gain.T) @ f.T + np.outer(u[:, k], g)
-        p = f @ (rest @ p @ rest.T + gain @ np.diag(NOISES[:3]) @ gain.T) @ f.T + q
+        s = h @ p @ h.T + noise
+        inverse = np.linalg.inv(s)
+        gain = p @ h.T @ inverse
+        e = z[k] - h @ x
+        total -= 0.5 * (np.linalg.slogdet(s)[1][:, None] + np.einsum("pic,pic->pc", e, inverse @ e))
+        rest = np.eye(h.shape[1]) - gain @ h
+        x = f @ x + f @ gain @ e + g[:, :, None] * u[k]
+        p = f @ (rest @ p @ rest.mT + gain @ noise @ gain.mT) @ f.mT + q
     return total
 
 
@@ -107,13 +114,11 @@ def test_information_is_the_curvature_of_a_plain_filter_s_likelihood(air, known)
     nuisances, step = NUISANCES[air], 0.01
     z, u = drawn(nuisances, 300, 1)
 
-    def at(i: int, j: int) -> np.ndarray:
-        return likelihood(nuisances, z, u, i * step, j * step, known)
-
-    middle = at(0, 0)
-    curvature = -np.array([[at(1, 0) - 2 * middle + at(-1, 0),
-                            (at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)) / 4],
-                           [np.zeros(300), at(0, 1) - 2 * middle + at(0, -1)]]).mean(axis=2) / step**2
+    around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    at = dict(zip(around, likelihood(nuisances, z, u, step * np.array(around), known), strict=True))
+    curvature = -np.array([[at[1, 0] - 2 * at[0, 0] + at[-1, 0],
+                            (at[1, 1] - at[1, -1] - at[-1, 1] + at[-1, -1]) / 4],
+                           [np.zeros(300), at[0, 1] - 2 * at[0, 0] + at[0, -1]]]).mean(axis=2) / step**2
     curvature[1, 0] = curvature[0, 1]
     information = informed(nuisances, z, u, known).mean(axis=0)
     scale = np.sqrt(np.diag(curvature))
@@ -129,7 +134,9 @@ def test_the_most_likely_parameters_of_many_logs_spread_as_the_bound_says(air, k
     bound = bounds_of(information, 1.0)
     width = np.array([np.median(bound.a6), np.median(bound.k1)])
     grid = np.linspace(-4.0, 4.0, 11)
-    table = np.array([[likelihood(nuisances, z, u, i * width[0], j * width[1], known) for j in grid] for i in grid])
+    points = np.array([(i, j) for i in grid for j in grid]) * width
+    table = np.concatenate([likelihood(nuisances, z, u, each, known) for each in np.split(points, len(grid))])
+    table = table.reshape(len(grid), len(grid), count)
     error = np.array([summit(table[:, :, k], grid) for k in range(count)]) * width
     normed = np.einsum("wi,wij,wj->w", error, information, error)  # chi-square of two degrees of freedom
     assert np.mean(normed) == pytest.approx(2.0, abs=5 * 2.0 / np.sqrt(count))

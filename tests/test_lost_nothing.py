@@ -135,7 +135,10 @@ def test_a_run_that_ends_anywhere_leaves_a_whole_file(tmp_path, folder, number, 
         assert process.stdout is not None and process.stdout.readline() == b"ready\n"
         time.sleep(delay)
         process.send_signal(number)
-        process.wait(60)
+        try:
+            process.wait(60)
+        finally:
+            process.kill()  # what no signal has ended would write for ever
         assert out.read_bytes() in whole
         if number is not signal.SIGKILL:
             assert list(tmp_path.iterdir()) == [out]

@@ -7,12 +7,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from ported import CC, SHARED, STRICT, as_text, filtered, flight, needs_compiler, regression
+from ported import CC, SHARED, STRICT, as_text, filtered, flight, needs_compiler, regression, written
 
 from launchid_core import Config
-from sim.export_c.program import c_files
 
-CHECKED = ("-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+SANE = ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+CHECKED = ("-O1", "-g", *SANE)
 FORGOTTEN_WITHIN = 2   # windows that close after the flip
 FLIPPED = {
     "filtered": filtered(window=0.5, ranged=True),
@@ -24,8 +24,7 @@ FLIPPED = {
 
 def fates(folder: Path, config: Config, flips: int, flags: tuple[str, ...], seed: int = 1) -> dict[str, int]:
     """How many flips came to what."""
-    for name, text in c_files(config).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    written(folder, config)
     subprocess.run([str(CC), *STRICT, *flags, "-I.", str(SHARED / "port_flips.c"), "launchid.c", "-lm", "-o", "flips"],
                    cwd=folder, check=True)
     done = subprocess.run(["./flips", str(seed), str(flips)], cwd=folder, input=as_text(flight()[1700:2400]),
@@ -45,7 +44,7 @@ def assert_held(found: dict[str, int], flips: int) -> None:
 @needs_compiler
 @pytest.mark.parametrize("name", ["filtered", "integral"])
 def test_a_flipped_bit_is_found_or_forgotten(name, tmp_path):
-    assert_held(fates(tmp_path, FLIPPED[name], 2000, CHECKED), 2000)
+    assert_held(fates(tmp_path, FLIPPED[name], 2000, ("-O0", *SANE)), 2000)
 
 
 @needs_compiler

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler, some
+from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler, some, written
 
 from benchmarks.port_stack import Graph, graph_of
 from sim.export_c.kit import exported
@@ -35,9 +35,9 @@ def kit(folder: Path, name: str) -> Path:
     return folder
 
 
-def make(folder: Path, target: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(["make", "-s", target, f"CC={CC}"], cwd=folder, capture_output=True, text=True, check=False,
-                          timeout=600)
+def make(folder: Path, target: str, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["make", "-s", target, f"CC={CC}", *words], cwd=folder, capture_output=True, text=True,
+                          check=False, timeout=600)
 
 
 needs_make = pytest.mark.skipif(CC is None or shutil.which("make") is None, reason="no C compiler or no make here")
@@ -62,7 +62,7 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
     place = text.index("UINT64_C(0x3F", begin) + len("UINT64_C(0x3F")
     wrong = "0" if text[place] != "0" else "1"
     (folder / "vectors.h").write_text(text[:place] + wrong + text[place + 1:], encoding="utf-8")
-    done = make(folder, "check")
+    done = make(folder, "check", "CFLAGS=-O0")
     assert done.returncode != 0 and done.stdout.splitlines()[-1] == "1 differences"
     assert "window 0, number" in done.stdout
 
@@ -70,7 +70,7 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
 @needs_make
 def test_the_example_prints_an_estimate_a_window(tmp_path):
     folder = kit(tmp_path, "measured-stls")
-    subprocess.run([str(CC), *STRICT, "-O2", "example.c", "launchid.c", "-lm", "-o", "example"], cwd=folder, check=True)
+    subprocess.run([str(CC), *STRICT, "-O0", "example.c", "launchid.c", "-lm", "-o", "example"], cwd=folder, check=True)
     done = subprocess.run(["./example"], cwd=folder, capture_output=True, text=True, check=True)
     assert done.stdout.count("a6 ") == 3 and "refused: -1" in done.stdout
 
@@ -122,7 +122,7 @@ def test_a_function_that_calls_itself_is_found():
 def test_stack_of_all_calls_is_below_what_is_stated(name, compiler, flags, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} here")
-    graph = graph_of(kit(tmp_path, name), compiler, ["-O2", *flags])
+    graph = graph_of(written(tmp_path, CONFIGS[name]), compiler, ["-O2", *flags])
     assert graph.unbounded == []
     assert 100 < graph.deepest()[0] <= STACK_LIMIT
 
@@ -135,7 +135,7 @@ LOOP = re.compile(r"^( *)for \(int64_t (\w+) = (.+); \2 (?:<|>) (.+); \2(?:\+\+|
     "filtered-vega-range", "filtered-functions", "filtered-wind", "integral-lasso")))
 def test_no_loop_is_longer_than_the_largest_array(name, tmp_path):
     """Each is told its number of turns before it begins; the end is read once, so this is what it takes."""
-    folder = kit(tmp_path, name)
+    folder = written(tmp_path, CONFIGS[name])
     source = (folder / "launchid.c").read_text(encoding="utf-8")
     stated = re.search(r"largest array has numbers \((\d+)\)", (folder / "README.md").read_text(encoding="utf-8"))
     assert stated is not None
@@ -151,7 +151,7 @@ static void turns(int64_t n)
     }}
 }}
 """, 1), encoding="utf-8")
-    subprocess.run([str(CC), "-std=c99", "-O1", "-ffp-contract=off", "replay.c", "launchid.c", "-lm", "-o", "replay"],
+    subprocess.run([str(CC), "-std=c99", "-O0", "-ffp-contract=off", "replay.c", "launchid.c", "-lm", "-o", "replay"],
                    cwd=folder, check=True)
     for samples in (flight()[1800:2600], *(hostile(seed) for seed in range(10))):
         subprocess.run(["./replay"], input=as_text(samples), text=True, capture_output=True, cwd=folder, check=True)

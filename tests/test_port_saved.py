@@ -4,10 +4,9 @@ import subprocess
 import zlib
 
 import pytest
-from ported import CC, CONFIGS, SHARED, STRICT, as_text, filtered, flight, needs_compiler, some
+from ported import CC, CONFIGS, SHARED, STRICT, as_text, filtered, flight, needs_compiler, some, written
 
 from launchid_core import Config, Estimator, Sample
-from sim.export_c.program import c_files
 
 SAVED_AT = (0, 1, 107, 130, 149, 150, 151, 233, 299)  # samples; windows of 0.5 s have 50
 CHOSEN = {
@@ -20,10 +19,8 @@ CHOSEN = {
 
 def built_saving(folder, config: Config):
     """The program of port_saved.c for a configuration."""
-    for name, text in c_files(config).items():
-        (folder / name).write_text(text, encoding="utf-8")
-    program = folder / "saved"
-    subprocess.run([str(CC), *STRICT, "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover", "-I.",
+    program = written(folder, config) / "saved"
+    subprocess.run([str(CC), *STRICT, "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover", "-I.",
                     str(SHARED / "port_saved.c"), "launchid.c", "-lm", "-o", str(program)], cwd=folder, check=True)
     return program
 
@@ -57,9 +54,7 @@ def test_a_state_of_another_configuration_is_foreign(tmp_path):
     version = bytearray(state)
     version[12] ^= 1
     version[-4:] = zlib.crc32(version[:-4]).to_bytes(4, "little")
-    for name, text in c_files(config).items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    (tmp_path / "foreign.c").write_text("""
+    (written(tmp_path, config) / "foreign.c").write_text("""
 #include "launchid.h"
 #include <stdio.h>
 static launchid_estimator e;

@@ -3,12 +3,11 @@
 import subprocess
 
 import pytest
-from ported import CC, STRICT, as_text, filtered, flight, needs_compiler, regression
+from ported import CC, STRICT, as_text, filtered, flight, needs_compiler, regression, translated
 
 from benchmarks.port_single import compared
 from sim.cli import main
 from sim.errors import InputError
-from sim.export_c.program import c_files
 from sim.export_c.single import ERROR, NUMBER, refuse, single_files
 
 INTEGRAL = regression("integral", library="theta,beta")
@@ -34,7 +33,7 @@ def test_no_compiler_warns_and_no_double_is_left(tmp_path):
 
 def test_a_saved_state_of_the_double_one_is_foreign():
     one, other = (files["launchid.c"].split("preface[] = {")[1].split("}")[0]
-                  for files in (c_files(INTEGRAL), single_files(INTEGRAL)))
+                  for files in (translated(INTEGRAL), single_files(INTEGRAL)))
     assert one != other and len(one.split(",")) == len(other.split(","))
 
 

@@ -5,28 +5,13 @@ import re
 import shutil
 import subprocess
 from collections import Counter
-from functools import cache
 from pathlib import Path
 
 import pytest
-from ported import CONFIGS, WARNINGS, some
-
-from sim.export_c.program import c_files
+from ported import CONFIGS, WARNINGS, some, written
 
 MISRA = Path(__file__).parent / "misra_c2012.csv"
 COMPILERS = ("gcc", "clang")
-
-
-@cache
-def sources(name: str) -> dict[str, str]:
-    return c_files(CONFIGS[name])
-
-
-def written(folder: Path, name: str) -> Path:
-    """A folder with all files of a configuration."""
-    for file, text in sources(name).items():
-        (folder / file).write_text(text, encoding="utf-8")
-    return folder
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
@@ -34,7 +19,7 @@ def written(folder: Path, name: str) -> Path:
 def test_no_compiler_warns(compiler, name, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} here")
-    folder = written(tmp_path, name)
+    folder = written(tmp_path, CONFIGS[name])
     files = sorted(path.name for path in folder.glob("*.c"))
     done = subprocess.run([compiler, "-std=c99", *WARNINGS, "-fsyntax-only", *files], cwd=folder, capture_output=True,
                           text=True, check=False)
@@ -74,7 +59,7 @@ def test_the_add_on_sees_a_required_rule_broken(tmp_path):
 @pytest.mark.parametrize("name", some("integral-lasso"))
 def test_no_required_or_mandatory_rule_is_broken(name, tmp_path):
     known = categories()
-    found = findings(written(tmp_path, name))
+    found = findings(written(tmp_path, CONFIGS[name]))
     assert found.total() > 0  # advisory ones: the add-on has run
     assert {rule: count for rule, count in found.items() if known[rule] != "advisory"} == {}
 

@@ -136,7 +136,7 @@ def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
 def test_the_core_costs_little_beside_numba():
     script = ("import time, numba; began = time.process_time(); from launchid_core import Estimator; "
               "print(time.process_time() - began)")
-    assert min(float(python("-c", script, PYTHONDONTWRITEBYTECODE="").stdout) for _ in range(5)) < IMPORT_LIMIT
+    assert any(float(python("-c", script, PYTHONDONTWRITEBYTECODE="").stdout) < IMPORT_LIMIT for _ in range(5))
 
 
 def test_every_public_name_is_found_and_no_other():

@@ -612,7 +612,10 @@ def test_ctrl_c_ends_it_with_the_answer(folder):
     port = next(int(found[1]) for line in said if (found := re.search(r"127\.0\.0\.1:(\d+)/", line)))
     Session.until(lambda: json.loads(asked(port, "/state")[2])["now"].get("rows") == 1200)
     command.send_signal(signal.SIGINT)
-    out, err = command.communicate(timeout=SLOWEST)
+    try:
+        out, err = command.communicate(timeout=SLOWEST)
+    finally:
+        command.kill()  # it would watch for ever
     assert command.returncode == 130
     assert len(json.loads(out)["windows"]) == SECONDS
     assert err.splitlines() == ["launchid: interrupted; files already written are whole"]
