@@ -59,6 +59,12 @@ def test_stamps_of_a_uniform_log_that_were_rounded_are_uniform():
     assert on_grid(shifted, nominal, check(shifted, nominal))[0].fine == 1
 
 
+def test_stamps_of_too_few_digits_are_no_rows_written_twice():
+    log = flown("")
+    short = check(dataclasses.replace(log, t=np.round(log.t, 1)), NOMINAL).faults[0].message
+    assert "repeated stamps in" in short and short.endswith("too few digits for these rows; print them with more")
+
+
 def test_a_command_is_held_where_it_changes_seldom_and_idle_where_it_does_not():
     """A pilot who rests for half of the log holds no command over rows; a controller of a third of the rate does."""
     idle = np.arange(3000) % 600 < 300

@@ -19,6 +19,7 @@ JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single 
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6))
 RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
 MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a count of rows no integer
+COARSE = 0.5               # of the stamps repeat the one before: rows were not written twice, a clock was printed short
 LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
 
 
@@ -114,8 +115,10 @@ def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
                               ("backward", ~good & ~again, "a clock reset or rows out of order; cut or sort the log")):
         where = stamps[bad]
         if len(where) > 0:
+            coarse = sort == "repeated" and len(where) > COARSE * len(stamps)
+            asked = "they have too few digits for these rows; print them with more" if coarse else repair
             found.append(Fault("stamps", "t", float(where[0]), float(where[-1]), len(where),
-                               f"{sort} stamps in {_rows(len(where))}, first at t = {where[0]:.6g} s: {repair}"))
+                               f"{sort} stamps in {_rows(len(where))}, first at t = {where[0]:.6g} s: {asked}"))
     lost = gaps(t[usable], np.flatnonzero(usable))
     if lost:
         count = sum(rows for _, _, rows in lost)
