@@ -24,7 +24,9 @@ CAUSES = (
                corrections=(Correction("theta", lambda x, of: x - of["angle"]),), held=as_aside),
     Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late",
                floor=as_timed),
-    Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0, "the gyro reads {rate} too much", visible=_gyro,
+    Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0,
+               "the gyro reads {rate} too much (an attitude reference that drifts by as much looks the same)",
+               visible=_gyro,
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
     Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, "the gyro's scale factor is {scale}",
                visible=_gyro,  # it scales, then adds its bias
