@@ -10,7 +10,7 @@ import numpy as np
 from launchid_core import Config, Estimate
 
 from ..asked import integer, real, word
-from ..checked import data_warnings, ideal_note, profile_note
+from ..checked import data_warnings, ideal_note, profile_note, rate_note
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
@@ -82,7 +82,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
-    said = data_warnings(log, nominal, strict) + ideal_note(log)
+    said = data_warnings(log, nominal, strict) + ideal_note(log) + rate_note(log)
     config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
