@@ -38,6 +38,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     if whole and not worker and getattr(option, "numprocesses", 0) is None and not option.tx and not option.usepdb:
         option.numprocesses = WORKERS
         option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each: more only wait for one another
 
 
 def pytest_collection_finish() -> None:
