@@ -21,8 +21,8 @@ def add(commands: Any) -> None:
                      help="measure the threshold on N clean flights of the nominal along this log, cached; "
                           "0: the built-in one (default %(default)s)")
     sub.add_argument("--noise", default="bounded", choices=WITHIN,
-                     help="how far noise may be from the declared: within 0.3 to 3 times (wind 0.5 to 2), not at "
-                          "all, or however it is (default %(default)s)")
+                     help="how far noise may be from the declared: within 0.3 to 3 times (wind up to 2 times, and as "
+                          "calm as it was), not at all, or however it is (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
                      help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
     add_map(sub)
