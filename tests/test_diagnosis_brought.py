@@ -52,6 +52,9 @@ def test_stamps_of_a_uniform_log_that_were_rounded_are_uniform():
     assert _is_printed(np.round(true, 3), index)
     assert not _is_printed(true + np.random.default_rng(1).uniform(-1e-3, 1e-3, 4000), index)
     assert not _is_printed(np.round(true + np.random.default_rng(1).uniform(-2e-3, 2e-3, 4000), 3), index)
+    epoch = 1.7e9 + true   # of a double's resolution there, 2e-7 s
+    assert _is_printed(np.round(epoch, 3), index)
+    assert not _is_printed(epoch + np.random.default_rng(1).uniform(-1e-3, 1e-3, 4000), index)
     log = flown("")
     shifted = dataclasses.replace(log, t=np.round(log.t * 0.78125, 3))  # 128 Hz
     nominal = dataclasses.replace(NOMINAL, controller=None,

@@ -39,6 +39,7 @@ DIRECT = 1.5             # rad a step: the servo that stands for none is as fast
 DIRECT_DAMPING = 0.7
 DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
 MOST_DECIMALS = 6        # of a stamp that a logger rounded
+ULPS = 4.0               # that a number printed with so many is off, read again
 ROUNDING_SLACK = 0.02    # of the last one, beyond half of which either way no stamp is off
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
@@ -239,7 +240,7 @@ def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
 def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:
     """Whether stamps t (n,) [s] of places index (n,) on the grid are those of a uniform log, rounded to a decimal."""
     for decimals in range(1, MOST_DECIMALS + 1):
-        if np.all(np.abs(np.round(t, decimals) - t) < 1e-9 * np.maximum(np.abs(t), 1.0)):
+        if np.all(np.abs(np.round(t, decimals) - t) <= ULPS * np.spacing(np.abs(t))):
             break
     else:
         return False
