@@ -21,6 +21,7 @@ from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Samp
 from launchid_core import uncertainty as un
 from launchid_core.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
 from sim.cli import main
+from sim.experiments import confidence
 from sim.flight import fly_whole
 from sim.identify import onboard_model, run
 from sim.log import read_log
@@ -363,3 +364,12 @@ def test_a_flight_allocates_nothing():
         loop(n, gauge.range, gauge.gauge, total, now, gauge.counts, gauge.event)
         made.append(rtsys.get_allocation_stats().alloc - before)
     assert made[1] == made[2]
+
+
+def test_the_summary_of_the_confidence_range_is_of_valid_estimates():
+    """A window in which the model did not hold has no half-width: the medians of `reproduce` were nan."""
+    rows = np.tile(np.array([40.0, 2.0, -7.0, 0.02, 0.07, 2.01, -7.0, 0.0, 0.0, 0.1, 0.1, 1.0]), (5, 1))
+    rows[2, 1:5] = np.nan
+    made = confidence.summary("constant", [confidence.Band((0.0, 0.0), False, rows)])
+    assert made["coverage"] == 1.0 and made["half_width_a6"] == pytest.approx(confidence.INTERVAL * 0.02 / 2.01)
+    assert made["half_width_k1"] == pytest.approx(confidence.INTERVAL * 0.01)

@@ -104,9 +104,10 @@ def bought(nominal: Nominal, flight: Band) -> Bought:
 
 
 def summary(name: str, bands: list[Band]) -> dict[str, float | str]:
-    """Figures of one vehicle: coverage of the tracked intervals, the widest band after 30 s, alarms, lost flights."""
+    """Figures of one vehicle: coverage of the tracked intervals where they are valid, the median band after 30 s,
+    alarms, lost flights."""
     table = np.concatenate([band.table for band in bands])
-    late = table[table[:, T] > 30.0]
+    late = table[(table[:, T] > 30.0) & np.isfinite(table[:, A6_STD])]
     z = np.abs(np.column_stack([(late[:, A6] - late[:, TRUE_A6]) / late[:, A6_STD],
                                 (late[:, K1] - late[:, TRUE_K1]) / late[:, K1_STD]]))
     return {"vehicle": name, "flights": len(bands), "coverage": float(np.mean(z < INTERVAL)),
