@@ -8,8 +8,9 @@ import numpy as np
 
 from .diagnosis.data.check import check
 from .diagnosis.data.fault import Fault
-from .diagnosis.data.relations import GAIN_SLACK, RATE_BLOCK, block_means
-from .diagnosis.data.vehicle import CLEAR, NEIGHBOURS, plant_faults
+from .diagnosis.data.relations import GAIN_SLACK, RATE_BLOCK, rate_fit
+from .diagnosis.data.stamps import uniform_times, usable_rows
+from .diagnosis.data.vehicle import CLEAR, FEWEST_BLOCKS, NEIGHBOURS, plant_faults
 from .errors import InputError
 from .log import Log
 from .nominal import Nominal, constant_profile
@@ -18,7 +19,6 @@ from .sections import Sensors
 COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity
 FEWEST_IDEAL = 20       # rows
 EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
-FEWEST_RELATED = 30     # blocks
 ONE_MOTION = 0.98       # share of the variance of theta's changes that theta_dot must explain to tell a scale
 SAME_SCALE = 0.01       # relative: nobody calibrates a gyro better in a vehicle
 MASKED = "; these rows are left out"          # by the diagnosis; an estimator judges each row by itself
@@ -85,25 +85,19 @@ def ideal_note(log: Log) -> tuple[str, ...]:
 def rate_note(log: Log) -> tuple[str, ...]:
     """That theta_dot is not the slope of theta but a multiple of it, which no estimator asks and a6, k1 inherit.
 
-    Changes of theta between blocks are regressed on those of the integral of theta_dot.
+    The data check's own relation (`relations.rate_fit`), which lets every gain of an effect pass.
     """
-    known = log.in_range("t") & log.in_range("theta") & log.in_range("theta_dot")
-    t, size = log.t[known], max(2, round(RATE_BLOCK / log.period))
-    if np.count_nonzero(known) < FEWEST_RELATED * size:
+    known = log.in_range("t") & log.in_range("theta") & log.in_range("theta_dot") & usable_rows(log.t)
+    if np.count_nonzero(known) < FEWEST_BLOCKS:
         return ()
-    rate = log.theta_dot[known]
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
-    y, x = (np.diff(block_means(of, size)) for of in (log.theta[known], turned))
-    y, x = y - y.mean(), x - x.mean()
-    power, total = float(x @ x), float(y @ y)
-    if not (power > 0.0 and total > 0.0 and np.isfinite(power + total)):
+    t = uniform_times(log.t[known])
+    columns = {name: np.interp(t, log.t[known], getattr(log, name)[known]) for name in ("theta", "theta_dot")}
+    found = rate_fit(columns, "theta", "theta_dot", float(t[1] - t[0]))
+    gain, blocks = found.gain[0], (t[-1] - t[0]) / RATE_BLOCK
+    if blocks < FEWEST_BLOCKS or found.explained < ONE_MOTION:
         return ()
-    gain = float(x @ y) / power
-    left = float(np.sum((y - gain * x) ** 2))
-    std = float(np.sqrt(NEIGHBOURS * left / (len(y) - 2) / power))
-    if left > (1.0 - ONE_MOTION) * total or abs(gain - 1.0) < max(CLEAR * std, SAME_SCALE):
-        return ()
-    if not 1.0 / GAIN_SLACK < gain < GAIN_SLACK:
-        return ()  # a unit, a sign or another column: the data check says so
+    std = abs(gain) * float(np.sqrt(NEIGHBOURS * (1.0 / found.explained - 1.0) / blocks))
+    if abs(gain - 1.0) < max(CLEAR * std, SAME_SCALE) or not 1.0 / GAIN_SLACK < gain < GAIN_SLACK:
+        return ()  # the latter a unit, a sign or another column: the data check says so
     return (f"{log.path}: theta_dot is {1.0 / gain:.3g} times the slope of theta (+- {std / gain**2:.1g}): a6 and k1 "
             "may be off by as much, which their standard deviations do not know; correct the scale of either",)

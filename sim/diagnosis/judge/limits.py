@@ -124,10 +124,11 @@ def _away(hypothesis: Hypothesis, size: float) -> float:
 def _confirmed(gain: Callable[[float], float], size: float, most: float, needed: float) -> float | None:
     """The smallest size that gains what is needed, from the one that would if the response were proportional to it;
     None: there is none up to `most`."""
-    if abs(gain(size) / needed - 1.0) < PROPORTIONAL:
+    first = gain(size)
+    if abs(first / needed - 1.0) < PROPORTIONAL:
         return size
-    low, high = (size, min(most, size * BEYOND)) if gain(size) < needed else (size / BEYOND, size)
-    if high <= low or gain(high) < needed:
+    low, high = (size, min(most, size * BEYOND)) if first < needed else (size / BEYOND, size)
+    if high <= low or (first < needed and gain(high) < needed):
         return None
     while high / low >= CONFIRMED:
         middle = math.sqrt(low * high)
