@@ -275,6 +275,14 @@ def test_weather_alone_stands_where_causes_in_it_explain_hardly_more(judged):
     assert made.verdict == "explained" and bias in made.causes
 
 
+def test_a_cause_in_weather_that_takes_nothing_away_is_not_named(judged):
+    """1 % of the error, where all else is said to be weather and nothing remains."""
+    sky = Found(weather=weather(430.0))
+    for share, names in ((0.01, ["turbulence"]), (0.5, ["turbulence", "actuator_delay"])):
+        made = judged(Found(cause("actuator_delay", 71.0), weather=weather(430.0), shares=(share,), fewer=sky)).made
+        assert (made.verdict, [each.cause for each in made.causes]) == ("explained", names)
+
+
 # ---- where it is
 
 

@@ -4,6 +4,7 @@ stamps that jitter, channels that are missing, rows that are bad; and what no we
 import dataclasses
 import functools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +14,13 @@ from sim.diagnosis.causes import SOUGHT
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.data.record import Record
-from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, WALK
+from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WALK, WIND
 from sim.diagnosis.judge.absorbed import Absorbing
 from sim.diagnosis.model.level_fit import fit_levels
 from sim.diagnosis.model.noise import Refilter, bounds, declared, dynamics, first_filter, run_filter
 from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, innovations, prediction_errors
+from sim.diagnosis.model.predictor import push
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import Projector
@@ -353,3 +355,16 @@ def test_wind_takes_over_a_part_of_what_is_slow_and_nothing_of_a_sensor_s(effect
     times = absorbing.multiple(change, 20.0)
     assert absorbing.gain(times * change) == pytest.approx(20.0, rel=1e-3)
     assert Absorbing(diagnose(flown(NOMINAL), NOMINAL, hypotheses=FEW).selection.model).gain(change) == whole
+
+
+def test_the_wind_is_an_acceleration_in_units_of_the_nominal_s_a6():
+    """Another a6 of the vehicle is not the better for making declared wind stronger or weaker."""
+    own = np.array([2.0, 2.1, 2.2])
+    world = np.array([[WIND, 1.0], [MOMENT, 1.0]])
+    vehicle = SimpleNamespace(a6=10.0 * own, k1=np.zeros(3))
+    assert push.py_func(vehicle, 1, world, np.array([0.1, 0.5]), own) == pytest.approx(0.22 + 0.5)
+    r = on_grid(flown(NOMINAL), WINDY)
+    doubled = Point((from_text("aero_instability:scale=2"),))
+    wind = [each.name for each in r.world.sources].index(WALK) - len(r.world.sources)
+    enters = [dynamics(r, point).f[:, 1, wind] for point in (Point(), doubled)]
+    assert enters[1] == pytest.approx(enters[0], rel=1e-3)

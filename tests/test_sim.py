@@ -539,3 +539,21 @@ def test_sigma_profile_must_be_positive(tmp_path, column, text):
     (tmp_path / "sigma.csv").write_text(text)
     message = refused(tmp_path / "n.toml", toml_of({**CONSTANT, "uncertainty": {"profile": "sigma.csv"}}))
     assert "uncertainty.profile" in message and "above 0" in message
+
+
+@pytest.mark.parametrize(("period", "step"), [(0.01, 0.001), (1 / 128, 1 / 1024), (1 / 400, 1 / 1200), (0.004, 0.001)])
+def test_a_step_that_is_not_named_follows_from_the_periods(tmp_path, period, step):
+    """128 and 400 Hz are no whole numbers of milliseconds."""
+    (tmp_path / "n.toml").write_text(f"""[vehicle]
+a6 = 2.0
+k1 = -7.0
+[sensors]
+period = {period!r}
+theta_std = 0.0
+theta_dot_std = 0.0
+beta_std = 0.0
+[simulation]
+duration = 1.0
+""")
+    made = load_nominal(tmp_path / "n.toml").simulation.step
+    assert made == pytest.approx(step) and period / made == pytest.approx(round(period / made), abs=1e-9)
