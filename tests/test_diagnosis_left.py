@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_diagnosis import log_of
 from test_diagnosis_gates import left
 from test_diagnosis_world import NOMINAL, flown, on_grid
 
@@ -25,6 +26,9 @@ from sim.diagnosis.model.noise import LEVELS, Disturbance
 from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import TOP
 from sim.diagnosis.search.selection import THRESHOLD, select_from
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.nominal.profiles import Profile
 
 # ---- what explains more than a cause
 
@@ -57,6 +61,25 @@ def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
     found, left = gyro_of(saturated)
     rival = outdone(found, left)
     assert rival is not None and rival.cause == "gyro_scale" and rival.share > 0.9
+
+
+@pytest.mark.parametrize(("cause", "swings", "effect"), [
+    ("slosh", 0.1, ""), ("slosh", 0.0, "slosh:coupling=0.1,frequency=3.5"),
+    ("periodic_disturbance", 0.0, "periodic_disturbance:amplitude=0.01,frequency=5")])
+def test_an_a6_that_swings_is_no_mode_and_a_mode_and_a_line_are(cause, swings, effect):
+    """Buffeting of 10 % at 2 rad/s, where a slosh was the best imitation; neither of the true ones is outdone."""
+    t = np.arange(0.0, 40.0, 0.05)
+    a6, k1 = NOMINAL.vehicle.a6[0], NOMINAL.vehicle.k1[0]
+    buffeted = Profile(t, a6 * (1.0 + swings * np.sin(2.0 * t)), np.full(len(t), k1))
+    effects = [from_text(effect)] if effect else []
+    log = on_grid(log_of(fly_whole(replace(NOMINAL, vehicle=buffeted), 3, effects=effects)), NOMINAL)
+    found = select_from(as_simulated(log), (RECORDS[cause],), THRESHOLD, 1, lambda text: None)
+    assert len(found.model.causes) == 1
+    rival = outdone(found, ())
+    assert (rival is not None) == bool(swings)
+    if rival is not None:
+        assert rival.shape.startswith("theta*sin(") and rival.share > 1.1
+        assert float(rival.shape[10:].split()[0]) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("apart", "told"), [(0.1, True), (1.0, False)])

@@ -4,7 +4,8 @@ A true cause, in its true form, explains all of its own misfit, so nothing else 
 Of what is no cause of the catalogue (a gyro that saturates, a bent characteristic) the best imitation explains most and
 leaves little; but the generic shape that it is like (`shapes`) explains more in the place of that cause, or as much as
 the log can tell and something beside it.  A line that one sensor alone sees (a gyro that vibrates with the engine) is
-no moment: the attitude does not follow it.
+no moment: the attitude does not follow it.  An a6 or k1 that swings (buffeting, uneven burning) is no mode and no line,
+though a few of them together imitate it.
 """
 
 import math
@@ -12,9 +13,10 @@ from dataclasses import dataclass
 
 from ..model.nuisance import Problem
 from ..search.fit import fit
+from ..search.profile import Model
 from ..search.selection import Selection, in_a_block, strongest
 from .leftover import LINE, SHAPE_LIMIT, Leftover
-from .shapes import line_gain, shape_gains
+from .shapes import line_gain, shape_gains, swing_gain
 
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
 
@@ -49,9 +51,26 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
         gain, frequency = line_gain(problem, base, place, cause.values[1]), cause.values[1]
         if gain > own + SHAPE_LIMIT:
             return Rival(cause.hypothesis.cause, place, f"{LINE}({frequency:.4g} t)", gain / own)
+    swing = _swing(problem, model)
+    if swing is not None:
+        return swing
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         if gain > own + SHAPE_LIMIT or (gain > PARALLEL * own and (place, shape) in remaining):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)
     return None
+
+
+def _swing(problem: Problem, model: Model) -> Rival | None:
+    """An a6 or k1 that swings and explains more than all modes and lines together do."""
+    swinging = [k for k, cause in enumerate(model.causes) if cause.hypothesis.is_line or cause.hypothesis.is_mode]
+    if not swinging:
+        return None
+    base = fit(problem, tuple(cause for k, cause in enumerate(model.causes) if k not in swinging), model.fit.delta)
+    own = base.cost - model.fit.cost
+    gain, name, frequency = swing_gain(problem, base)
+    if not gain > own + SHAPE_LIMIT:
+        return None
+    named = " and ".join(model.causes[k].hypothesis.cause for k in swinging)
+    return Rival(named, "plant", f"{name}*{LINE}({frequency:.4g} t)", gain / own if own > 0.0 else math.inf)

@@ -14,7 +14,7 @@ from ..data.record import CHANNELS, Record
 from ..model.nuisance import Problem
 from ..model.point import innovations
 from ..search.fit import Fit
-from ..search.scan import Projector
+from ..search.scan import Projector, lines
 
 PIECE = 1e-4   # rms of a shape when its response is taken: rad, rad/s, rad/s^2; small enough to be linear
 NO_ENERGY = 1e-9
@@ -85,16 +85,29 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
     return sorted(found, key=lambda each: -each[3])
 
 
-def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float) -> float:
-    """[nats] that a sine of this frequency [rad/s], of any amplitude and phase, gains at a place."""
+def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times: np.ndarray | None = None) -> float:
+    """[nats] that a sine of this frequency [rad/s], of any amplitude and phase, gains at a place.
+
+    times  (n,) what the sine is multiplied by; None: 1
+    """
     record, project = problem.record, Projector(problem, fitted)
-    turned = frequency * record.t
+    turned, of = frequency * record.t, 1.0 if times is None else times / max(float(np.sqrt(np.mean(times**2))), 1e-300)
     changes = np.column_stack([
-        project.out(_moved(problem, fitted, record, place, PIECE * wave) - project.residual) / PIECE
+        project.out(_moved(problem, fitted, record, place, PIECE * wave * of) - project.residual) / PIECE
         for wave in (np.sin(turned), np.cos(turned))])
     found, *_ = np.linalg.lstsq(changes, project.rest, rcond=NO_ENERGY)
     explained = changes @ found
     return 0.5 * float(explained @ explained)
+
+
+def swing_gain(problem: Problem, fitted: Fit) -> tuple[float, str, float]:
+    """(gain [nats], name, frequency [rad/s]) of the a6 or k1 that swings most: a sine, of any amplitude and phase,
+    times the attitude or the nozzle."""
+    signals, best = _signals(fitted), (0.0, "", 0.0)
+    for name in ("theta", "beta"):
+        for (_, frequency, _), _ in lines(problem, fitted, signals[name]):
+            best = max(best, (line_gain(problem, fitted, "plant", frequency, signals[name]), name, frequency))
+    return best
 
 
 def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.ndarray) -> np.ndarray:

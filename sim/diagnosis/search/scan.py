@@ -7,12 +7,13 @@ come from a periodogram weighted by the model's own response to an acceleration.
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..causes import Cause, Hypothesis, Start, Values
+from ..data.record import Record
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import RESOLVED, Fit
@@ -141,8 +142,32 @@ def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothes
 # ---- lines
 
 
-def lines(problem: Problem, base: Fit) -> list[tuple[Values, float]]:
-    """((amplitude, frequency, phase), gain) of the strongest sinusoidal accelerations, by the gain each promises."""
+Lines = list[tuple[Values, float]]
+
+
+def lines(problem: Problem, base: Fit, times: np.ndarray | None = None) -> Lines:
+    """((amplitude, frequency, phase), gain) of the strongest sinusoidal accelerations, by the gain each promises.
+
+    times  (n,) what the sinusoid is multiplied by, slow beside it: an attitude of which a6 swings; None: 1
+    """
+    record, size = problem.record, 1 << (2 * problem.record.rows - 1).bit_length()
+    score, energy = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
+    for part, transfer in _transfers(problem, base, size):
+        data = np.fft.rfft(base.whitened[part], size, axis=0)
+        matched = np.sum(np.conj(transfer) * data, axis=1)
+        count = float(part.stop - part.start)
+        if times is not None:
+            seen = times[part]
+            of_part = np.fft.irfft(matched, size)[:len(seen)] * seen
+            matched, count = np.fft.rfft(of_part, size), float(seen @ seen)
+        score += matched * np.exp(-2j * math.pi * np.arange(size // 2 + 1) * part.start / size)
+        energy += np.sum(np.abs(transfer)**2, axis=1) * count
+    return _strongest(record, score, energy, size)
+
+
+def _transfers(problem: Problem, base: Fit, size: int) -> Iterator[tuple[slice, np.ndarray]]:
+    """(rows, (size/2 + 1, 3)): what an acceleration makes of the whitened innovations, as a transfer function of each
+    stretch of the log."""
     record = problem.record
     ticks = record.every // record.tick
     rows = max(2, round(IMPULSE_SPACING / record.period))
@@ -151,23 +176,20 @@ def lines(problem: Problem, base: Fit) -> list[tuple[Values, float]]:
         extra[k * ticks:(k + 1) * ticks] = 1.0
     moved = innovations(record, problem.filter, base.point, extra)[0]
     impulse = base.whitened - problem.counted(problem.filter.whiten(moved))
-    size = 1 << (2 * record.rows - 1).bit_length()
-    score, energy = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
-    white = base.whitened
     for first in range(0, record.rows - 1, rows):
         part = slice(first, min(first + rows, record.rows))
-        transfer = np.fft.rfft(impulse[part], size, axis=0)
-        data = np.fft.rfft(white[part], size, axis=0)
-        turned = np.exp(-2j * math.pi * np.arange(size // 2 + 1) * first / size)[:, None]
-        score += np.sum(np.conj(transfer) * data * turned, axis=1)
-        energy += np.sum(np.abs(transfer)**2, axis=1) * (part.stop - part.start)
+        yield part, np.fft.rfft(impulse[part], size, axis=0)
+
+
+def _strongest(record: Record, score: np.ndarray, energy: np.ndarray, size: int) -> Lines:
+    """The peaks of a periodogram (size/2 + 1,) with its weights."""
     frequency = 2.0 * math.pi * np.arange(size // 2 + 1) / (size * record.period)
     span = record.rows * record.period
     power = np.abs(score)**2 / np.maximum(energy, 1e-300)
     top = min(TOP * math.pi / record.period, RESOLVED / record.resolution)
     power[(frequency < CYCLES * 2.0 * math.pi / span) | (frequency > top)] = 0.0
     start = record.t[0]
-    found: list[tuple[Values, float]] = []
+    found: Lines = []
     for _ in range(STRONGEST):
         k = int(np.argmax(power))
         if power[k] <= 0.0:
