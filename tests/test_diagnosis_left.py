@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden import draw_spec, fly
 from test_diagnosis import log_of
 from test_diagnosis_gates import left
 from test_diagnosis_world import NOMINAL, flown, on_grid
@@ -80,6 +81,16 @@ def test_an_a6_that_swings_is_no_mode_and_a_mode_and_a_line_are(cause, swings, e
     if rival is not None:
         assert rival.shape.startswith("theta*sin(") and rival.share > 1.1
         assert float(rival.shape[10:].split()[0]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_tone_that_comes_and_goes_is_no_mode():
+    """What rolling makes of a moment: two lines and a slosh together imitated it; one slosh is outdone at once."""
+    columns, _ = fly(draw_spec(9700, "roll_beat", "constant", 2.0, rate=100.0, duration=45.0))
+    log = on_grid(log_of(SimpleNamespace(**columns)), NOMINAL)
+    found = select_from(as_simulated(log), (RECORDS["slosh"],), THRESHOLD, 1, lambda text: None)
+    assert len(found.model.causes) == 1
+    rival = outdone(found, ())
+    assert rival is not None and rival.shape.endswith("that comes and goes") and rival.share > 1.0
 
 
 @pytest.mark.parametrize(("apart", "told"), [(0.1, True), (1.0, False)])

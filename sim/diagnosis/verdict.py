@@ -278,8 +278,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         return strict
     rival = outdone(selection, made.left) if not found and selection.model.causes else None
     if rival is not None:
-        found.append(f"{rival.cause}: a disturbance proportional to {rival.shape} at the {rival.place} alone explains "
-                     f"{100 * rival.share:.0f} % of what it does")
+        found.append(rival.words)
     if selection.instead is not None and any(each.where in FREE for each in made.nearest if not each.is_weather):
         found.append("weather alone explains nearly as much as these causes in weather do")
     if found:

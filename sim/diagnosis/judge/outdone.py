@@ -4,8 +4,8 @@ A true cause, in its true form, explains all of its own misfit, so nothing else 
 Of what is no cause of the catalogue (a gyro that saturates, a bent characteristic) the best imitation explains most and
 leaves little; but the generic shape that it is like (`shapes`) explains more in the place of that cause, or as much as
 the log can tell and something beside it.  A line that one sensor alone sees (a gyro that vibrates with the engine) is
-no moment: the attitude does not follow it.  An a6 or k1 that swings (buffeting, uneven burning) is no mode and no line,
-though a few of them together imitate it.
+no moment: the attitude does not follow it.  An a6 or k1 that swings (buffeting, uneven burning), or a tone that comes
+and goes, is no mode and no line, though a few of them together imitate it.
 """
 
 import math
@@ -16,20 +16,31 @@ from ..search.fit import fit
 from ..search.profile import Model
 from ..search.selection import Selection, in_a_block, strongest
 from .leftover import LINE, SHAPE_LIMIT, Leftover
-from .shapes import line_gain, shape_gains, swing_gain
+from .shapes import line_gain, shape_gains, swell_gain, swing_gain
 
+RARE = math.log(1e4)  # nats
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
 
 
 @dataclass(frozen=True)
 class Rival:
     """A generic shape in the place of a cause: where it enters, what it is proportional to, the share of what the cause
-    explains that it does."""
+    explains that it does.
+
+    cause  its name, or those of several with "and" between
+    """
 
     cause: str
     place: str
     shape: str
     share: float
+
+    @property
+    def words(self) -> str:
+        """What it says against the cause."""
+        whose = "they do" if " and " in self.cause else "it does"
+        return (f"{self.cause}: a disturbance proportional to {self.shape} at the {self.place} alone explains "
+                f"{100 * self.share:.0f} % of what {whose}")
 
 
 def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
@@ -51,7 +62,7 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
         gain, frequency = line_gain(problem, base, place, cause.values[1]), cause.values[1]
         if gain > own + SHAPE_LIMIT:
             return Rival(cause.hypothesis.cause, place, f"{LINE}({frequency:.4g} t)", gain / own)
-    swing = _swing(problem, model)
+    swing = _swinging(problem, model)
     if swing is not None:
         return swing
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
@@ -62,15 +73,28 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     return None
 
 
-def _swing(problem: Problem, model: Model) -> Rival | None:
-    """An a6 or k1 that swings and explains more than all modes and lines together do."""
+def _swinging(problem: Problem, model: Model) -> Rival | None:
+    """An a6 or k1 that swings, or a moment that comes and goes, and explains more than all modes and lines together."""
     swinging = [k for k, cause in enumerate(model.causes) if cause.hypothesis.is_line or cause.hypothesis.is_mode]
     if not swinging:
         return None
     base = fit(problem, tuple(cause for k, cause in enumerate(model.causes) if k not in swinging), model.fit.delta)
-    own = base.cost - model.fit.cost
-    gain, name, frequency = swing_gain(problem, base)
-    if not gain > own + SHAPE_LIMIT:
-        return None
+    own = max(base.cost - model.fit.cost, 0.0)
     named = " and ".join(model.causes[k].hypothesis.cause for k in swinging)
-    return Rival(named, "plant", f"{name}*{LINE}({frequency:.4g} t)", gain / own if own > 0.0 else math.inf)
+
+    def rival(gain: float, shape: str) -> Rival:
+        return Rival(named, "plant", shape, gain / own if own > 0.0 else math.inf)
+
+    gain, name, frequency = swing_gain(problem, base)
+    if gain > own + SHAPE_LIMIT:
+        return rival(gain, f"{name}*{LINE}({frequency:.4g} t)")
+    gain, frequency, knots = swell_gain(problem, base, [model.causes[k].values[1] for k in swinging])
+    if gain > own + _chance(2 * knots):
+        return rival(gain, f"{LINE}({frequency:.4g} t) that comes and goes")
+    return None
+
+
+def _chance(numbers: int) -> float:
+    """[nats] that so many free amplitudes gain by chance once in 1e4 logs, at most (Laurent and Massart, Ann. Statist.
+    28 (2000), lemma 1)."""
+    return 0.5 * numbers + math.sqrt(numbers * RARE) + RARE

@@ -5,7 +5,7 @@ acceleration, to the command, or to a sensor; its gain is a score, as in `scan`.
 characteristic or a drifting scale shows here as its own shape, at its own place.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..search.scan import Projector, lines
 
 PIECE = 1e-4   # rms of a shape when its response is taken: rad, rad/s, rad/s^2; small enough to be linear
 NO_ENERGY = 1e-9
+SWELL = 6.0    # s between knots of a line that comes and goes
 PLAY = 0.3     # half-width of the play that is tried, of the command's rms
 SHAPE_SHARE = 1e-4  # of a response's energy that the model cannot make itself: with less it is the model's own
 
@@ -88,15 +89,18 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
 def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times: np.ndarray | None = None) -> float:
     """[nats] that a sine of this frequency [rad/s], of any amplitude and phase, gains at a place.
 
-    times  (n,) what the sine is multiplied by; None: 1
+    times  (n,) or (k, n), what the sine is multiplied by, each with its own amplitude and phase; None: 1
     """
     record, project = problem.record, Projector(problem, fitted)
-    turned, of = frequency * record.t, 1.0 if times is None else times / max(float(np.sqrt(np.mean(times**2))), 1e-300)
-    changes = np.column_stack([
-        project.out(_moved(problem, fitted, record, place, PIECE * wave * of) - project.residual) / PIECE
-        for wave in (np.sin(turned), np.cos(turned))])
-    found, *_ = np.linalg.lstsq(changes, project.rest, rcond=NO_ENERGY)
-    explained = changes @ found
+    turned = frequency * record.t
+    changes = []
+    for factor in np.ones((1, record.rows)) if times is None else np.atleast_2d(times):
+        size = PIECE / max(float(np.sqrt(np.mean(factor**2))), NO_ENERGY)
+        changes += [project.out(_moved(problem, fitted, record, place, size * factor * wave) - project.residual) / size
+                    for wave in (np.sin(turned), np.cos(turned))]
+    slopes = np.column_stack(changes)
+    found, *_ = np.linalg.lstsq(slopes, project.rest, rcond=NO_ENERGY)
+    explained = slopes @ found
     return 0.5 * float(explained @ explained)
 
 
@@ -107,6 +111,18 @@ def swing_gain(problem: Problem, fitted: Fit) -> tuple[float, str, float]:
     for name in ("theta", "beta"):
         for (_, frequency, _), _ in lines(problem, fitted, signals[name]):
             best = max(best, (line_gain(problem, fitted, "plant", frequency, signals[name]), name, frequency))
+    return best
+
+
+def swell_gain(problem: Problem, fitted: Fit, frequencies: Iterable[float]) -> tuple[float, float, int]:
+    """(gain [nats], frequency [rad/s], knots) of the moment that gains most among lines of these frequencies and the
+    strongest of the spectrum, whose amplitude and phase come and go: linear between knots SWELL or two turns apart."""
+    t, best = problem.record.t, (0.0, 0.0, 2)
+    for frequency in (*frequencies, *(values[1] for values, _ in lines(problem, fitted))):
+        apart = max(SWELL, 4.0 * np.pi / frequency)
+        knots = np.linspace(t[0], t[-1], max(2, 1 + round((t[-1] - t[0]) / apart)))
+        hats = np.array([np.interp(t, knots, each) for each in np.eye(len(knots))])
+        best = max(best, (line_gain(problem, fitted, "plant", frequency, hats), frequency, len(knots)))
     return best
 
 
