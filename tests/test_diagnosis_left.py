@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hidden import draw_spec, fly
+from hidden.catalogue import hide
 from test_diagnosis import log_of
 from test_diagnosis_gates import left
 from test_diagnosis_world import NOMINAL, flown, on_grid
@@ -91,6 +92,18 @@ def test_a_tone_that_comes_and_goes_is_no_mode():
     assert len(found.model.causes) == 1
     rival = outdone(found, ())
     assert rival is not None and rival.shape.endswith("that comes and goes") and rival.share > 1.0
+
+
+@pytest.mark.parametrize(("hidden", "told"), [
+    ({"cause": "attitude_walk"}, True), ({"effects": (hide("gyro_bias", {"rate": 1e-4}),)}, False)])
+def test_an_attitude_reference_that_drifts_is_no_bias_of_the_gyro(hidden, told):
+    """They differ by a6 times the drift only: in calm air that is enough."""
+    columns, _ = fly(draw_spec(9700, nominal="constant", factor=2.0, rate=100.0, **hidden))
+    log = on_grid(log_of(SimpleNamespace(**columns)), NOMINAL)
+    found = select_from(as_simulated(log), (RECORDS["gyro_bias"],), THRESHOLD, 1, lambda text: None)
+    assert len(found.model.causes) == 1
+    rival = outdone(found, ())
+    assert (rival is not None and (rival.place, rival.shape) == ("theta", "time")) == told
 
 
 @pytest.mark.parametrize(("apart", "told"), [(0.1, True), (1.0, False)])
