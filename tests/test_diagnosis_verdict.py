@@ -14,7 +14,6 @@ from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
 from sim.diagnosis.data.fault import Fault
 from sim.diagnosis.data.world import SLOW_MOMENT
-from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED
@@ -32,16 +31,16 @@ class Found:
     """A selection whose parts are given: the causes it names, what is left beside them, what they gain.
 
     shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
-    rival   what explains as much as the strongest
+    rival   what explains as much as the strongest;  others  the same with one cause replaced
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None, instead=None):
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=()):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
-        self.rival, self.instead = rival, instead
+        self.rival, self.instead, self.others = rival, instead, others
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
@@ -66,6 +65,7 @@ def judged(monkeypatch):
         replace(each, removed=share) for each, share in zip(named, shares, strict=True))
         if model.of.is_told else named)
     monkeypatch.setattr(verdict, "fewer", lambda found, kept: found.fewer or Found(*(found.named[k] for k in kept)))
+    monkeypatch.setattr(verdict, "instead_of_each", lambda found: iter(found.others))
     monkeypatch.setattr(verdict, "in_a_block", lambda causes, k: False)
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
@@ -223,9 +223,9 @@ def test_the_strongest_stays_with_what_makes_sense_with_it_only():
 
 def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     strong, idle = cause("slosh", 90.0), cause("gyro_bias", 30.0)
-    found = Found(strong, idle, share=0.3, shares=(0.6, OUTSIDE * measure.LEAST_REMOVED))
+    found = Found(strong, idle, share=0.3, shares=(0.6, OUTSIDE * verdict.LEAST_REMOVED))
     assert judged(found).made.causes == (strong, idle)
-    found.shares = (0.6, INSIDE * measure.LEAST_REMOVED)
+    found.shares = (0.6, INSIDE * verdict.LEAST_REMOVED)
     assert judged(found).made.causes == (strong,)
     found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay
     assert judged(found).made.causes == (strong, idle)
@@ -234,6 +234,17 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
     late = Found(strong, idle, share=0.3, shares=(0.6, 0.6), fewer=Found(strong, share=0.3))
     assert judged(late, late=True).made.causes == (strong,)   # no time to see what each of them does
+
+
+def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(judged):
+    """A robot's trim: as a misaligned thrust its size changed by 54 % along the log, as an angle not at all."""
+    doubtful, other, worse = cause("thrust_misalignment", varies=OUTSIDE * DOMINANT.variation), cause("steady_wind"), \
+        cause("gyro_bias", varies=OUTSIDE * DOMINANT.variation)
+    made = judged(Found(doubtful, others=(Found(worse), Found(other)))).made
+    assert (made.verdict, made.causes) == ("explained", (other,))
+    assert judged(Found(doubtful, others=(Found(worse),))).made.nearest == (doubtful,)
+    assert judged(Found(doubtful, others=(Found(other),)), late=True).made.verdict == "unexplained"
+    assert judged(Found(other, others=(Found(worse),))).made.causes == (other,)
 
 
 def test_causes_come_in_the_order_of_the_error_they_remove(judged):

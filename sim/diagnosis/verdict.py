@@ -27,7 +27,6 @@ from .judge.limits import limits, unseen
 from .judge.measure import (
     DOMINANT,
     EXPLAINED,
-    LEAST_REMOVED,
     Remainder,
     doubts,
     of_gain,
@@ -41,9 +40,20 @@ from .judge.outdone import outdone
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
+from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, relevelled, strongest, with_time
+from .search.selection import (
+    THRESHOLD,
+    Say,
+    Selection,
+    fewer,
+    in_a_block,
+    instead_of_each,
+    relevelled,
+    strongest,
+    with_time,
+)
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -219,7 +229,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found and made.catalogue and not (foreign or made.is_cut_short) and _place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
-        found = _with_fewer(made, measure, found, say)
+        found = _with_fewer(made, measure, _with_rivals(made, measure, found, say), say)
     if foreign and not made.nearest:
         assert controller is not None
         found = [*found, f"the logged command is not the nominal controller's ({_controller_words(controller)})"]
@@ -322,6 +332,16 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
         found = _instead(made, fewer(made.selection, [strongest(made.selection)]), measure, found, say)
     if found and made.selection.instead is not None:
         found = _instead(made, made.selection.instead, measure, found, say)
+    return found
+
+
+def _with_rivals(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
+    """A cause in doubt replaced by one that explains the log as well and is in none: a trim of another place, say."""
+    assert made.selection is not None and made.record is not None
+    for other in instead_of_each(made.selection):
+        if not found or made.record.is_late:
+            break
+        found = _instead(made, other, measure, found, say)
     return found
 
 

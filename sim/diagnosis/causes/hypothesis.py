@@ -147,6 +147,7 @@ class Hypothesis:
     form     another law of it; steps: it may come gradually;  tells_onset: what begins with the log is another cause
     is_mode  an oscillation of the vehicle, at its free[1]; may_repeat: there may be two
     twin     the cause that it cannot be told from, and so does not join, where no sensor tells the nozzle
+    imitated (place, shape: `judge.shapes`) that is its one twin outside the catalogue, and less common
     decides  (cause, what would tell this one from it)
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
@@ -173,6 +174,7 @@ class Hypothesis:
     is_mode: bool = False
     may_repeat: bool = False
     twin: str = ""
+    imitated: tuple[str, str] = ("", "")
     decides: tuple[tuple[str, str], ...] = ()
     like: tuple[tuple[str, str], ...] = ()
     corrections: tuple[Correction, ...] | None = None

@@ -26,7 +26,7 @@ CAUSES = (
                floor=as_timed),
     Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0,
                "the gyro reads {rate} too much (an attitude reference that drifts by as much looks the same)",
-               visible=_gyro,
+               visible=_gyro, imitated=("theta", "time"),  # told apart by a6 times the drift, if at all
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
     Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, "the gyro's scale factor is {scale}",
                visible=_gyro,  # it scales, then adds its bias

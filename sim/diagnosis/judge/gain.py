@@ -18,21 +18,16 @@ from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, ru
 from ..model.nuisance import WORST_WHITE, Problem
 from ..model.point import DEVIATIONS, Point, innovations, prediction_errors
 from ..search.fit import Fit, fit
+from ..search.foresight import CHANCE, SPACING, settling, spans
 from ..search.profile import Model
 from ..search.scan import scan
 from .closed_loop import closed_loop_errors, rms
 
-LONGEST = 1.0          # s of a prediction
-SHORTER = (0.1, 0.5, 1.0)  # of the longest
-GROWTH = 3.0           # time constants of an unstable vehicle in the longest: an error of its state grows e^3-fold
 LONG = 1.25            # s left out at a time: a prediction over 1 s fits in
 SHORT = 0.1            # s
 FOLDS_SEED = 11
 REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
-SPACING = 0.125        # s between predictions
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
-SETTLED = 2.0          # s: before, the state is hardly known, and the square of one error there outweighs all others
-CHANCE = 2.5           # standard deviations of a mean square, beyond which it is more than noise
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -101,15 +96,6 @@ class Trained:
     filter: Filter
 
 
-def spans(record: Record) -> tuple[float, ...]:
-    """[s] of the predictions, the longest last: over longer ones a vehicle that is fast unstable shows nothing but the
-    error of its state at their beginning, and one in weather that nobody declared nothing but what that became."""
-    fastest = math.sqrt(max(float(np.max(record.a6)), 0.0))
-    longest = min(LONGEST, GROWTH / fastest) if fastest > 0.0 else LONGEST
-    longest = min([longest, *(each.time_constant for each in record.world.sources if each.is_sought)])
-    return tuple(float(f"{share * longest:.2g}") for share in SHORTER)
-
-
 def short_folds(record: Record) -> list[np.ndarray]:
     """Two masks (n,) bool of rows to fit to, the rest of each left out, for likelihoods: each row is predicted from
     all before it, so blocks may be short.  When a cause begins is not fitted anew: in weather a tenth of a second tells
@@ -120,11 +106,6 @@ def short_folds(record: Record) -> list[np.ndarray]:
     odd = np.random.default_rng(FOLDS_SEED).permutation(np.arange(block[-1] + 1) % 2)[block] == 1
     early = np.arange(record.rows) * record.period < settling(record)
     return [odd | early, ~odd | early]
-
-
-def settling(record: Record) -> float:
-    """[s] from the first row, until the filter knows the state."""
-    return min(SETTLED, 0.25 * record.rows * record.period)
 
 
 def long_folds(record: Record) -> list[np.ndarray]:

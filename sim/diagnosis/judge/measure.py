@@ -5,7 +5,7 @@ limit in nats fails every log that is long enough.
                along, what stands in for another is not
     left       evidence of what a disturbance still finds, over that of the causes: what mimics an effect leaves the
                part of it that is not alike, 1 - cos^2
-    share      of the held-out squared errors over 1 s or less (`gain.spans`), beyond what noise gives, that remains
+    share      of the held-out squared errors over 1 s or less (`foresight.spans`), beyond noise, that remains
                (`gain.Gain.share`); a moment that nobody declared and nothing names is no noise
 
 A ratio counts from where it is beyond chance: the constancy's chi-squared, the leftover's own limit, the spread of a
@@ -21,7 +21,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
-    LEAST_REMOVED       share of the error that a cause beside others must take away         meaning only
+    foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
 """
 
@@ -54,7 +54,6 @@ EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
 DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
-LEAST_REMOVED = 0.05
 SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not worth a word in the verdict
 
 

@@ -19,7 +19,6 @@ from .leftover import LINE, SHAPE_LIMIT, Leftover
 from .shapes import line_gain, shape_gains, swell_gain, swing_gain
 
 ODDS = math.log(5.0)   # nats: a cause of the catalogue is so many times as common as its one twin that is none
-TWIN = {"gyro_bias": ("theta", "time")}  # an attitude reference that drifts: a6 times the drift tells them apart
 RARE = math.log(1e4)  # nats
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
 
@@ -69,7 +68,7 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
         return swing
     remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
-        margin = ODDS if TWIN.get(cause.hypothesis.cause) == (place, shape) else SHAPE_LIMIT
+        margin = ODDS if cause.hypothesis.imitated == (place, shape) else SHAPE_LIMIT
         if gain > own + margin or (gain > PARALLEL * own and (place, shape) in remaining):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)

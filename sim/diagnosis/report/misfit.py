@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from ..data.record import CHANNELS
 from ..judge.closed_loop import rms
 from ..judge.diagnosis import Diagnosis
-from ..judge.gain import SPACING, Trained, settling, spans, within
+from ..judge.gain import Trained, within
 from ..model.point import prediction_errors
+from ..search.foresight import SPACING, settling, spans
 from ..search.profile import Model
 from .canvas import AFTER, BEFORE, EXTENDED, MEASURED, SYMBOLS, UNITS, axes_of, mark_times
 from .words import predicts_better

@@ -16,6 +16,7 @@ from ..data.record import Record
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.nuisance import Problem
 from .fit import Fit, fit
+from .foresight import foreseen, is_foreseen, is_idle
 from .profile import TOLD_APART, Model, given_back, penalty, profile
 from .scan import Candidate, scan
 from .starts import starts
@@ -32,6 +33,7 @@ HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
+NEAREST = 2           # rivals of a cause that are tried in its place where it is in doubt
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
 
@@ -160,7 +162,7 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
                        - sum(penalty(record, cause.hypothesis) for cause in block)))
     ranked.sort(key=lambda pair: -pair[1])
     found.rankings.append([Ranked(model.causes[-1], evidence) for model, evidence in ranked])
-    if not ranked or ranked[0][1] < limit:
+    if not ranked or ranked[0][1] < limit or (base.causes and is_idle(found.nominal, base, ranked[0][0])):
         return None
     return ranked[0][0]
 
@@ -187,7 +189,8 @@ def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list
 
 def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None) \
         -> list[tuple[Model, float]]:
-    """Models with one more cause and its evidence, best first; the first few with their own noise levels.
+    """Models with one more cause and its evidence, best first; the first few with their own noise levels.  Where noise
+    stands for what is not modelled, without those that one of less evidence outdoes in what it predicts (`foreseen`).
 
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     """
@@ -202,6 +205,9 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
             if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
                 best[cause.hypothesis.label] = model, evidence
     ranked = sorted(best.values(), key=lambda pair: -pair[1])
+    enough = [pair for pair in ranked if pair[1] > THRESHOLD]
+    stand = foreseen(base, [model for model, _ in enough])
+    ranked = [pair for pair, stands in zip(enough, stand, strict=True) if stands] + ranked[len(enough):]
     if ranked and not record.is_late:
         model, evidence = ranked[0]
         better = given_back(model)
@@ -325,6 +331,22 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
     return made
 
 
+def instead_of_each(of: Selection) -> Iterator[Selection]:
+    """The selection with one cause replaced by another that explains the log as well, the nearest first, all else
+    fitted anew; what was replaced is no rival any more."""
+    fitted = of.model.fit
+    for k, (own, *rivals) in enumerate(of.rivals):
+        near = [each for each in rivals if each.evidence > own.evidence - TOLD_APART]
+        for rival in near[:NEAREST]:
+            causes = (*of.model.causes[:k], rival.cause, *of.model.causes[k + 1:])
+            model = profile(fitted.record, causes, fitted.delta, fitted.filter)
+            evidence = own.evidence + model.log_likelihood - of.model.log_likelihood + \
+                penalty(fitted.record, own.cause.hypothesis) - penalty(fitted.record, rival.cause.hypothesis)
+            others = [Ranked(model.causes[k], evidence), *(each for each in rivals if each is not rival)]
+            yield replace(of, model=model, evidence=[*of.evidence[:k], evidence, *of.evidence[k + 1:]],
+                          rivals=[*of.rivals[:k], others, *of.rivals[k + 1:]])
+
+
 def _plain(record: Record, nominal: Model, model: Model) -> Model:
     """A model of one cause in a form that several have, or in the one of theirs that explains more by itself: the form
     may have been chosen beside others."""
@@ -339,7 +361,8 @@ def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Mo
     """The model with one of its causes in another form, where that explains clearly more; else None."""
     for k in range(len(model.causes)):
         other = _in_other_form(record, model, k, known)
-        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end:
+        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end and \
+                is_foreseen(model, other[0]):
             return other[0]
     return None
 
@@ -370,13 +393,14 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             models = _ranking(record, without, _allowed(record, known, others) if asked else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
-        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):
+        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k) and \
+                is_foreseen(model, models[0][0]):
             found.model = models[0][0]
             return True
         other = _in_other_form(record, model, k, known)
         if other is not None and other[0].causes[k].is_at_an_end:
             other = None
-        if other is not None and other[1] > max(TOLD_APART, least):
+        if other is not None and other[1] > max(TOLD_APART, least) and is_foreseen(model, other[0]):
             found.model = other[0]
             return True
         if other is not None:

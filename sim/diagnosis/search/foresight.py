@@ -1,0 +1,92 @@
+"""How far ahead a model sees: its predictions over a horizon, begun all along the log.
+
+Where the noise is far from the declared, or a moment that nobody declared is in the model, the likelihood of one row
+after the other is bought with noise: a model that follows the sensors closely then beats one that knows where the
+vehicle goes.  There the predictions decide which cause may stand (`foreseen`); they are of the rows that were fitted
+to, since all that compete have few numbers.  What is named is judged on rows left out (`judge.gain`).
+"""
+
+import math
+
+import numpy as np
+
+from ..data.record import Record
+from ..data.world import SLOW_MOMENT
+from ..model.noise import ACCELERATION, declared
+from ..model.point import prediction_errors
+from .profile import Model
+
+LONGEST = 1.0          # s of a prediction
+SHORTER = (0.1, 0.5, 1.0)  # of the longest
+GROWTH = 3.0           # time constants of an unstable vehicle in the longest: an error of its state grows e^3-fold
+SPACING = 0.125        # s between predictions
+SETTLED = 2.0          # s: before, the state is hardly known, and the square of one error there outweighs all others
+CHANCE = 2.5           # standard deviations of a mean square, beyond which it is more than noise
+FARTHEST = 1e30        # an error beyond which none is further off, or below whose inverse none is nearer
+LEAST_REMOVED = 0.05   # share of the nominal's squared error that a cause beside others must take away
+STRAINED = 3.0         # times the declared: noise of the acceleration that stands for what is not modelled
+
+
+def spans(record: Record) -> tuple[float, ...]:
+    """[s] of the predictions, the longest last: over longer ones a vehicle that is fast unstable shows nothing but the
+    error of its state at their beginning, and one in weather that nobody declared nothing but what that became."""
+    fastest = math.sqrt(max(float(np.max(record.a6)), 0.0))
+    longest = min(LONGEST, GROWTH / fastest) if fastest > 0.0 else LONGEST
+    longest = min([longest, *(each.time_constant for each in record.world.sources if each.is_sought)])
+    return tuple(float(f"{share * longest:.2g}") for share in SHORTER)
+
+
+def settling(record: Record) -> float:
+    """[s] from the first row, until the filter knows the state."""
+    return min(SETTLED, 0.25 * record.rows * record.period)
+
+
+def is_strained(model: Model) -> bool:
+    """Its likelihood is bought with noise."""
+    record, levels = model.fit.record, model.fit.filter.levels
+    return bool(levels[ACCELERATION] > STRAINED * declared(record)[ACCELERATION]) or \
+        any(each.is_sought and each.name == SLOW_MOMENT for each in record.world.sources)
+
+
+def foreseen(base: Model, models: list[Model]) -> list[bool]:
+    """Which of these models, most likely first, may stand: what predicts worse than the base may not, nor what predicts
+    worse than another and is more likely; all may where the most likely is not strained."""
+    if not models or not is_strained(models[0]):
+        return [True] * len(models)
+    before, errors = _errors(base), [_errors(model) for model in models]
+    best = min(range(len(models)), key=lambda k: float(np.sum(errors[k][0] / before[0])))
+    return [not _is_worse(errors[k], before) and (k >= best or not _is_worse(errors[k], errors[best]))
+            for k in range(len(models))]
+
+
+def is_foreseen(model: Model, other: Model) -> bool:
+    """The other may take a model's place: it predicts no worse, or is not strained."""
+    return foreseen(model, [other])[0]
+
+
+def is_idle(nominal: Model, base: Model, other: Model) -> bool:
+    """The other, the base with one more cause, is strained and takes next to nothing more away of what the nominal's
+    predictions are off."""
+    if not is_strained(other):
+        return False
+    none, before, after = (float(np.sum(_errors(each)[0] / _errors(nominal)[0])) for each in (nominal, base, other))
+    return before - after < LEAST_REMOVED * none
+
+
+def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """(c,) mean squares of the predictions over the longest horizon, of each channel that is measured, and how many
+    horizons stand side by side in each."""
+    record, over = model.fit.record, spans(model.fit.record)[-1]
+    errors = prediction_errors(record, model.fit.filter, model.fit.point, (over,), SPACING)[:, 0]
+    begun = SPACING * np.arange(len(errors)) >= settling(record)
+    seen = np.isfinite(errors) & begun[:, None]
+    count = seen.sum(axis=0)
+    there = count > 0
+    squares = np.sum(np.clip(np.where(seen, errors, 0.0), -FARTHEST, FARTHEST)**2, axis=0)[there] / count[there]
+    return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * SPACING / over)
+
+
+def _is_worse(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+    """One's squared errors exceed the other's by more than chance, all channels together."""
+    excess = float(np.sum(one[0] / other[0] - 1.0))
+    return excess > CHANCE * math.sqrt(float(np.sum(2.0 / one[1])))
