@@ -18,7 +18,7 @@ from sim.diagnosis.data import clock
 from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
 from sim.diagnosis.judge.diagnosis import Diagnosis
-from sim.diagnosis.judge.gain import Trained, _noise, on_another, spans
+from sim.diagnosis.judge.gain import Trained, _noise, on_another
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
@@ -39,6 +39,7 @@ from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
 from sim.diagnosis.search import weather
 from sim.diagnosis.search.fit import fit
+from sim.diagnosis.search.foresight import spans
 from sim.diagnosis.search.profile import TAKEN_OVER, TOLD_APART, as_simulated, given_back, profile
 from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, fewer, select_from
 from sim.effects import effect

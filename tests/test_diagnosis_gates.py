@@ -12,12 +12,13 @@ from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.data.world import CALM, MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
 from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
-from sim.diagnosis.judge.gain import CHANCE, LEAST_EXCESS, Gain, spans
+from sim.diagnosis.judge.gain import LEAST_EXCESS, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
 from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
+from sim.diagnosis.search.foresight import CHANCE, spans
 from sim.diagnosis.search.profile import TOLD_APART
 from sim.diagnosis.search.selection import Weather
 
