@@ -78,13 +78,14 @@ def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
     horizons stand side by side in each."""
     record, over = model.fit.record, spans(model.fit.record)[-1]
     errors = prediction_errors(record, model.fit.filter, model.fit.point, (over,), SPACING)[:, 0]
-    starts = max(1, round(SPACING / record.period)) * np.arange(len(errors))
+    apart = max(1, round(SPACING / record.period))
+    starts = apart * np.arange(len(errors))
     inside = (starts * record.period >= settling(record)) & (starts + max(1, round(over / record.period)) < record.rows)
     seen = np.isfinite(errors) & inside[:, None]
     count = seen.sum(axis=0)
     there = count > 0
     squares = np.sum(np.clip(np.where(seen, errors, 0.0), -FARTHEST, FARTHEST)**2, axis=0)[there] / count[there]
-    return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * SPACING / over)
+    return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * apart * record.period / over)
 
 
 def _is_worse(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
