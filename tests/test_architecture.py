@@ -1,6 +1,7 @@
 """The layers, by walking the syntax trees: what each package may import, call and do."""
 
 import ast
+import functools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,8 +41,13 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 
 
-def imports(path: Path) -> Iterator[tuple[str, tuple[str, ...], int]]:
+@functools.cache
+def imports(path: Path) -> tuple[tuple[str, tuple[str, ...], int], ...]:
     """(absolute module, names taken from it, line) of every import, at any depth of the file."""
+    return tuple(imported(path))
+
+
+def imported(path: Path) -> Iterator[tuple[str, tuple[str, ...], int]]:
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
@@ -60,6 +66,12 @@ def dotted(node: ast.expr) -> str:
         parts.append(node.attr)
         node = node.value
     return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else ""
+
+
+@functools.cache
+def calls_of(path: Path) -> tuple[tuple[str, int], ...]:
+    """All calls of a file: (dotted name, line)."""
+    return tuple(calls(tree_of(path)))
 
 
 def calls(tree: ast.AST) -> Iterator[tuple[str, int]]:
@@ -224,7 +236,7 @@ def test_nothing_behind_the_front_imports_it(path):
 
 @pytest.mark.parametrize("path", [path for path in CORE + SIM if name_of(path) != "sim/terminal.py"], ids=name_of)
 def test_nothing_prints_but_the_terminal(path):
-    said = [line for name, line in calls(tree_of(path))
+    said = [line for name, line in calls_of(path)
             if name in {"print", "input"} or name.endswith(("stdout.write", "stderr.write"))]
     assert said == [], f"{name_of(path)}: lines {said}"
 
@@ -233,7 +245,7 @@ def test_nothing_prints_but_the_terminal(path):
 def test_no_code_is_made_from_data(path):
     for module, _, line in imports(path):
         assert module.split(".")[0] not in {"pickle", "cPickle", "dill", "marshal", "shelve", "importlib", "yaml"}, line
-    for name, line in calls(tree_of(path)):
+    for name, line in calls_of(path):
         assert name.split(".")[-1] not in {"exec", "eval", "__import__", "system", "popen"}, line
         assert name != "compile", line
 

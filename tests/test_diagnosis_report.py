@@ -32,7 +32,7 @@ from sim.log import Log
 from sim.nominal import built_in, load_nominal
 from sim.shown import with_std
 
-DURATION = 30.0        # s
+DURATION = 20.0        # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
 PATIENCE = 30.0        # s for a browser to load a page
 LOADED = "the page is loaded"
@@ -68,7 +68,7 @@ def judged(names, **given):
 @pytest.fixture(scope="module")
 def diagnoses() -> dict[str, Diagnosis]:
     """One of each verdict, few hypotheses each, so that it is quick."""
-    loss = effect("control_loss", fraction=0.4, time=14.0)
+    loss = effect("control_loss", fraction=0.4, time=10.0)
     made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
             judged(("control_effectiveness",), effects=[loss]), judged((), in_degrees=True)]
     found = {each.verdict: each for each in made}

@@ -320,6 +320,12 @@ def test_weather_in_the_second_half_alone_is_consistent(seed):
 # ---- what the wind's levels absorb of what is not modelled
 
 
+@functools.cache
+def explained_by(nominal):
+    """The model that a diagnosis of a clean flight of this nominal ends with; shared, so nobody changes it."""
+    return diagnose(flown(nominal), nominal, hypotheses=FEW).selection.model
+
+
 def absorbed_by_a_fit(model, change):
     """[nats] that a cause with this change of the residual gains over a model without, whose levels are fitted: mean of
     both signs, in which what the noise has in common with it cancels."""
@@ -343,8 +349,7 @@ def likely(record, filt):
     ("gyro_bias:rate=8e-5", 0.95, 1.01)])
 def test_wind_takes_over_a_part_of_what_is_slow_and_nothing_of_a_sensor_s(effect, least, most):
     """An effect that nobody models raises the wind's levels: its gain is less than half its response's square."""
-    made = diagnose(flown(WINDY), WINDY, hypotheses=FEW)
-    model = made.selection.model
+    model = explained_by(WINDY)
     problem = Problem(model.fit.record, model.fit.filter)
     project = Projector(problem, model.fit, causes=False)
     change = project.out(problem.residual(Point((from_text(effect),), model.fit.point.deviations)) - project.residual)
@@ -354,7 +359,7 @@ def test_wind_takes_over_a_part_of_what_is_slow_and_nothing_of_a_sensor_s(effect
     assert gain == pytest.approx(absorbed_by_a_fit(model, change), rel=0.15)
     times = absorbing.multiple(change, 20.0)
     assert absorbing.gain(times * change) == pytest.approx(20.0, rel=1e-3)
-    assert Absorbing(diagnose(flown(NOMINAL), NOMINAL, hypotheses=FEW).selection.model).gain(change) == whole
+    assert Absorbing(explained_by(NOMINAL)).gain(change) == whole
 
 
 def test_the_wind_is_an_acceleration_in_units_of_the_nominal_s_a6():

@@ -28,6 +28,7 @@ from sim.log import read_log
 from sim.nominal import load_nominal
 
 SECONDS = 45.0       # of the flights of the default run; what begins somewhere in a flight gets a whole one
+BRIEF = {"gyro_bias", "gyro_scale", "actuator_bias", "servo_friction"}  # which half a minute shows as well
 BEGINNING = ("control_loss", "moment_step", "gust")
 VISIBLE = 2.0        # times a clearly visible size (`size_at`)
 ALIKE = 0.999        # |cosine| of exact equivalents
@@ -56,6 +57,10 @@ def diagnosed(folder, spec, drop_hypothesis=None, order=None, among=None):
 
 def seconds(cause):
     return None if cause in BEGINNING else SECONDS
+
+
+def briefly(cause):
+    return 30.0 if cause in BRIEF else seconds(cause)
 
 
 def answers(result):
@@ -97,7 +102,7 @@ def test_every_cause_is_found_on_both_vehicles(tmp_path, nominal, cause, variant
     "servo_friction", *(pytest.param(name, marks=pytest.mark.campaign)
                         for name in ("gyro_warming", "servo_curve", "attitude_curve"))])
 def test_what_nobody_listed_is_not_named(tmp_path, name):
-    result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0, duration=SECONDS))
+    result, label, _ = diagnosed(tmp_path, draw_spec(11, cause=name, factor=2.0, rate=100.0, duration=briefly(name)))
     assert result["verdict"] == "unexplained" and result["causes"] == [], (answers(result), label)
     assert result["where"] in set().union(*label.places)
 
@@ -131,12 +136,12 @@ def mirrored(columns):
 @pytest.mark.parametrize("cause", ["gyro_bias", *(pytest.param(name, marks=pytest.mark.campaign)
                                                   for name in ("slosh", "gust", "actuator_gain"))])
 def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path, cause):
-    spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=seconds(cause))
+    spec = draw_spec(5, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=briefly(cause))
     columns, label = fly(spec)
     nominal = load_nominal("constant")
     thinned = {name: value[::2] for name, value in columns.items()}
     double, _ = fly(draw_spec(5, cause=cause, factor=2.0 * VISIBLE, variant=PLAIN, rate=100.0,
-                            duration=seconds(cause)))
+                            duration=briefly(cause)))
     plain, reordered = tmp_path / "plain.csv", tmp_path / "reordered.csv"
     write_csv(plain, columns, None)
     write_csv(reordered, columns, sorted(columns, reverse=True))
@@ -155,7 +160,7 @@ def test_mirrored_reordered_thinned_and_doubled_logs_get_the_same_name(tmp_path,
                                    pytest.param("thrust_misalignment", marks=pytest.mark.campaign)])
 def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
     factor = 40.0 if cause.startswith("actuator") else VISIBLE   # the nozzle sensor was what showed them
-    spec = draw_spec(6, cause=cause, factor=factor, variant=PLAIN, rate=100.0, drop=("beta",), duration=SECONDS)
+    spec = draw_spec(6, cause=cause, factor=factor, variant=PLAIN, rate=100.0, drop=("beta",), duration=briefly(cause))
     result, label, _ = diagnosed(tmp_path, spec)
     assert found(result, label), (result["verdict"], answers(result), result["doubts"])
     assert len(answers(result)[0]) > 1
@@ -168,7 +173,7 @@ def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
                                    pytest.param(name, marks=pytest.mark.campaign)
                                    for name in LISTED if name != "controller_mismatch"])
 def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
-    spec = draw_spec(9, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=seconds(cause))
+    spec = draw_spec(9, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=briefly(cause))
     result, label, made = diagnosed(tmp_path, spec, drop_hypothesis=cause)
     equivalents = made.isolability.equivalents(cause, ALIKE)
     print(cause, "exact equivalents in this log:", ", ".join(" with ".join(each) for each in equivalents) or "none")

@@ -21,6 +21,14 @@ for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "
     sys.argv[1:] = words
     assert command() == 0
 """
+EACH = """
+import sys
+from sim.__main__ import command
+for log in sys.argv[1:]:
+    sys.argv[1:] = ["identify", log]
+    assert command() == 0
+    print("----")
+"""
 PLACES = {
     "C": {"LC_ALL": "C", "TZ": "UTC", "PYTHONHASHSEED": "0"},
     "German": {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "1"},
@@ -74,13 +82,15 @@ def test_the_bytes_are_the_same(tmp_path, request, here, place):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX file names")
-@pytest.mark.parametrize("name", ["\u00e9t\u00e9.csv".encode(), b"\xff\xfe.csv"])
-def test_any_name_of_a_file_can_be_said(tmp_path, name):
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+def test_any_name_of_a_file_can_be_said(tmp_path, encoding):
     """On a terminal that knows ASCII alone, and of bytes that are no text."""
-    log = os.path.join(os.fsencode(tmp_path), name)
+    logs = [os.path.join(os.fsencode(tmp_path), name) for name in ("\u00e9t\u00e9.csv".encode(), b"\xff\xfe.csv")]
     rows = "".join(f"{k / 100},{k % 7 / 100},{k % 5 / 100}\n" for k in range(300))
-    Path(os.fsdecode(log)).write_text("t,theta,beta\n" + rows)
-    for encoding in ("ascii", "utf-8"):
-        done = subprocess.run([sys.executable, "-m", "sim", "identify", log], cwd=ROOT, capture_output=True,
-                              timeout=300, check=False, env={**os.environ, "PYTHONIOENCODING": encoding})
-        assert done.returncode == 0 and done.stdout.count(b"\n") > 3, done.stderr.decode()
+    for log in logs:
+        Path(os.fsdecode(log)).write_text("t,theta,beta\n" + rows)
+    done = subprocess.run([sys.executable, "-c", EACH, *logs], cwd=ROOT, capture_output=True, timeout=300, check=False,
+                          env={**os.environ, "PYTHONIOENCODING": encoding})
+    assert done.returncode == 0, done.stderr.decode()
+    said = done.stdout.split(b"----\n")
+    assert len(said) == len(logs) + 1 and all(each.count(b"\n") > 3 for each in said[:-1])
