@@ -98,3 +98,29 @@ def test_a_ranking_leaves_out_what_one_of_less_evidence_outdoes(monkeypatch):
     monkeypatch.setattr(selection, "foreseen", lambda base, models: [
         model.causes[-1].hypothesis.cause != first for model in models])
     assert ranked() == [second]
+
+
+def test_a_cause_that_the_predictions_need_is_not_dropped_for_little_evidence(monkeypatch):
+    """A hobby rocket's delay beside a bending mode that imitated it: 16 nats, and nearly all of the error."""
+    nominal = as_simulated(on_grid(flown(NOMINAL, "actuator_delay:delay=0.06"), NOMINAL))
+    record = nominal.fit.record
+    causes = (Cause(RECORDS["actuator_delay"], (0.06,)), Cause(RECORDS["gyro_bias"], (1e-6,)))
+    both = profile(record, causes, nominal.fit.delta, nominal.fit.filter)
+
+    def kept():
+        return [cause.hypothesis.cause for cause in selection._dropped(record, both, math.inf).causes]
+
+    assert kept() == ["gyro_bias"]   # whatever their evidence, all but the last go
+    monkeypatch.setattr(selection, "is_foreseen", lambda model, other: "actuator_delay" in [
+        cause.hypothesis.cause for cause in other.causes])
+    assert kept() == ["actuator_delay"]
+
+
+def test_what_was_best_in_calm_air_is_tried_in_weather_whatever_a_scan_promises():
+    """A scan under weather that follows the sensors closely promised a late command nothing."""
+    nominal = as_simulated(on_grid(flown(NOMINAL, "gyro_bias:rate=0.002"), NOMINAL))
+    record, delay = nominal.fit.record, Cause(RECORDS["actuator_delay"], (0.01,))
+    tried = [model.causes[-1].hypothesis.cause
+             for model, _ in selection._ranking(record, nominal, [RECORDS["gyro_bias"]], also=[delay])]
+    assert tried[0] == "gyro_bias" and "actuator_delay" in tried
+    assert selection.select_from(nominal, (), 1e9, 1, lambda text: None, also=[delay]).also == (delay,)

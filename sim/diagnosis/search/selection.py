@@ -5,6 +5,7 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 `threshold`, each further one an absolute limit: one that is relative to the first loses half of the second causes.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -80,6 +81,7 @@ class Selection:
     rankings   of each step, best first
     weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
     instead    what else there is in weather alone, where that explains nearly as much as what turns the vehicle in it
+    also       first causes that are tried whatever a scan promises: the best in calm air, of a search in weather
     """
 
     nominal: Model
@@ -90,6 +92,7 @@ class Selection:
     weather: Weather | None = None
     calm: "Model | None" = None
     instead: "Selection | None" = None
+    also: tuple[Cause, ...] = ()
 
 
 def needed(threshold: float, causes: int) -> float:
@@ -109,15 +112,15 @@ def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
 
 def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, most: int, say: Say,
                 blocks: Sequence[tuple[Cause, ...]] = (), start: Model | None = None,
-                ranking: Sequence[Ranked] | None = None) -> Selection:
+                ranking: Sequence[Ranked] | None = None, also: Sequence[Cause] = ()) -> Selection:
     """Find up to `most` causes among the known hypotheses, from the nominal with its noise levels fitted.
 
     blocks  causes that make sense together only, of which one may join
     start   a model of the same record whose causes are kept as long as they are needed; None: the nominal
-    ranking of the first cause, where one that begins with causes has it; None: it is made
+    ranking of the first cause, where one that begins with causes has it; None: it is made;  also: `Selection`
     """
     record, known = nominal.fit.record, tuple(known)
-    found = Selection(nominal, nominal if start is None else start)
+    found = Selection(nominal, nominal if start is None else start, also=tuple(also))
     if start is not None and start.causes:  # what could stand in the place of the first is still told
         found.rankings.append(list(ranking) if ranking is not None else ranking_of(record, nominal, known))
     while len(found.model.causes) < most and not record.is_late:
@@ -155,7 +158,7 @@ def _next(record: Record, found: Selection, known: tuple[Hypothesis, ...], limit
     """The model with the best further cause, or None if none reaches the limit."""
     base = found.model
     allowed = _allowed(record, known, base.causes)
-    ranked = _ranking(record, base, allowed)
+    ranked = _ranking(record, base, allowed, also=() if base.causes else found.also)
     for block in blocks:
         model = profile(record, (*base.causes, *block), base.fit.delta, base.fit.filter)
         ranked.append((model, model.log_likelihood - base.log_likelihood
@@ -187,16 +190,19 @@ def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list
             for model, evidence in _ranking(record, base, _allowed(record, tuple(known), base.causes))]
 
 
-def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None) \
-        -> list[tuple[Model, float]]:
+def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None,
+             also: Sequence[Cause] = ()) -> list[tuple[Model, float]]:
     """Models with one more cause and its evidence, best first; the first few with their own noise levels.  Where noise
     stands for what is not modelled, without those that one of less evidence outdoes in what it predicts (`foreseen`).
 
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
+    also   causes that are tried whatever a scan promises
     """
     best: dict[str, tuple[Model, float]] = {}
+    problem = Problem(record, base.fit.filter)
+    given = [fit(problem, (*base.causes, cause), base.fit.delta) for cause in also]
     for start in starts(record, base) if known is None else [base]:
-        for fitted in _worth_levels(record, _fits(record, start, allowed, known)):
+        for fitted in itertools.chain(_worth_levels(record, _fits(record, start, allowed, known)), given):
             model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
             cause = model.causes[-1]
             evidence = model.log_likelihood - base.log_likelihood - penalty(record, cause.hypothesis)
@@ -279,14 +285,14 @@ def in_a_block(causes: Sequence[Cause], k: int) -> bool:
 
 
 def _dropped(record: Record, model: Model, limit: float) -> Model:
-    """Without the causes that the others made needless; one alone stays."""
+    """Without the causes that the others made needless, for the predictions too; one alone stays."""
     for k in range(len(model.causes) if len(model.causes) > 1 else 0):
         if in_a_block(model.causes, k):
             continue
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(record, others, model.fit.delta, model.fit.filter)
         loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
-        if loss < limit:
+        if loss < limit and is_foreseen(model, without):
             return _dropped(record, without, limit)
     return model
 

@@ -8,7 +8,7 @@ Weather keeps to no law exactly (a shear is a ramp, no walk): what turns the veh
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,7 @@ DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause 
 FULL = 0.99                     # of a level's largest, from which it is that
 LAW = 0.1                       # of what weather explains alone: no weather keeps to a law better, so causes of the
                                 # vehicle's motion that explain no more beyond it stand for its own shape (|cos| 0.95)
+CARRIED = 4                     # first causes of the search in calm air that are tried in weather too
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
 
@@ -67,23 +68,24 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     if sensors_disagree(one.model):
         return one  # no cause of the vehicle is told from what the sensors make of it
     say("weather")
+    carried = [each.cause for each in one.rankings[0][:CARRIED]] if one.rankings else []
     settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
     first = None if settled else _weathered(nominal)
     single = one.model.log_likelihood - nominal.log_likelihood
     if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
-        return _in_weather(nominal, first, known, threshold, say)
+        return _in_weather(nominal, first, known, threshold, say, carried)
     found = one
     if one.model.causes:
         two = Selection(nominal, one.model)
         if not settled and grown(two, known, threshold, blocks):
             beside, second = _weathered(one.model), two.model.log_likelihood - one.model.log_likelihood
             if beside is not None and beside.gain > needed(threshold, 1) and second < HALF * beside.gain:
-                return _in_weather(nominal, beside, known, threshold, say)
+                return _in_weather(nominal, beside, known, threshold, say, carried)
         found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, two.model, one.rankings[0])
     beside = _weathered(found.model) if found.model.causes else first
     if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
-    return _in_weather(nominal, beside, known, threshold, say)
+    return _in_weather(nominal, beside, known, threshold, say, carried)
 
 
 def sensors_disagree(model: Model) -> bool:
@@ -105,17 +107,22 @@ def sensors_disagree(model: Model) -> bool:
     return max(gains) > DISAGREE * record.rows
 
 
-def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], threshold: float, say: Say) -> Selection:
-    """The search from these causes on, all in the weather; and without it again where its causes make it needless."""
+def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], threshold: float, say: Say,
+                also: Sequence[Cause] = ()) -> Selection:
+    """The search from these causes on, all in the weather; and without it again where its causes make it needless.
+
+    also  first causes that explained most in calm air: weather of a tenth of a second follows the sensors so closely
+          that a score there promises nothing, though they alone predict
+    """
     causes = of.model.causes
     nominal = _refitted(of.model.fit.record, (), of.model) if causes else of.model
     blocks = () if causes else swinging(nominal)
-    found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None)
-    return _kept(calm, found, of, known, threshold, say)
+    found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None, also=also)
+    return _kept(calm, found, of, known, threshold, say, also)
 
 
 def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[Hypothesis, ...], threshold: float,
-          say: Say) -> Selection:
+          say: Say, also: Sequence[Cause] = ()) -> Selection:
     """What was found in a weather, with what that brings beside it; sought in calm air again where it is needless."""
     record = found.nominal.fit.record
     same = _refitted(calm.fit.record, found.model.causes, calm)
@@ -126,7 +133,8 @@ def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[H
         alone = _weathered(calm)
         if alone is not None and found.model.log_likelihood - alone.model.log_likelihood < LAW * alone.gain:
             apart = tuple(hypothesis for hypothesis in known if not is_outside(hypothesis))
-            found.instead = _in_weather(calm, alone, apart, threshold, say)
+            within = [cause for cause in also if not is_outside(cause.hypothesis)]
+            found.instead = _in_weather(calm, alone, apart, threshold, say, within)
     found.calm = calm
     found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
                             quiet(found.model) > UNSTEADY)
