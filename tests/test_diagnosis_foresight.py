@@ -124,3 +124,36 @@ def test_what_was_best_in_calm_air_is_tried_in_weather_whatever_a_scan_promises(
              for model, _ in selection._ranking(record, nominal, [RECORDS["gyro_bias"]], also=[delay])]
     assert tried[0] == "gyro_bias" and "actuator_delay" in tried
     assert selection.select_from(nominal, (), 1e9, 1, lambda text: None, also=[delay]).also == (delay,)
+
+
+def test_no_cause_joins_that_predictions_do_not_miss(monkeypatch):
+    nominal = as_simulated(on_grid(flown(NOMINAL, "gyro_bias:rate=0.002", "actuator_delay:delay=0.06"), NOMINAL))
+    known = (RECORDS["gyro_bias"], RECORDS["actuator_delay"])
+
+    def found():
+        return {cause.hypothesis.cause for cause in selection.select_from(
+            nominal, known, selection.THRESHOLD, 2, lambda text: None).model.causes}
+
+    assert found() == {"gyro_bias", "actuator_delay"}
+    monkeypatch.setattr(selection, "is_idle", lambda nominal, base, other: True)   # of a first one it is not asked
+    assert len(found()) == 1
+
+
+@pytest.mark.parametrize("predicts", [True, False])
+def test_no_form_and_no_rival_takes_the_place_of_what_predicts_better(monkeypatch, predicts):
+    nominal = as_simulated(on_grid(flown(NOMINAL, "gyro_bias:rate=0.002"), NOMINAL))
+    record = nominal.fit.record
+
+    def with_causes(*names):
+        return profile(record, [Cause(RECORDS[name], (value,)) for name, value in names], nominal.fit.delta,
+                       nominal.fit.filter)
+
+    weak = with_causes(("actuator_delay", 0.001), ("nozzle_sensor_bias", 1e-5))
+    strong = with_causes(("actuator_delay", 0.001), ("gyro_bias", 0.002))
+    monkeypatch.setattr(selection, "is_foreseen", lambda model, other: predicts)
+    monkeypatch.setattr(selection, "_in_other_form", lambda record, model, k, known: (strong, 1e3))
+    assert (selection._reformed(record, weak, ()) is strong) == predicts
+    monkeypatch.setattr(selection, "_in_other_form", lambda record, model, k, known: None)
+    monkeypatch.setattr(selection, "_ranking", lambda record, base, allowed, known=None: [(strong, 1e6)])
+    found = selection.Selection(nominal, weak)
+    assert selection._stood_in(record, found, (), 1.0) == predicts and (found.model is strong) == predicts
