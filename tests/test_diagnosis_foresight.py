@@ -86,6 +86,17 @@ def test_the_true_cause_predicts_best_and_its_error_is_the_noise_s():
     assert is_foreseen(nominal, late) and not is_idle(nominal, nominal, late)
 
 
+def test_a_model_that_leaves_the_log_predicts_worst_and_is_compared_in_every_channel(monkeypatch):
+    """A cubic term whose predictions overflow: they are not left out of the mean."""
+    nominal = as_simulated(on_grid(flown(NOMINAL), NOMINAL))
+    squares, count = foresight._errors(nominal)
+    plain = foresight.prediction_errors
+    for wrong in (np.nan, np.inf, 1e200):
+        monkeypatch.setattr(foresight, "prediction_errors", lambda *given, of=wrong: np.full_like(plain(*given), of))
+        far, same = foresight._errors(nominal)
+        assert far.shape == squares.shape and np.all(far > 1e50) and np.array_equal(same, count)
+
+
 def test_a_ranking_leaves_out_what_one_of_less_evidence_outdoes(monkeypatch):
     """Of two that explain a trim alike, the one that predictions speak for."""
     nominal = as_simulated(on_grid(flown(NOMINAL, "steady_wind:angle=0.03"), NOMINAL))

@@ -69,8 +69,9 @@ def is_idle(nominal: Model, base: Model, other: Model) -> bool:
     predictions are off."""
     if not is_strained(other):
         return False
-    none, before, after = (float(np.sum(_errors(each)[0] / _errors(nominal)[0])) for each in (nominal, base, other))
-    return before - after < LEAST_REMOVED * none
+    none = _errors(nominal)[0]
+    before, after = (float(np.sum(_errors(each)[0] / none)) for each in (base, other))
+    return before - after < LEAST_REMOVED * np.size(none)
 
 
 def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
@@ -78,13 +79,14 @@ def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
     horizons stand side by side in each."""
     record, over = model.fit.record, spans(model.fit.record)[-1]
     errors = prediction_errors(record, model.fit.filter, model.fit.point, (over,), SPACING)[:, 0]
-    apart = max(1, round(SPACING / record.period))
+    apart, ahead = (max(1, round(seconds / record.period)) for seconds in (SPACING, over))
     starts = apart * np.arange(len(errors))
-    inside = (starts * record.period >= settling(record)) & (starts + max(1, round(over / record.period)) < record.rows)
-    seen = np.isfinite(errors) & inside[:, None]
+    inside = (starts * record.period >= settling(record)) & (starts + ahead < record.rows)
+    errors, seen = errors[inside], np.isfinite(record.z[starts[inside] + ahead])
     count = seen.sum(axis=0)
     there = count > 0
-    squares = np.sum(np.clip(np.where(seen, errors, 0.0), -FARTHEST, FARTHEST)**2, axis=0)[there] / count[there]
+    off = np.nan_to_num(np.clip(errors, -FARTHEST, FARTHEST), nan=FARTHEST)  # what did not stay with the log is far off
+    squares = np.sum(np.where(seen, off, 0.0)**2, axis=0)[there] / count[there]
     return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * apart * record.period / over)
 
 

@@ -199,8 +199,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
     also   causes that are tried whatever a scan promises
     """
     best: dict[str, tuple[Model, float]] = {}
-    problem = Problem(record, base.fit.filter)
-    given = [fit(problem, (*base.causes, cause), base.fit.delta) for cause in also]
+    given = [fit(Problem(record, base.fit.filter), (*base.causes, cause), base.fit.delta) for cause in also]
     for start in starts(record, base) if known is None else [base]:
         for fitted in itertools.chain(_worth_levels(record, _fits(record, start, allowed, known)), given):
             model = profile(record, fitted.causes, fitted.delta, fitted.filter, fitted=fitted)
@@ -210,6 +209,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
                 continue
             if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
                 best[cause.hypothesis.label] = model, evidence
+        given = []
     ranked = sorted(best.values(), key=lambda pair: -pair[1])
     enough = [pair for pair in ranked if pair[1] > THRESHOLD]
     stand = foreseen(base, [model for model, _ in enough])
