@@ -11,7 +11,7 @@ from ..log import Log
 from ..nominal import Nominal
 from .causes import Hypothesis
 from .controller.command import record
-from .controller.issued import is_slow, with_commands
+from .controller.issued import with_commands
 from .controller.kind import FILTER, ControllerCheck
 from .data import clock
 from .data.check import check
@@ -37,23 +37,15 @@ from .judge.measure import (
 )
 from .judge.named import mismatch, named_causes, named_weather, with_removed
 from .judge.outdone import outdone
+from .judge.place import place
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
+from .search.changed import instead_of_each, relevelled, with_time
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import propose
-from .search.selection import (
-    THRESHOLD,
-    Say,
-    Selection,
-    fewer,
-    in_a_block,
-    instead_of_each,
-    relevelled,
-    strongest,
-    with_time,
-)
+from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -226,7 +218,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found and made.catalogue and not (foreign or made.is_cut_short) and _place(made) in FREE:
+    if found and made.catalogue and not (foreign or made.is_cut_short) and place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
         found = _with_fewer(made, measure, _with_rivals(made, measure, found, say), say)
@@ -384,7 +376,7 @@ def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
     selection = made.selection
     assert selection is not None
     made.verdict, made.doubts = "unexplained", tuple(found)
-    made.where = _place(made)
+    made.where = place(made)
     made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
     if made.gain is None and made.nearest:
         made.gain = measure(selection)
@@ -394,21 +386,3 @@ def _controller_words(controller: ControllerCheck) -> str:
     if controller.kind == FILTER and controller.time_constant is not None:
         return f"a derivative time constant of {controller.time_constant:.4g} s would explain it"
     return f"{controller.before:.2g} rad rms apart, {controller.after:.2g} after the best gains and delay"
-
-
-def _place(made: Diagnosis) -> str:
-    """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
-    place of the nearest cause where that explains more.  Of a controller that is not known a slow log does not have the
-    commands between its rows, which then seems the actuator's fault."""
-    assert made.selection is not None and made.record is not None
-    slow = is_slow(made.record)
-    foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
-    left = made.left_nominal or made.left
-    best = max((each for each in left if not each.is_line), key=lambda leftover: leftover.gain)
-    if foreign is not None and (foreign.evidence > best.gain or not slow):
-        return "controller"
-    weather = made.selection.weather
-    where, most = (best.where, best.gain) if weather is None or weather.gain < best.gain else ("plant", weather.gain)
-    strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
-    where = strongest.where if strongest is not None and strongest.evidence > most else where
-    return "controller" if foreign is not None and where == "actuator" else where

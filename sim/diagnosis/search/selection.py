@@ -8,7 +8,7 @@ tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwar
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,7 +34,6 @@ HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
-NEAREST = 2           # rivals of a cause that are tried in its place where it is in doubt
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
 
@@ -297,25 +296,6 @@ def _dropped(record: Record, model: Model, limit: float) -> Model:
     return model
 
 
-def with_time(of: Selection, until: float) -> Selection:
-    """The same with time until then [s of the diagnosis' clock]."""
-    def later(model: Model) -> Model:
-        return replace(model, fit=replace(model.fit, record=replace(model.fit.record, until=until)))
-
-    nominal = later(of.nominal)
-    return replace(of, nominal=nominal, model=nominal if of.model is of.nominal else later(of.model),
-                   calm=None if of.calm is None else later(of.calm),
-                   instead=None if of.instead is None else with_time(of.instead, until))
-
-
-def relevelled(of: Selection) -> Selection:
-    """The same with the noise levels fitted to its causes, for which a search that was cut had no time."""
-    if not of.model.causes:
-        return of
-    fitted = of.model.fit
-    return replace(of, model=profile(fitted.record, (), fitted.delta, fitted.filter, fitted=fitted))
-
-
 def strongest(of: Selection) -> int:
     """Index of the cause with most evidence."""
     return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
@@ -335,22 +315,6 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
         made.evidence.append(evidence)
         made.rivals.append([Ranked(cause, evidence), *of.rivals[kept[k]][1:]])
     return made
-
-
-def instead_of_each(of: Selection) -> Iterator[Selection]:
-    """The selection with one cause replaced by another that explains the log as well, the nearest first, all else
-    fitted anew; what was replaced is no rival any more."""
-    fitted = of.model.fit
-    for k, (own, *rivals) in enumerate(of.rivals):
-        near = [each for each in rivals if each.evidence > own.evidence - TOLD_APART]
-        for rival in near[:NEAREST]:
-            causes = (*of.model.causes[:k], rival.cause, *of.model.causes[k + 1:])
-            model = profile(fitted.record, causes, fitted.delta, fitted.filter)
-            evidence = own.evidence + model.log_likelihood - of.model.log_likelihood + \
-                penalty(fitted.record, own.cause.hypothesis) - penalty(fitted.record, rival.cause.hypothesis)
-            others = [Ranked(model.causes[k], evidence), *(each for each in rivals if each is not rival)]
-            yield replace(of, model=model, evidence=[*of.evidence[:k], evidence, *of.evidence[k + 1:]],
-                          rivals=[*of.rivals[:k], others, *of.rivals[k + 1:]])
 
 
 def _plain(record: Record, nominal: Model, model: Model) -> Model:

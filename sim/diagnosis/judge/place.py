@@ -1,0 +1,22 @@
+"""Where the misfit is."""
+
+from ..controller.issued import is_slow
+from .diagnosis import Diagnosis
+
+
+def place(made: Diagnosis) -> str:
+    """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
+    place of the nearest cause where that explains more.  Of a controller that is not known a slow log does not have the
+    commands between its rows, which then seems the actuator's fault."""
+    assert made.selection is not None and made.record is not None
+    slow = is_slow(made.record)
+    foreign = made.controller if made.controller is not None and made.controller.is_foreign else None
+    left = made.left_nominal or made.left
+    best = max((each for each in left if not each.is_line), key=lambda leftover: leftover.gain)
+    if foreign is not None and (foreign.evidence > best.gain or not slow):
+        return "controller"
+    weather = made.selection.weather
+    where, most = (best.where, best.gain) if weather is None or weather.gain < best.gain else ("plant", weather.gain)
+    strongest = max(made.nearest, key=lambda cause: cause.evidence, default=None)
+    where = strongest.where if strongest is not None and strongest.evidence > most else where
+    return "controller" if foreign is not None and where == "actuator" else where
