@@ -89,9 +89,9 @@ def test_more_than_may_be_left_is_doubted(shape, at_mode, bounds):
 
 
 @pytest.mark.parametrize("bounds", [EXPLAINED, DOMINANT])
-@pytest.mark.parametrize("shape", ["", "theta^2"])
+@pytest.mark.parametrize("shape", ["", "theta^2", "sin(3 t)"])
 def test_a_share_of_what_a_place_s_causes_explain_may_be_left_there(shape, bounds):
-    large, most = cause(evidence=20000.0), 20000.0 * (bounds.shape if shape else bounds.left)
+    large, most = cause(evidence=20000.0), 20000.0 * (bounds.line if "sin" in shape else bounds.left)
     assert doubts(large, left=(left(INSIDE * most, shape=shape),), bounds=bounds) == []
     assert doubts(large, left=(left(OUTSIDE * most, shape=shape),), bounds=bounds)
     both = large, cause("bending", evidence=10000.0)
@@ -116,7 +116,7 @@ def test_only_the_first_that_is_too_much_is_said():
 
 
 def test_what_explains_passes_all_that_dominates():
-    for name in ("variation", "left", "shape", "share"):
+    for name in ("variation", "left", "line", "share"):
         assert 0.0 < getattr(EXPLAINED, name) < getattr(DOMINANT, name) < 1.0
 
 

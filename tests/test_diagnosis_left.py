@@ -18,11 +18,12 @@ from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import CALM, WEATHER, WIND, Source, World
 from sim.diagnosis.judge import leftover as leftover_module
 from sim.diagnosis.judge import levels
+from sim.diagnosis.judge import outdone as outdone_module
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, constancy
 from sim.diagnosis.judge.leftover import Leftover, is_harmonic, leftovers
 from sim.diagnosis.judge.measure import DOMINANT, doubts
 from sim.diagnosis.judge.named import Named
-from sim.diagnosis.judge.outdone import outdone
+from sim.diagnosis.judge.outdone import KEPT, PARALLEL, UNLIKE, outdone
 from sim.diagnosis.judge.shapes import _shapes
 from sim.diagnosis.model.noise import LEVELS, Disturbance
 from sim.diagnosis.search.profile import as_simulated
@@ -63,6 +64,23 @@ def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
     found, left = gyro_of(saturated)
     rival = outdone(found, left)
     assert rival is not None and rival.cause == "gyro_scale" and rival.share > 0.9
+
+
+@pytest.mark.parametrize(("alone", "beside", "told"), [
+    (1.0 + UNLIKE - KEPT + 0.02, UNLIKE + 0.01, True), (1.0 + UNLIKE - KEPT - 0.02, UNLIKE + 0.01, False),
+    (PARALLEL - 0.01, UNLIKE - 0.01, False), (PARALLEL + 0.01, UNLIKE - 0.01, True), (PARALLEL + 0.01, 0.0, False)])
+def test_a_shape_that_is_left_is_no_rival_of_a_cause_that_keeps_half_beside_it(monkeypatch, alone, beside, told):
+    """A delay and a bent spring are two things.  Of what a cause explains, it keeps 1 + beside - alone where the shape
+    explains `alone` in its place and `beside` next to it."""
+    own = 1000.0
+    model = SimpleNamespace(causes=(Cause(RECORDS["actuator_delay"], (0.03,)),),
+                            fit=SimpleNamespace(record=SimpleNamespace(channels=()), filter=None, delta=None, cost=0.0))
+    monkeypatch.setattr(outdone_module, "Problem", lambda *given: None)
+    monkeypatch.setattr(outdone_module, "fit", lambda *given: SimpleNamespace(cost=own))
+    monkeypatch.setattr(outdone_module, "shape_gains", lambda *given: [("plant", "theta*abs(theta)", 1.0, alone * own)])
+    found = SimpleNamespace(model=model, evidence=[own])
+    rival = outdone(found, (left(beside * own, shape="theta*abs(theta)"),))
+    assert (rival is not None) == told
 
 
 @pytest.mark.parametrize(("cause", "swings", "effect"), [

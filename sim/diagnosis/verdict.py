@@ -51,7 +51,7 @@ from .search.weather import select
 __all__ = ["Diagnosis", "diagnose"]
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
-FEWEST_ROWS = 100      # without which nothing is fitted
+FEWEST_ROWS = 40       # without which nothing is fitted: about twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts

@@ -1,13 +1,14 @@
 """Is the logged command the nominal controller's?  With the reference it can be recomputed exactly, so any difference
 is a difference of gains, of computing time, or of the derivative's filter.
 
-A log as fast as the controller (or faster) holds every error the controller saw.  In a slower one the errors between
-rows are estimated, and the difference is judged against what is left of it instead of against nothing.
+A log as fast as the controller (or faster) holds every error the controller saw, but for those before its first row:
+what the derivative's filter remembers of them is free where the log begins in flight.  In a slower one the errors
+between rows are estimated, and the difference is judged against what is left of it instead of against nothing.
 """
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from .numbers import lowest
 
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
 EXPLAINED = 0.05        # of the rms difference that may be left for a mismatch to be named
+BETTER = 0.5            # of what an explanation leaves: another that is less simple must leave less
 LONGEST_LAG = 6.0       # periods of computing time searched
 LAG_STEP = 0.05         # periods
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
@@ -39,27 +41,38 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
         return check_gaps(record, seen)
     if abs(_period(record) / record.nominal.controller.period - 1.0) > COMMENSURATE:
         return None  # rows and periods drift apart, so no row holds the error that a command answers
+    found = _checked(record, begins=True)
+    if found is None or found.kind == NONE:
+        return found
+    other = _checked(record, begins=False)
+    if other is None or other.kind == UNKNOWN:
+        return found
+    return other if other.kind == NONE or found.kind == UNKNOWN or other.after < BETTER * found.after else found
+
+
+def _checked(record: Record, begins: bool) -> ControllerCheck | None:
+    """What the log's commands tell;  begins  the controller's first error is the log's, with nothing remembered."""
     stride = slice(record.held_phase, None, record.held)
     logged = record.commands[stride]
     limit = controller_gains(record.nominal)[4]
     expected = recomputed(record)[stride]
     fair = (np.abs(logged) < NEAR_LIMIT * limit) & (np.abs(expected) < NEAR_LIMIT * limit)
-    fair[:2] = False  # a log that begins in flight lacks the error before its first
+    fair[:2 if begins else round(LONGEST_LAG) + 2] = False  # else it lacks the error before its first
     whole = _whole(record)[stride]
     forgets = not whole.all()
     if forgets:
         fair &= _so_long(whole, round(LONGEST_LAG) + 2) & np.concatenate([[False], fair[:-1]])
     if fair.sum() < FEWEST:
         return None
-    before = _rms(_own_part(record, logged - expected, forgets), fair)
+    free = not (begins or forgets)
+    before = _rms(_own_part(record, logged - expected, forgets), fair, _remembered(record, len(fair), free))
     if before < max(ROUNDING, record.nominal.diagnosis.command):
         return ControllerCheck(NONE, before, before)
-    parts, wanted = _parts(record, forgets), _own_part(record, logged, forgets)
-    best = min((_gains_and_lag(record, parts, wanted, fair, lag) for lag in _lags(parts, wanted, fair)),
-               key=lambda check: check.after)
+    told = _Told(record, logged, fair, forgets, free)
+    best = told.best()
     if best.after > ROUNDING:
-        filtered = _filter(record, logged, fair, forgets)
-        best = filtered if filtered is not None and filtered.after < 0.5 * best.after else best
+        filtered = _filter(told)
+        best = filtered if filtered is not None and filtered.after < BETTER * best.after else best
     best = replace(best.of_kind(SAME_RECOMPUTED, _period(record)), before=before,
                    evidence=float(fair.sum() * math.log(before / max(best.after, ROUNDING))))
     most = ROUNDING if best.time_constant is not None and best.kind != FILTER else max(EXPLAINED * before, ROUNDING)
@@ -92,73 +105,95 @@ def _period(record: Record) -> float:
     return record.tick * record.held * record.step
 
 
-def _rms(x: np.ndarray, rows: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x[rows]**2)))
+def _rms(x: np.ndarray, rows: np.ndarray, beside: np.ndarray) -> float:
+    """Of x (n,) in these rows, the best multiples of `beside` (n, columns) taken off."""
+    rest = x[rows]
+    if beside.size:
+        rest = rest - beside[rows] @ np.linalg.lstsq(beside[rows], rest, rcond=None)[0]
+    return float(np.sqrt(np.mean(rest**2)))
 
 
-def _parts(record: Record, forgets: bool) -> tuple[np.ndarray, np.ndarray]:
-    """kp e and kd d [rad] of every period, or of both the `_own_part`: the command is linear in both gains."""
-    controller = record.nominal.controller
-    assert controller is not None
-    wide = replace(record.nominal.actuator, deflection_limit=math.inf) if record.nominal.actuator else None
-    made = []
-    for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
-        nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), actuator=wide, test_input=None)
-        made.append(_own_part(record, recomputed(replace(record, nominal=nominal))[record.held_phase::record.held],
-                              forgets))
-    return made[0], made[1]
+def _remembered(record: Record, periods: int, free: bool) -> np.ndarray:
+    """(periods, 1) what the derivative's filter makes of what it remembers at the first row, alpha^k; (periods, 0)
+    where that is known."""
+    tau, period = controller_gains(record.nominal)[2:4]
+    return np.power(tau / (tau + period), np.arange(periods))[:, None][:, :1 if free and tau > 0.0 else 0]
 
 
-def _lags(parts: tuple[np.ndarray, np.ndarray], logged: np.ndarray, fair: np.ndarray) -> list[float]:
-    """Computing times [periods] worth a fit: none, and the best of a grid, refined."""
-    total = parts[0] + parts[1]
-    kernel_lags = np.arange(0.0, LONGEST_LAG, LAG_STEP)
-    errors = []
-    for lag in kernel_lags:
-        late = later(total, float(lag))
-        design = late[fair]
-        scale = float(design @ logged[fair]) / max(float(design @ design), 1e-300)
-        errors.append(_rms(logged - scale * late, fair))
-    best = float(kernel_lags[int(np.argmin(errors))])
-    fine = np.clip(best + np.linspace(-LAG_STEP, LAG_STEP, 41), 0.0, None)
-    return [0.0, *(float(lag) for lag in fine)]
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """Commands logged (periods,) [rad], those that tell gains, fair (periods,) bool; where rows were lost of both
+    sides the `_own_part` (forgets), where the log begins in flight what is remembered is free."""
+
+    record: Record
+    logged: np.ndarray
+    fair: np.ndarray
+    forgets: bool
+    free: bool
+
+    def best(self, lags: Iterable[float] | None = None) -> ControllerCheck:
+        """Gains and computing time that explain the commands best;  lags [periods] that are tried; None: all."""
+        parts, wanted = self._parts(), _own_part(self.record, self.logged, self.forgets)
+        beside = _remembered(self.record, len(self.logged), self.free)
+        lags = self._lags(parts[0] + parts[1], wanted, beside) if lags is None else lags
+        return min((self._gains_and_lag(parts, wanted, beside, lag) for lag in lags), key=lambda check: check.after)
+
+    def with_filter(self, tau: float) -> "_Told":
+        """The same if the derivative had this time constant [s]."""
+        controller = self.record.nominal.controller
+        assert controller is not None
+        nominal = replace(self.record.nominal, controller=replace(controller, derivative_time_constant=tau))
+        return replace(self, record=replace(self.record, nominal=nominal))
+
+    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """kp e and kd d [rad] of every period, or of both the `_own_part`: the command is linear in both gains."""
+        record, controller = self.record, self.record.nominal.controller
+        assert controller is not None
+        wide = replace(record.nominal.actuator, deflection_limit=math.inf) if record.nominal.actuator else None
+        made = []
+        for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
+            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), actuator=wide,
+                              test_input=None)
+            command = recomputed(replace(record, nominal=nominal))[record.held_phase::record.held]
+            made.append(_own_part(record, command, self.forgets))
+        return made[0], made[1]
+
+    def _lags(self, total: np.ndarray, wanted: np.ndarray, beside: np.ndarray) -> list[float]:
+        """Computing times [periods] worth a fit: none, and the best of a grid, refined."""
+        grid = np.arange(0.0, LONGEST_LAG, LAG_STEP)
+        errors = [_rms(wanted, self.fair, np.column_stack([later(total, float(lag)), beside])) for lag in grid]
+        best = float(grid[int(np.argmin(errors))])
+        fine = np.clip(best + np.linspace(-LAG_STEP, LAG_STEP, 41), 0.0, None)
+        return [0.0, *(float(lag) for lag in fine)]
+
+    def _gains_and_lag(self, parts: tuple[np.ndarray, np.ndarray], wanted: np.ndarray, beside: np.ndarray,
+                       lag: float) -> ControllerCheck:
+        design = np.column_stack([*(later(part, lag) for part in parts), beside])[self.fair]
+        values, *_ = np.linalg.lstsq(design, wanted[self.fair], rcond=None)
+        values[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
+        after = float(np.sqrt(np.mean((wanted[self.fair] - design @ values)**2)))
+        spread = max(after, ROUNDING) * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+        slope = np.gradient(design @ values)
+        lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
+        tick = _period(self.record)
+        return ControllerCheck("", 0.0, after, float(values[0]), float(values[1]), lag * tick,
+                               (float(spread[0]), float(spread[1]), lag_std * tick))
 
 
-def _gains_and_lag(record: Record, parts: tuple[np.ndarray, np.ndarray], logged: np.ndarray, fair: np.ndarray,
-                   lag: float) -> ControllerCheck:
-    columns = [later(part, lag) for part in parts]
-    design = np.column_stack([c[fair] for c in columns])
-    gains, *_ = np.linalg.lstsq(design, logged[fair], rcond=None)
-    gains[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
-    rest = np.zeros_like(logged)
-    rest[fair] = logged[fair] - design @ gains
-    after = _rms(rest, fair)
-    spread = max(after, ROUNDING) * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
-    slope = np.gradient(design @ gains)
-    lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
-    tick = _period(record)
-    return ControllerCheck("", 0.0, after, float(gains[0]), float(gains[1]), lag * tick,
-                           (float(spread[0]), float(spread[1]), lag_std * tick))
-
-
-def _filter(record: Record, logged: np.ndarray, fair: np.ndarray, forgets: bool) -> ControllerCheck | None:
+def _filter(told: _Told) -> ControllerCheck | None:
     """The derivative's time constant that with gains and computing time would explain the difference best."""
-    controller = record.nominal.controller
+    controller = told.record.nominal.controller
     assert controller is not None
     if controller.derivative_time_constant <= 0.0:
         return None
 
     def best_with(tau: float, lags: Iterable[float]) -> ControllerCheck:
-        nominal = replace(record.nominal, controller=replace(controller, derivative_time_constant=tau))
-        with_it = replace(record, nominal=nominal)
-        parts, wanted = _parts(with_it, forgets), _own_part(with_it, logged, forgets)
-        return min((replace(_gains_and_lag(record, parts, wanted, fair, lag), time_constant=tau)
-                    for lag in lags), key=lambda check: check.after)
+        return replace(told.with_filter(tau).best(lags), time_constant=tau)
 
     taus = controller.derivative_time_constant * ALL_FILTERS
     tries = [best_with(float(tau), FILTER_LAGS) for tau in taus]
     k = int(np.argmin([check.after for check in tries]))
-    lag = (tries[k].delay / _period(record),)
+    lag = (tries[k].delay / _period(told.record),)
     tau = lowest(lambda tau: best_with(tau, lag).after, float(taus[max(k - 1, 0)]),
                  float(taus[min(k + 1, len(taus) - 1)]), HUNDRED_MILLIONTH)
     return best_with(tau, lag)

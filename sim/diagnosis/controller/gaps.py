@@ -29,7 +29,8 @@ NOISE = 4.0            # times what the attitude's noise between rows makes: mor
 CLEARLY = 30.0         # nats that a mismatch must gain; and gains and filter together over either
 GAINS: tuple[tuple[int, ...], ...] = ((0,), (1,), (0, 1))  # which may be free
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
-COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault
+COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault,
+BY_CHANCE = 4.0        # if it is also more than so many of its standard deviations in white noise, 1/sqrt(gaps)
 LATEST = 3             # periods of computing time tried
 NEWTON_STEPS = 6
 SETTLING = 25          # rows that a controller run backwards takes to forget its start
@@ -253,7 +254,7 @@ def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> boo
 def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
     """Whether what is left is no larger than noise, and white."""
     colour = float(np.mean(rest[1:] * rest[:-1])) / rms(rest)**2
-    return _is_small(record, gaps, rest) and abs(colour) <= COLOURED
+    return _is_small(record, gaps, rest) and abs(colour) <= max(COLOURED, BY_CHANCE / math.sqrt(len(rest)))
 
 
 def _explained(gaps: Gaps) -> Left:

@@ -109,9 +109,13 @@ def short_folds(record: Record) -> list[np.ndarray]:
 
 
 def long_folds(record: Record) -> list[np.ndarray]:
-    """The same for predictions: a block holds a horizon of 1 s.  When
-    a cause begins and how long it lasts is not fitted anew: blocks that hold an onset would be judged without it."""
-    odd = (np.arange(record.rows) * record.period / LONG).astype(np.int64) % 2 == 1
+    """The same for predictions: a block holds a horizon of 1 s, and of every two blocks in turn each mask has one, which
+    is drawn: of an experiment that repeats itself a regular pattern gives all motion to one mask and none to the other.
+    When a cause begins and how long it lasts is not fitted anew: blocks that hold an onset would be judged without it.
+    """
+    block = (np.arange(record.rows) * record.period / LONG).astype(np.int64)
+    swapped = np.random.default_rng(FOLDS_SEED).random(block[-1] // 2 + 1) < 0.5
+    odd = (block % 2 == 1) ^ swapped[block // 2]
     return [odd, ~odd]
 
 

@@ -17,9 +17,11 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     EXPLAINED.share     nine tenths of the error beyond noise are gone                 meaning only
     DOMINANT.variation  more than half as different along the log is not one cause     meaning only
     DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
-    DOMINANT.shape      the same of a known other shape, which would be a rival        meaning only: |cos| below 0.95
+    DOMINANT.line       the same of a line, which is a cause itself and was not one    meaning only
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
+    outdone.UNLIKE      share of it that a shape may leave and be like the cause       meaning only: |cos| below 0.95
+    outdone.KEPT        share of it that must be the cause's own beside such a shape   meaning only: more than half
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
@@ -46,7 +48,7 @@ class Bounds:
 
     variation: float
     left: float
-    shape: float
+    line: float
     share: float
 
 
@@ -85,7 +87,7 @@ def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], rows: int,
     """
     for each in left:
         own = sum(cause.evidence for cause in named if not same_place or cause.where == each.where)
-        share = bounds.shape if each.shape else bounds.left
+        share = bounds.line if each.is_line else bounds.left
         if each.gain > max(each.limit, share * own, PER_ROW * rows):
             return each
     return None

@@ -21,6 +21,8 @@ from .shapes import line_gain, shape_gains, swell_gain, swing_gain
 ODDS = math.log(5.0)   # nats: a cause of the catalogue is so many times as common as its one twin that is none
 RARE = math.log(1e4)  # nats
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
+UNLIKE = 0.1    # of what a cause explains: a shape that leaves more is another thing, if the cause
+KEPT = 0.5      # keeps so much of what it explains beside it
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,12 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     swing = _swinging(problem, model)
     if swing is not None:
         return swing
-    remaining = {(each.disturbance.place, each.shape) for each in left if each.gain > each.limit}
+    remaining = {(each.disturbance.place, each.shape): each.gain for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         margin = ODDS if cause.hypothesis.imitated == (place, shape) else SHAPE_LIMIT
-        if gain > own + margin or (gain > PARALLEL * own and (place, shape) in remaining):
+        beside = remaining.get((place, shape), 0.0)
+        if gain > own + margin or (beside > 0.0 and gain > PARALLEL * own) or \
+                (beside > UNLIKE * own and own + beside - gain < KEPT * own):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)
     return None

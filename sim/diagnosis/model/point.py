@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ...effects import Effect, actuator, plant, sensor
-from ...effects.table import CODE, P0, P1, Table
+from ...effects.table import CODE, MEMORY, P0, P1, Table
 from ...flight import packed
 from ...sections import AT_REST
 from ...vehicle import step as st
@@ -66,6 +66,8 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
         state[st.THETA] = state[st.THETA_DOT] = 0.0
     state[st.BETA] = _first(record.z[:, BETA]) - nulls[2] if np.isfinite(record.z[:, BETA]).any() \
         else record.commands[0]
+    if not begins_at_rest(record):
+        _settle(table, state[st.BETA])
     late = len(table.sensor) > 0
     drift = record.nominal.drift if not record.path_is_known else None
     drifting = np.zeros((2, 0))
@@ -76,6 +78,17 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     return st.Vehicle(constant, state, counter, a6, k1, none, none,
                       np.zeros(len(record.commands)) if extra is None else extra, none, none, none, record.commands,
                       none, none, history, *table, record.wind, drifting)
+
+
+def _settle(table: Table, beta: float) -> None:
+    """Effects that remember, inout, as a nozzle that has long stood at beta [rad] leaves them: a log need not begin
+    where the flight does."""
+    for row in table.plant:
+        if row[CODE] == plant.BENDING:
+            row[MEMORY] = row[P0] * beta
+    for row in table.actuator:
+        if row[CODE] in (actuator.ACTUATOR_BACKLASH, actuator.ACTUATOR_BANDWIDTH):
+            row[MEMORY] = beta
 
 
 def servo_frequency(record: Record, table: Table, later: float) -> float:
