@@ -43,7 +43,7 @@ def left(gain, place="plant", shape="", at_mode=False):
 
 
 def doubts(*named, left=(), bounds=EXPLAINED, rows=0, same_place=True):
-    return measure.doubts(named, left, rows, SPAN, bounds, same_place)
+    return measure.doubts(named, left, PER_ROW * rows, SPAN, bounds, same_place)
 
 
 # ---- a size that changes

@@ -131,7 +131,7 @@ def test_two_oscillations_that_a_log_does_not_resolve_are_one_that_changes(cause
     """Two sloshing masses of opposite couplings among them: a6 that swung by 1 % was called so."""
     stds = dict.fromkeys((*sizes, "frequency"), 1e-3)
     lines = tuple(Named(cause, sizes | {"frequency": w}, stds, {}, (), 50.0, None) for w in (5.0 + apart, 5.0))
-    found = doubts(lines, (), 7000, (0.0, 70.0), DOMINANT, same_place=False)
+    found = doubts(lines, (), 10.5, (0.0, 70.0), DOMINANT, same_place=False)
     assert [each for each in found if "two oscillations, of 5 and 5.1" in each] == (found if told else [])
     assert bool(found) == told
 

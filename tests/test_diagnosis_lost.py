@@ -10,7 +10,7 @@ import pytest
 from test_diagnosis import WHOLE, log_of
 
 from sim.diagnosis.causes import SOUGHT
-from sim.diagnosis.controller.command import _off_by, record
+from sim.diagnosis.controller.command import off_by, record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.model.noise import dynamics
 from sim.diagnosis.model.point import Point
@@ -71,10 +71,10 @@ def test_what_is_not_known_of_a_command_is_what_it_does_over_as_many_rows():
     for long in (1, 5, 20):
         lost = np.zeros(len(command), bool)
         lost[1000:1000 + long] = True
-        assert _off_by(command, lost) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
+        assert off_by(command, lost) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
     ramp = 0.01 * np.arange(1000.0)
     lost = np.arange(1000) == 500
-    assert _off_by(ramp, lost) == pytest.approx(0.0, abs=1e-9)
+    assert off_by(ramp, lost) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_command_that_is_logged_when_it_changes_is_held_and_believed():
@@ -94,6 +94,6 @@ def test_only_lost_rows_have_the_commands_noise():
     blocks = len(whole.f)
     assert np.array_equal(own.block[~r.lost], whole.block[~r.lost])
     assert np.array_equal(own.block[r.lost], whole.block[r.lost] + blocks)
-    assert not own.lost_q[:blocks].any()
+    assert not own.unknown_q[:blocks].any()
     entry = r.unknown * whole.entry[:, :, 0]
-    assert np.allclose(own.lost_q[blocks:], entry[:, :, None] * entry[:, None, :], rtol=1e-12)
+    assert np.allclose(own.unknown_q[blocks:], entry[:, :, None] * entry[:, None, :], rtol=1e-12)

@@ -27,6 +27,7 @@ from .judge.limits import limits, unseen
 from .judge.measure import (
     DOMINANT,
     EXPLAINED,
+    PER_ROW,
     Remainder,
     doubts,
     of_gain,
@@ -41,6 +42,7 @@ from .judge.place import place
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
+from .model.noise import ACCELERATION, LEVELS
 from .search.changed import instead_of_each, relevelled, with_time
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
@@ -109,6 +111,7 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     made.record = r
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
+    made.threshold = max(made.threshold, r.unsure * r.rows)
     made = _searched(made, holdout, hypotheses, say)
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
@@ -265,10 +268,10 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     made.left = tuple(leftovers(selection.model))
     made.noise = noise_of(selection.model)
     made.gain, made.remaining = None, ()
-    rows, span = made.record.rows, _span(made.record)
-    found = doubts(made.nearest, made.left, rows, span, DOMINANT, same_place=False)
-    strict = doubts(made.nearest, made.left, rows, span, EXPLAINED, same_place=True)
-    noisy = too_noisy(made.noise)
+    feigned, span = max(PER_ROW, made.record.unsure) * made.record.rows, _span(made.record)
+    found = doubts(made.nearest, made.left, feigned, span, DOMINANT, same_place=False)
+    strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
+    noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
     weather = selection.weather
     if weather is not None and weather.is_wind and not strict and noisy is None:
         made.nearest = (*made.nearest, named_weather(weather))
@@ -289,6 +292,11 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     made.gain = measure(selection)
     made.remaining = (*strict, *of_gain(made.gain, EXPLAINED))
     return of_gain(made.gain, DOMINANT)
+
+
+def _pushed_by_chance(r: Record) -> str:
+    """The level that stands for commands which nothing tells, neither log nor nozzle; "" where there are none."""
+    return LEVELS[ACCELERATION] if r.unsure > 0.0 and "beta" not in r.channels else ""
 
 
 def _span(r: Record) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.record import THETA, Record
-from .command import controller_gains, later, recomputed
+from .command import controller_gains, later, recomputed, without_limit
 from .gaps import Seen, check_gaps
 from .kind import FEWEST, FILTER, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 from .numbers import lowest
@@ -149,11 +149,9 @@ class _Told:
         """kp e and kd d [rad] of every period, or of both the `_own_part`: the command is linear in both gains."""
         record, controller = self.record, self.record.nominal.controller
         assert controller is not None
-        wide = replace(record.nominal.actuator, deflection_limit=math.inf) if record.nominal.actuator else None
-        made = []
+        record, made = without_limit(record), []
         for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
-            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), actuator=wide,
-                              test_input=None)
+            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), test_input=None)
             command = recomputed(replace(record, nominal=nominal))[record.held_phase::record.held]
             made.append(_own_part(record, command, self.forgets))
         return made[0], made[1]

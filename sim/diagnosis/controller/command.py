@@ -68,7 +68,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
     rows = np.arange(draft.rows)
     if lost.any():
-        draft = replace(draft, lost=lost, unknown=_off_by(command, lost))
+        draft = replace(draft, lost=lost, unknown=off_by(command, lost))
         command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
@@ -94,7 +94,7 @@ def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
     return made
 
 
-def _off_by(command: np.ndarray, lost: np.ndarray) -> float:
+def off_by(command: np.ndarray, lost: np.ndarray) -> float:
     """[rad] RMS a lost row by which its command is off the line over its gap, such that independent errors of so much
     move the vehicle as far by the gap's end as the true ones: as they would in gaps as long where nothing was lost.
 
@@ -118,7 +118,7 @@ def _with_lost(r: Record) -> Record:
     """Of a record whose commands are recomputed the rows without an attitude, which the controller saw."""
     lost = ~np.isfinite(r.z[:, THETA])
     issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
-    return replace(r, lost=lost, unknown=_off_by(issued, lost)) if lost.any() else r
+    return replace(r, lost=lost, unknown=off_by(issued, lost)) if lost.any() else r
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
@@ -175,6 +175,14 @@ def controller_gains(nominal: Nominal) -> np.ndarray:
     assert c is not None
     limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
     return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
+
+
+def without_limit(r: Record) -> Record:
+    """The record of a nozzle that is sent anywhere: what is recomputed then is linear."""
+    if r.nominal.actuator is None:
+        return r
+    wide = replace(r.nominal.actuator, deflection_limit=math.inf)
+    return replace(r, nominal=replace(r.nominal, actuator=wide))
 
 
 def later(x: np.ndarray, lag: float) -> np.ndarray:

@@ -1,15 +1,20 @@
 """Every command that the controller issued, and whether it is the nominal's.
 
 A log as fast as its controller has them all.  Of a slower one those between the rows are filled in, from what a model
-of the vehicle saw there; the controller's room knows none, so the model is handed in.
+of the vehicle saw there; the controller's room knows none, so the model is handed in.  Where there is no reference to
+fill them in by, or no command at all, they are what the controller makes of that model's attitude: off by what it makes
+of the noise that it saw there (`asked`).
 """
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from ..data.record import Record
+from .asked import RECOMPUTED, asked, of_noise, unsure
 from .check import check_controller
+from .command import recomputed
 from .fill import Controller, as_believed, filled
 from .gaps import Seen
 from .kind import NONE, UNKNOWN, ControllerCheck
@@ -30,8 +35,12 @@ class Follower(Protocol):
 
 def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
-    if not is_slow(record) or not np.isfinite(record.reference).any():
+    if not is_slow(record):
         return record, check_controller(record)
+    if record.input == "controller":
+        return _recomputed(record, follower), None
+    if not np.isfinite(record.reference).any():
+        return _without_reference(record, follower), None
     checked, unfilled, r = None, record, record
     for _ in range(FILLINGS):
         seen = follower.seen(r)
@@ -48,10 +57,23 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
         assert seen is not None
         checked, likeliest = refined(r, seen, checked, follower.vehicle(r))
         r = filled(r, seen.attitude, likeliest)
-    return r, checked
+    return replace(r, unsure=unsure(r, RECOMPUTED)) if r.fill_gain > 0.0 else r, checked
+
+
+def _recomputed(record: Record, follower: Follower) -> Record:
+    """Of a log without commands: what the controller makes of the model's attitude, off by what it makes of noise."""
+    seen = follower.seen(record)
+    commands = record.commands if seen is None else recomputed(record, seen.attitude)
+    return replace(record, commands=commands, fill_gain=of_noise(record), unsure=unsure(record, RECOMPUTED))
+
+
+def _without_reference(record: Record, follower: Follower) -> Record:
+    """Of a log without reference."""
+    seen = follower.seen(record)
+    return record if seen is None else asked(record, seen.attitude)
 
 
 def is_slow(record: Record) -> bool:
     """The log has not every command that its controller issued."""
-    return record.every > record.tick * record.thinned and record.fine == 1 and record.input == "beta_cmd" \
+    return record.every > record.tick * record.thinned and record.fine == 1 and record.input != "beta" \
         and record.nominal.controller is not None

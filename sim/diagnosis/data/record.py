@@ -69,6 +69,8 @@ class Record:
     fastest     [rad/s] of servos that the rows resolve; a faster one stands for none
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
+    between     [rad] one sigma by which its commands between rows are off beside that
+    unsure      [nats] a row that these commands may feign, so that a cause must explain more
     shift       [s] log's clock = grid's clock + shift
     """
 
@@ -88,6 +90,8 @@ class Record:
     held: int = 1
     held_phase: int = 0
     fill_gain: float = 0.0
+    between: float = 0.0
+    unsure: float = 0.0
     logged: np.ndarray | None = None
     lost: np.ndarray | None = None   # none is
     unknown: float = 0.0

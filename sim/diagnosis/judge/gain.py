@@ -109,8 +109,8 @@ def short_folds(record: Record) -> list[np.ndarray]:
 
 
 def long_folds(record: Record) -> list[np.ndarray]:
-    """The same for predictions: a block holds a horizon of 1 s, and of every two blocks in turn each mask has one, which
-    is drawn: of an experiment that repeats itself a regular pattern gives all motion to one mask and none to the other.
+    """The same for predictions: a block holds a horizon of 1 s, and of every two in turn each mask has one, which is
+    drawn: of an experiment that repeats itself a regular pattern gives all motion to one mask and none to the other.
     When a cause begins and how long it lasts is not fitted anew: blocks that hold an onset would be judged without it.
     """
     block = (np.arange(record.rows) * record.period / LONG).astype(np.int64)

@@ -22,6 +22,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
     outdone.UNLIKE      share of it that a shape may leave and be like the cause       meaning only: |cos| below 0.95
     outdone.KEPT        share of it that must be the cause's own beside such a shape   meaning only: more than half
+    asked.UNSURE        nats a row that unknown commands feign: see there              clean flights, three nominals
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
@@ -79,23 +80,24 @@ def variation(of: Constancy | None, neutral: float) -> float:
     return math.sqrt(max(spread, 0.0)) / away if away > 0.0 else math.inf
 
 
-def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], rows: int, bounds: Bounds,
+def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], feigned: float, bounds: Bounds,
                 same_place: bool) -> Leftover | None:
     """The disturbance that explains more beside the causes than the bounds allow; None: there is none.
 
-    same_place  judged against the causes of its own place only
+    feigned     [nats] that no cause need explain;  same_place  judged against the causes of its own place only
     """
     for each in left:
         own = sum(cause.evidence for cause in named if not same_place or cause.where == each.where)
         share = bounds.line if each.is_line else bounds.left
-        if each.gain > max(each.limit, share * own, PER_ROW * rows):
+        if each.gain > max(each.limit, share * own, feigned):
             return each
     return None
 
 
-def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span: tuple[float, float], bounds: Bounds,
-           same_place: bool) -> list[str]:
-    """Why these causes do not keep the bounds, a line each;  span [s]: the log's first and last row."""
+def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], feigned: float, span: tuple[float, float],
+           bounds: Bounds, same_place: bool) -> list[str]:
+    """Why these causes do not keep the bounds, a line each;  feigned [nats] that no cause need explain;  span [s]: the
+    log's first and last row."""
     found = []
     for each in named:
         varies = variation(each.constancy, each.record.neutral)
@@ -104,7 +106,7 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], rows: int, span
                          f"of itself, at most {100 * bounds.variation:.0f} %)")
         found += undetermined(each, *span)
     found += _unresolved(named, span)
-    more = left_beyond(left, named, rows, bounds, same_place)
+    more = left_beyond(left, named, feigned, bounds, same_place)
     if more is not None:
         found.append(f"a disturbance {more.words} at the {more.disturbance.place} explains {more.gain:.0f} nats more")
     return found
@@ -132,10 +134,10 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     return []
 
 
-def too_noisy(noise: dict[str, dict[str, Any]]) -> str | None:
-    """The level that is beyond doubt beyond NOISE times the declared, in words."""
+def too_noisy(noise: dict[str, dict[str, Any]], but: str = "") -> str | None:
+    """The level that is beyond doubt beyond NOISE times the declared, in words; whatever is told of `but`."""
     for name, level in noise.items():
-        if level["beyond"]:
+        if level["beyond"] and name != but:
             return f"noise of {name} at {level['factor']:.3g} times the declared stands for what is not modelled"
     return None
 

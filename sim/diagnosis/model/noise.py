@@ -81,7 +81,7 @@ class Dynamics:
     command_q: np.ndarray       # (b, m, m) for unit variance of the command noise
     acceleration_q: np.ndarray  # (b, m, m)
     fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
-    lost_q: np.ndarray          # (b, m, m) of rows that the log does not have
+    unknown_q: np.ndarray       # (b, m, m) of commands that the log does not have
     entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
     rate_scale: float           # of the gyro: gains are those of one without (`predictor`)
     slots: np.ndarray           # (m,) where each state stands in gains (n, 6 + 2 modes + the world's, 3)
@@ -110,16 +110,16 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     entry[:, 4:6] = 0.0
     q = np.zeros((3, len(half), m, m))
     if not held:
-        q = _held_noise(part, ticks, record.fill_gain)
+        q = _held_noise(part, ticks)
         f[:, 4:6, :] = f[:, :, 4:6] = 0.0
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
     scale = rate_scale(v.sensor)
     c[THETA_DOT] *= scale
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
-    command_q, acceleration_q, fill_q = (x[:, kept, kept].copy() for x in q)
-    own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, fill_q, np.zeros_like(f), entry,
-                   float(made_good(scale)), np.arange(m)[kept], (), ())
+    command_q, acceleration_q, between_q = (x[:, kept, kept].copy() for x in q)
+    own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, record.fill_gain**2 * between_q,
+                   record.between**2 * between_q, entry, float(made_good(scale)), np.arange(m)[kept], (), ())
     return _with_lost(record, _in_the_world(record, own, record.a6[half], v.k1[half]))
 
 
@@ -128,10 +128,10 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
     if record.lost is None:
         return own
     enters = record.unknown * own.entry[:, :, 0]
-    lost_q = np.concatenate([own.lost_q, enters[:, :, None] * enters[:, None, :]])
+    unknown_q = np.concatenate([own.unknown_q, enters[:, :, None] * enters[:, None, :]])
     f, command_q, acceleration_q, fill_q, entry = (
         np.concatenate([x, x]) for x in (own.f, own.command_q, own.acceleration_q, own.fill_q, own.entry))
-    return replace(own, f=f, command_q=command_q, acceleration_q=acceleration_q, fill_q=fill_q, lost_q=lost_q,
+    return replace(own, f=f, command_q=command_q, acceleration_q=acceleration_q, fill_q=fill_q, unknown_q=unknown_q,
                    entry=entry, block=np.where(record.lost, own.block + len(own.f), own.block))
 
 
@@ -152,15 +152,15 @@ def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray)
         if source.is_stochastic:
             fresh.append((j, source.fresh(period)))
         first.append((j, source.initial**2 if math.isinf(source.time_constant) else -1.0))
-    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q, own.lost_q)]
+    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q, own.unknown_q)]
     slots = np.append(own.slots, N_RIGID + 2 * len(own.modes) + np.arange(w))
     return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], q[3], entry, own.rate_scale,
                     slots, tuple(fresh), tuple(first))
 
 
-def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:
-    """(3, b, m, m) covariance over a row of unit command noise, unit acceleration and recomputed commands, each drawn
-    anew every tick; part (b, m, m) is the transition over a tick."""
+def _held_noise(part: np.ndarray, ticks: int) -> np.ndarray:
+    """(3, b, m, m) covariance over a row of unit command noise, of unit acceleration, and of the first in the ticks
+    between rows alone, each drawn anew every tick; part (b, m, m) is the transition over a tick."""
     b, m, _ = part.shape
     q = np.zeros((3, b, m, m))
     free = part.copy()
@@ -174,7 +174,7 @@ def _held_noise(part: np.ndarray, ticks: int, fill_gain: float) -> np.ndarray:
             outer = enters[:, :, None] * enters[:, None, :]
             q[k] += outer
             if k == 0 and j > 0:
-                q[2] += fill_gain**2 * outer
+                q[2] += outer
         carry = free @ carry
     return q
 
@@ -304,7 +304,7 @@ class Refilter:
         noises."""
         record, dyn = self.record, self.dyn
         q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q \
-            + dyn.lost_q
+            + dyn.unknown_q
         for (state, variance), level in zip(dyn.fresh, levels[5:], strict=True):
             q[:, state, state] = variance * level**2
         f, c, p = dyn.f, dyn.c, _start(record, levels, dyn)

@@ -1,0 +1,101 @@
+"""launchid diagnose on logs slower than the controller that lack its reference, or its commands: what it commanded
+between the rows is not in the log, and nobody takes that for a fault of the vehicle."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from test_diagnosis import NEAR, WHOLE, log_of
+
+from sim.diagnosis.controller.asked import LINES, WITHOUT_NOZZLE, WITHOUT_RATE, asked, of_noise, unsure
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.controller.issued import with_commands
+from sim.diagnosis.data.check import check
+from sim.diagnosis.model.follower import NominalFollower
+from sim.diagnosis.model.noise import dynamics
+from sim.diagnosis.model.point import Point
+from sim.diagnosis.verdict import diagnose
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.log import OPTIONAL
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+SLOW, SLOWER = 0.02, 0.04   # s, of a controller of 0.01 s
+
+
+@functools.cache
+def flight(effect="", period=SLOW, seed=6):
+    return fly_whole(NOMINAL, seed, period=period, effects=[from_text(effect)] if effect else [])
+
+
+def without(drop, effect="", period=SLOW):
+    return log_of(flight(effect, period), tuple(drop.split(",")))
+
+
+def recorded(drop, period=SLOW):
+    log = without(drop, period=period)
+    return record(log, NOMINAL, check(log, NOMINAL))
+
+
+@pytest.mark.parametrize("drop", ["theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"])
+@pytest.mark.parametrize("period", [SLOW, SLOWER])
+def test_a_clean_flight_is_consistent_without_reference_or_commands(drop, period):
+    made = diagnose(without(drop, period=period), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+@pytest.mark.parametrize(("drop", "effect"), [
+    ("theta_ref", "control_effectiveness:scale=1.3"), ("beta_cmd", "control_effectiveness:scale=1.3"),
+    ("beta_cmd,beta", "control_effectiveness:scale=0.7"), ("theta_ref", "thrust_misalignment:angle=0.01")])
+def test_a_cause_larger_than_what_they_feign_is_named(drop, effect):
+    among = tuple(each for each in NEAR if each.cause not in ("steady_wind", "attitude_bias", "actuator_gain"))
+    made = diagnose(without(drop, effect), NOMINAL, hypotheses=among)
+    name, value = effect.split(":")[0], float(effect.split("=")[1])
+    assert [cause.cause for cause in made.causes] == [name]
+    size = next(iter(made.causes[0].values))
+    assert made.causes[0].values[size] == pytest.approx(value, rel=0.1)
+    assert made.threshold == max(12.0, made.record.unsure * made.record.rows)
+
+
+@pytest.mark.parametrize("period", [SLOW, SLOWER])
+def test_commands_between_rows_are_off_by_what_is_said(period):
+    """RMS of what they miss: what the controller made of noise, and lines; those of the rows are the log's."""
+    made, controller = with_commands(recorded("theta_ref", period), NominalFollower())
+    every = made.every // made.tick
+    whole = flight(period=0.01).beta_cmd
+    n = (len(whole) // every - 1) * every
+    off = (made.commands[:n] - whole[:n]).reshape(-1, every)
+    assert controller is None and not off[:, 0].any()
+    said = np.hypot(made.fill_gain * NOMINAL.sensors.theta_std, made.between)
+    assert np.sqrt(np.mean(off[:, 1:]**2)) == pytest.approx(said, rel=0.25)
+    lines = np.interp(np.arange(n), np.arange(0, n, every), whole[:n:every])
+    assert np.std(off[:, 1:]) < 0.95 * np.std((lines - whole[:n]).reshape(-1, every)[:, 1:])
+
+
+def test_what_is_unknown_between_rows_moves_the_nozzle_there_alone():
+    """The variance over a row is that of one draw in the second of its two ticks."""
+    of = dataclasses.replace(recorded("theta_ref"), between=0.01)
+    known, own = dynamics(dataclasses.replace(of, between=0.0), Point()), dynamics(of, Point())
+    assert not known.unknown_q.any() and np.allclose(own.command_q, known.command_q, rtol=0)
+    assert np.all(np.diagonal(own.unknown_q, axis1=1, axis2=2)[:, :4] >= 0.0) and own.unknown_q[0, 2, 2] > 0.0
+    assert own.unknown_q[0, 2, 2] < 0.01**2 * own.command_q[0, 2, 2]
+
+
+def test_what_commands_feign_grows_with_what_is_not_measured():
+    of = recorded("theta_ref")
+    assert unsure(of, LINES) == pytest.approx(LINES)
+    assert unsure(recorded("theta_ref", SLOWER), LINES) == pytest.approx(9.0 * LINES)
+    assert unsure(recorded("theta_ref,beta"), LINES) == pytest.approx(WITHOUT_NOZZLE * LINES)
+    assert unsure(recorded("theta_ref,theta_dot"), LINES) == pytest.approx(WITHOUT_RATE * LINES)
+    whole = with_commands(recorded("gamma"), NominalFollower())[0]
+    assert "gamma" in OPTIONAL and whole.unsure == whole.fill_gain == 0.0   # every command follows from both
+
+
+def test_rows_at_the_nozzle_s_limit_tell_nothing_of_what_was_asked():
+    of = recorded("theta_ref")
+    limited = of.commands.copy()
+    limited[2000:2040] = NOMINAL.actuator.deflection_limit
+    made = asked(dataclasses.replace(of, commands=limited), np.zeros(len(limited)))
+    assert np.max(np.abs(made.commands)) <= NOMINAL.actuator.deflection_limit and np.all(np.isfinite(made.commands))
+    assert made.fill_gain == of_noise(of)
