@@ -70,15 +70,16 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
-    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False):
+    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False, unsure=0.0,
+              channels=("theta", "theta_dot", "beta")):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
         made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found,
                          is_cut_short=late)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, every=2 if slow else 1, tick=1,
                                       rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
-                                      thinned=1, nominal=SimpleNamespace(controller=True,
-                                                                         diagnosis=sections.Diagnosis()))
+                                      thinned=1, unsure=unsure, channels=channels,
+                                      nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis()))
 
         def measure(of):
             measured.append(of)
@@ -172,6 +173,22 @@ def test_what_is_left_may_be_half_of_what_is_explained(judged, left_over, verdic
     for place in ("plant", "theta"):   # wherever it is
         found = Found(cause("gyro_bias", 100.0), left=[left_at(place, left_over * DOMINANT.left * 100.0)])
         assert judged(found).made.verdict == verdict
+
+
+def test_what_unknown_commands_feign_need_not_be_explained(judged):
+    most = 0.02 * ROWS
+    for gain, verdict_of in ((INSIDE * most, "consistent"), (OUTSIDE * most, "unexplained")):
+        assert judged(Found(left=[left_at("actuator", gain)]), unsure=0.02).made.verdict == verdict_of
+    assert judged(Found(left=[left_at("actuator", INSIDE * most)])).made.verdict == "unexplained"
+
+
+def test_noise_of_the_acceleration_stands_for_commands_that_neither_log_nor_nozzle_tells(judged):
+    loud = {"factor": 9.0, "beyond": True}
+    found, other = Found(noise={"acceleration": loud}), Found(noise={"theta": loud})
+    assert judged(found, unsure=0.02, channels=("theta",)).made.verdict == "consistent"
+    for given in ({"unsure": 0.02}, {"channels": ("theta",)}):   # the nozzle tells, or every command is known
+        assert judged(found, **given).made.verdict == "unexplained"
+    assert judged(other, unsure=0.02, channels=("theta",)).made.verdict == "unexplained"
 
 
 # ---- weather
@@ -451,7 +468,7 @@ def test_noise_and_time_limit_are_the_record_s(checked):
 
 def test_too_few_rows_are_not_searched(monkeypatch):
     for rows, searched in ((verdict.FEWEST_ROWS - 1, False), (verdict.FEWEST_ROWS, True)):
-        record = SimpleNamespace(rows=rows, is_late=False)
+        record = SimpleNamespace(rows=rows, is_late=False, unsure=0.0)
         found: list[int] = []
         monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
         monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
@@ -468,7 +485,7 @@ def test_too_few_rows_are_not_searched(monkeypatch):
 
 def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     taken = []
-    record = SimpleNamespace(rows=verdict.FEWEST_ROWS, is_late=False)
+    record = SimpleNamespace(rows=verdict.FEWEST_ROWS, is_late=False, unsure=0.0)
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
     monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
     monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
