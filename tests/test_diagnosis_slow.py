@@ -3,9 +3,11 @@ between the rows is not in the log, and nobody takes that for a fault of the veh
 
 import dataclasses
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden import Weather, draw_spec, fly
 from test_diagnosis import NEAR, WHOLE, log_of
 
 from sim.diagnosis.controller.asked import LINES, WITHOUT_NOZZLE, WITHOUT_RATE, asked, of_noise, unsure
@@ -19,6 +21,7 @@ from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL
+from sim.nominal import Wind, load_nominal
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
 SLOW, SLOWER = 0.02, 0.04   # s, of a controller of 0.01 s
@@ -99,3 +102,23 @@ def test_rows_at_the_nozzle_s_limit_tell_nothing_of_what_was_asked():
     made = asked(dataclasses.replace(of, commands=limited), np.zeros(len(limited)))
     assert np.max(np.abs(made.commands)) <= NOMINAL.actuator.deflection_limit and np.all(np.isfinite(made.commands))
     assert made.fill_gain == of_noise(of)
+
+
+DROPPED = ("theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "theta_ref,theta_dot", "beta_cmd,theta_dot")
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+@pytest.mark.parametrize("rate", [50.0, 25.0])
+def test_clean_flights_of_another_generator_are_consistent_without_reference_or_commands(rate, name, windy):
+    """36 logs a seed in the whole campaign, among the whole catalogue; seeds that set no number of `asked`."""
+    nominal, declared = load_nominal(name), Wind(turbulence=0.005, walk=0.002)
+    given = {}
+    if windy:
+        nominal = dataclasses.replace(nominal, wind=declared)
+        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
+    columns, _ = fly(draw_spec(9730, nominal=name, rate=rate, **given))
+    for drop in DROPPED:
+        made = diagnose(log_of(SimpleNamespace(**columns), tuple(drop.split(","))), nominal)
+        assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())
