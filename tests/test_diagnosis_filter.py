@@ -188,7 +188,7 @@ def test_rivals_are_told_apart_less_well_beside_what_nothing_names():
     def rivals(behind, blurred):
         first, second = (Cause(each, (0.1,)) for each in SOUGHT if each.label in ("actuator_delay", "gyro_delay"))
         ranking = [Ranked(first, 600.0), Ranked(second, 600.0 - behind)]
-        return _rivals(first.hypothesis.cause, ranking, blurred)
+        return _rivals(first.hypothesis.cause, ranking, blurred, (0.0, 45.0))
 
     assert rivals(0.9 * TOLD_APART, 0.0) and not rivals(1.1 * TOLD_APART, 0.0)
     assert rivals(0.9 * BLURRED * 600.0, BLURRED) and not rivals(1.1 * BLURRED * 600.0, BLURRED)

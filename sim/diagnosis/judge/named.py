@@ -110,14 +110,15 @@ def _belong_together(one: Cause, next_one: Cause) -> bool:
 
 def _named(selection: Selection, k: int) -> Named:
     model = selection.model
-    cause, std = model.causes[k], model.fit.std(k)
+    cause, std, t = model.causes[k], model.fit.std(k), model.fit.record.t
     names = [free.name for free in cause.hypothesis.free]
     values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
     if "time" in names:
         values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
-                 _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection)), selection.evidence[k],
+                 _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
+                 selection.evidence[k],
                  constancy(model, k),
                  cause.is_at_an_end)
 
@@ -154,13 +155,22 @@ def _blurred(selection: Selection) -> float:
     return BLURRED if selection.weather is not None and not selection.weather.is_wind else 0.0
 
 
-def _rivals(name: str, ranking: list[Ranked], blurred: float) -> tuple[str, ...]:
-    """Causes within TOLD_APART of the best in the same place of the model, or within a share of its evidence."""
+def _rivals(name: str, ranking: list[Ranked], blurred: float, span: tuple[float, float]) -> tuple[str, ...]:
+    """Causes within TOLD_APART of the best in the same place of the model, or within a share of its evidence; none that
+    begins and ends, but neither within the log, span [s] first and last row: a gust that lasts is a steady wind."""
     if not ranking:
         return ()
     best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - max(TOLD_APART, blurred * best)]
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - max(TOLD_APART, blurred * best)
+            and _is_seen(each.cause, span)]
     return tuple(dict.fromkeys(each for each in near if each != name))
+
+
+def _is_seen(cause: Cause, span: tuple[float, float]) -> bool:
+    """It has no time, or begins or ends within the log."""
+    values = dict(zip((free.name for free in cause.hypothesis.free), cause.values, strict=True))
+    edges = [values["time"], values["time"] + values.get("duration", math.inf)] if "time" in values else []
+    return not edges or any(span[0] <= edge <= span[1] for edge in edges)
 
 
 def named_weather(weather: Weather) -> Named:
