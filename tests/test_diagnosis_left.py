@@ -66,10 +66,14 @@ def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
     assert rival is not None and rival.cause == "gyro_scale" and rival.share > 0.9
 
 
-@pytest.mark.parametrize(("alone", "beside", "told"), [
-    (1.0 + UNLIKE - KEPT + 0.02, UNLIKE + 0.01, True), (1.0 + UNLIKE - KEPT - 0.02, UNLIKE + 0.01, False),
-    (PARALLEL - 0.01, UNLIKE - 0.01, False), (PARALLEL + 0.01, UNLIKE - 0.01, True), (PARALLEL + 0.01, 0.0, False)])
-def test_a_shape_that_is_left_is_no_rival_of_a_cause_that_keeps_half_beside_it(monkeypatch, alone, beside, told):
+@pytest.mark.parametrize(("place", "alone", "beside", "told"), [
+    ("plant", 1.0 + UNLIKE - KEPT + 0.02, UNLIKE + 0.01, True),
+    ("plant", 1.0 + UNLIKE - KEPT - 0.02, UNLIKE + 0.01, False),
+    ("actuator", 0.2, UNLIKE + 0.01, True), ("actuator", 0.2, UNLIKE - 0.01, False),   # the servo itself is bent
+    ("plant", PARALLEL - 0.01, UNLIKE - 0.01, False), ("plant", PARALLEL + 0.01, UNLIKE - 0.01, True),
+    ("plant", PARALLEL + 0.01, 0.0, False)])
+def test_a_shape_left_elsewhere_is_no_rival_of_a_cause_that_keeps_half_beside_it(monkeypatch, place, alone, beside,
+                                                                                 told):
     """A delay and a bent spring are two things.  Of what a cause explains, it keeps 1 + beside - alone where the shape
     explains `alone` in its place and `beside` next to it."""
     own = 1000.0
@@ -77,9 +81,9 @@ def test_a_shape_that_is_left_is_no_rival_of_a_cause_that_keeps_half_beside_it(m
                             fit=SimpleNamespace(record=SimpleNamespace(channels=()), filter=None, delta=None, cost=0.0))
     monkeypatch.setattr(outdone_module, "Problem", lambda *given: None)
     monkeypatch.setattr(outdone_module, "fit", lambda *given: SimpleNamespace(cost=own))
-    monkeypatch.setattr(outdone_module, "shape_gains", lambda *given: [("plant", "theta*abs(theta)", 1.0, alone * own)])
+    monkeypatch.setattr(outdone_module, "shape_gains", lambda *given: [(place, "u*abs(u)", 1.0, alone * own)])
     found = SimpleNamespace(model=model, evidence=[own])
-    rival = outdone(found, (left(beside * own, shape="theta*abs(theta)"),))
+    rival = outdone(found, (left(beside * own, place, "u*abs(u)"),))
     assert (rival is not None) == told
 
 

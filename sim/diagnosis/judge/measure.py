@@ -20,8 +20,8 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.line       the same of a line, which is a cause itself and was not one    meaning only
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
-    outdone.UNLIKE      share of it that a shape may leave and be like the cause       meaning only: |cos| below 0.95
-    outdone.KEPT        share of it that must be the cause's own beside such a shape   meaning only: more than half
+    outdone.UNLIKE      share of it that a shape may leave at its own place            meaning only: |cos| below 0.95
+    outdone.KEPT        share of it that must be its own beside a shape elsewhere      meaning only: more than half
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only

@@ -15,14 +15,14 @@ from ..model.nuisance import Problem
 from ..search.fit import fit
 from ..search.profile import Model
 from ..search.selection import Selection, in_a_block, strongest
-from .leftover import LINE, SHAPE_LIMIT, Leftover
+from .leftover import LINE, PLACE_OF, SHAPE_LIMIT, Leftover
 from .shapes import line_gain, shape_gains, swell_gain, swing_gain
 
 ODDS = math.log(5.0)   # nats: a cause of the catalogue is so many times as common as its one twin that is none
 RARE = math.log(1e4)  # nats
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
-UNLIKE = 0.1    # of what a cause explains: a shape that leaves more is another thing, if the cause
-KEPT = 0.5      # keeps so much of what it explains beside it
+UNLIKE = 0.1    # of what a cause explains: a shape that leaves more is another thing, if it is of another place and the
+KEPT = 0.5      # cause keeps so much of what it explains beside it; else the cause's own part does something else
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
         margin = ODDS if cause.hypothesis.imitated == (place, shape) else SHAPE_LIMIT
         beside = remaining.get((place, shape), 0.0)
         if gain > own + margin or (beside > 0.0 and gain > PARALLEL * own) or \
-                (beside > UNLIKE * own and own + beside - gain < KEPT * own):
+                (beside > UNLIKE * own and (PLACE_OF[place] == cause.hypothesis.where
+                                            or own + beside - gain < KEPT * own)):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)
     return None
