@@ -95,6 +95,16 @@ def test_what_commands_feign_grows_with_what_is_not_measured():
     assert "gamma" in OPTIONAL and whole.unsure == whole.fill_gain == 0.0   # every command follows from both
 
 
+@pytest.mark.parametrize("drop", ["theta_ref", "beta_cmd"])
+def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_known(drop):
+    class Lost(NominalFollower):
+        def seen(self, record):
+            return None
+
+    made, _ = with_commands(recorded(drop), Lost())
+    assert made.unsure > 0.0 and made.fill_gain == of_noise(made)
+
+
 def test_rows_at_the_nozzle_s_limit_tell_nothing_of_what_was_asked():
     of = recorded("theta_ref")
     limited = of.commands.copy()

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..data.record import Record
-from .asked import RECOMPUTED, asked, of_noise, unsure
+from .asked import LINES, RECOMPUTED, asked, of_noise, unsure
 from .check import check_controller
 from .command import recomputed
 from .fill import Controller, as_believed, filled
@@ -68,9 +68,11 @@ def _recomputed(record: Record, follower: Follower) -> Record:
 
 
 def _without_reference(record: Record, follower: Follower) -> Record:
-    """Of a log without reference."""
+    """Of a log without reference; where the model does not stay with the log, its commands stay on lines."""
     seen = follower.seen(record)
-    return record if seen is None else asked(record, seen.attitude)
+    if seen is None:
+        return replace(record, fill_gain=of_noise(record), unsure=unsure(record, LINES))
+    return asked(record, seen.attitude)
 
 
 def is_slow(record: Record) -> bool:
