@@ -26,12 +26,12 @@ WITHOUT_NOZZLE = 2.5   # times as many: nothing tells what became of a command
 WITHOUT_RATE = 10.0    # times as many: the attitude between rows is hardly known
 
 
-def unsure(record: Record, of: float) -> float:
+def unsure(record: Record, of: float, ticks: float | None = None) -> float:
     """[nats] a row that commands may feign of which so many (LINES, RECOMPUTED) are with one tick between rows; they go
-    with the square of the ticks."""
+    with the square of the ticks (None: those of the grid)."""
     more = (1.0 if "beta" in record.channels else WITHOUT_NOZZLE) * \
         (1.0 if "theta_dot" in record.channels else WITHOUT_RATE)
-    return of * more * (record.every // record.tick - 1)**2
+    return of * more * ((record.every // record.tick - 1)**2 if ticks is None else ticks)
 
 
 def asked(record: Record, attitude: np.ndarray) -> Record:

@@ -19,6 +19,7 @@ from ...vehicle.controller import pd_command, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
+from .ticks import issued_at, lined, over_grid, ticks_of, with_timing
 
 LONGEST_LOST = 50  # rows of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
@@ -41,14 +42,16 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     """The command of every tick."""
     nominal = draft.nominal
     known = np.isfinite(command)
-    recomputable = nominal.controller is not None and draft.fine == 1 and np.isfinite(draft.reference).any() \
-        and np.isfinite(draft.z[:, THETA]).any()
+    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+        and np.isfinite(draft.z[:, THETA]).any() and (draft.fine == 1 or not np.isfinite(draft.z[:, BETA]).any())
     if draft.tick > draft.every:
         held = draft.tick // draft.every
         draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
     direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
     if direct:
         known = np.zeros(draft.rows, bool)
+    elif not known.any() and recomputable and draft.fine > 1:
+        return _unseen(draft)
     elif not known.any() and recomputable:
         return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
     source = "beta_cmd"
@@ -73,6 +76,11 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
+    logged = np.where(draft.logged, command, math.nan) if draft.logged is not None else None
+    own = ticks_of(draft, logged) if logged is not None else None
+    if logged is not None and own is not None:
+        return replace(draft, commands=over_grid(own, draft, lined(issued_at(own, draft, logged))), input=source,
+                       issued=logged, nominal=with_timing(draft.nominal, own))
     if draft.fine > 1:
         return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
@@ -81,6 +89,15 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     m = draft.every // draft.tick
     ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
     return replace(draft, commands=ticks, input=source)
+
+
+def _unseen(draft: Record) -> Record:
+    """Of a log without commands whose rows fall between the controller's ticks: `issued` makes all of them."""
+    none = np.full(draft.rows, math.nan)
+    own = ticks_of(draft, none)
+    assert own is not None
+    return replace(draft, commands=np.zeros(draft.rows * draft.every // draft.tick), input="controller", issued=none,
+                   nominal=with_timing(draft.nominal, own))
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:

@@ -83,7 +83,8 @@ def filled(record: Record, attitude: np.ndarray, of: Controller) -> Record:
     seen = np.zeros(len(error), bool)
     seen[::m] = measured
     commands = record.commands.copy()
-    run_backwards(kp, kd, of.time_constant, own.period, own.limit, shifted(seen, late), error, commands)
+    run_backwards(kp, kd, of.time_constant, own.period, own.limit, np.arange(len(error)) % m == 0,
+                  shifted(seen, late), error, commands)
     return replace(record, commands=commands)
 
 
@@ -117,25 +118,25 @@ def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray
 
 
 @kernel
-def run_backwards(kp, kd, tau, period, limit, measured, error, commands):
-    """The commands of odd ticks, when the controller's errors of even ones are not measured but its commands are.
+def run_backwards(kp, kd, tau, period, limit, logged, measured, error, commands):
+    """The commands of ticks that are not logged, where the controller's errors of those that are are not measured.
 
-    What an even tick's error was follows from its command; a wrong start is forgotten as by the filter.
+    What an error was follows from the command that is logged; a wrong start is forgotten as by the filter.
 
     kp, kd [s], tau [s], period [s], limit [rad]   in   the controller's
-    measured (ticks,)                               in   which errors are
+    logged, measured (ticks,)                       in   which commands and which errors are
     error (ticks,) [rad]                            inout  predicted where not measured; out: what it must have been
-    commands (ticks,) [rad]                         inout  even ones known, odd ones out
+    commands (ticks,) [rad]                         inout  those logged known, the others out
     """
     late, d, before = tau + period, 0.0, error[0]
     for i in range(len(commands)):
         e = error[i]
-        known = i % 2 == 0 and abs(commands[i]) < limit
+        known = logged[i] and abs(commands[i]) < limit
         if known and not measured[i]:
             e = error[i] = (commands[i] - kd * (tau * d - before) / late) / (kp + kd / late)
         d = pseudo_derivative(tau, period, e, before, d)
         before = e
-        if i % 2 == 1:
+        if not logged[i]:
             commands[i] = min(max(kp * e + kd * d, -limit), limit)
         elif known and measured[i]:
             d = (commands[i] - kp * e) / kd

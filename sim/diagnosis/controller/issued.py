@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..data.record import Record
+from ..data.record import THETA, Record
 from .asked import LINES, RECOMPUTED, asked, of_noise, unsure
 from .check import check_controller
 from .command import recomputed
@@ -19,6 +19,7 @@ from .fill import Controller, as_believed, filled
 from .gaps import Seen
 from .kind import NONE, UNKNOWN, ControllerCheck
 from .refined import Vehicle, refined
+from .unseen import with_unseen
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 
@@ -35,6 +36,8 @@ class Follower(Protocol):
 
 def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
+    if record.issued is not None:
+        return _between_ticks(record, follower)
     if not is_slow(record):
         return record, check_controller(record)
     if record.input == "controller":
@@ -58,6 +61,20 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
         checked, likeliest = refined(r, seen, checked, follower.vehicle(r))
         r = filled(r, seen.attitude, likeliest)
     return replace(r, unsure=unsure(r, RECOMPUTED)) if r.fill_gain > 0.0 else r, checked
+
+
+def _between_ticks(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
+    """Of a log whose rows fall between the controller's ticks: with the commands that no row saw."""
+    if record.input == "controller":
+        record, _ = with_unseen(record, np.interp(record.tick * np.arange(len(record.commands)), *_measured(record)))
+    seen = follower.seen(record)
+    return (record, None) if seen is None else with_unseen(record, seen.attitude)
+
+
+def _measured(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """(Steps, attitudes [rad]) of the rows that measure one."""
+    known = np.isfinite(record.z[:, THETA])
+    return record.at[known], record.z[known, THETA]
 
 
 def _recomputed(record: Record, follower: Follower) -> Record:

@@ -1,10 +1,11 @@
 """A log on a uniform grid, beside the nominal's parameters on it: what every fit of the diagnosis reads.
 
 Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways:
-integration steps, controller ticks (each holds one command) and rows.  Where stamps jitter, a row is at the integration
-step next to its own stamp, and steps and ticks are short enough for that.
+integration steps, controller ticks (each holds one command) and rows.  Where stamps jitter, or rows fall between the
+controller's ticks, a row is at the integration step next to its own stamp, and steps and ticks are short enough for that.
 
-Assumptions: the first row is at a controller tick; stamps jitter by less than half a period.
+Assumptions: of a uniform log whose period goes with the controller's the first row is at one of its ticks; stamps jitter
+by less than half a period.
 """
 
 import functools
@@ -62,7 +63,7 @@ class Record:
                 held_phase: rows from the first to the first at which a command is issued
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
     lost        (n,) bool, rows that the log does not have; their command is off by `unknown` [rad], one sigma
-    at          (n,) steps from the first row to each;  fine  ticks a row that stand for one command (jittered logs)
+    at          (n,) steps from the first row to each;  fine  ticks a row, of parts of a command (rows between ticks)
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     until       [s] of `clock.now`, when the search of its causes has to end
@@ -71,6 +72,7 @@ class Record:
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     between     [rad] one sigma by which its commands between rows are off beside that
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
+    issued      (n,) [rad] the rows' commands, NaN where there are none, where rows fall between the controller's ticks
     shift       [s] log's clock = grid's clock + shift
     """
 
@@ -92,6 +94,7 @@ class Record:
     fill_gain: float = 0.0
     between: float = 0.0
     unsure: float = 0.0
+    issued: np.ndarray | None = None
     logged: np.ndarray | None = None
     lost: np.ndarray | None = None   # none is
     unknown: float = 0.0
@@ -255,12 +258,11 @@ def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:
 def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:
     """(integration step [s], steps a row, steps a tick, ticks that stand for one command) of a log's period [s]."""
     tick_period = nominal.controller.period if nominal.controller is not None else period
-    if abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
-            abs(period / tick_period - round(period / tick_period)) > 1e-6:
-        tick_period = period
+    off_tick = abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
+        abs(period / tick_period - round(period / tick_period)) > 1e-6
     longest = longest_step(nominal.actuator.frequency if nominal.actuator is not None else math.inf,
                            fastest_servo(period))
-    if jittered:
+    if jittered or off_tick:
         step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, longest)
         step = min(step, period / JITTER_STEPS)
         tick = round(period / JITTER_TICKS / step)

@@ -89,9 +89,9 @@ def thinned(record: Record, every: int) -> Record:
     commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
     return replace(record, z=record.z[kept], reference=record.reference[kept], at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
-                   commands=commands, logged=None if record.logged is None else record.logged[kept], held=1,
-                   lost=_lost(record, every), unknown=record.unknown / every, held_phase=0,
-                   fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
+                   commands=commands, logged=None if record.logged is None else record.logged[kept], issued=None,
+                   held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
+                   held_phase=0, fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
 
 
 def _lost(record: Record, every: int) -> np.ndarray | None:
@@ -128,4 +128,5 @@ def cut(record: Record, most: int) -> Record:
     return replace(record, z=record.z[part], reference=record.reference[part], at=at,
                    first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
                    logged=None if record.logged is None else record.logged[part],
+                   issued=None if record.issued is None else record.issued[part],
                    lost=None if record.lost is None else record.lost[part], held_phase=0)

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..controller.gaps import Seen
-from ..data.record import Record
+from ..data.record import THETA, Record
 from .noise import Filter, declared, first_filter
 from .nuisance import Problem
 from .point import Point, innovations, predicted_attitude
 from .predictor import ESCAPED
 
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
+SLOW = 2       # powers of time in what a biased gyro takes the attitude off
+FEWEST = 20    # rows that tell them
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +40,20 @@ class NominalFollower:
         levels[:len(ALERT)] *= ALERT
         gains = first_filter(record, levels)
         seen = Seen(predicted_attitude(record, gains), innovations(record, gains, Point())[0])
-        return seen if np.all(np.abs(seen.attitude) < ESCAPED) else None
+        return _as_measured(record, seen) if np.all(np.abs(seen.attitude) < ESCAPED) else None
 
     def vehicle(self, record: Record) -> Vehicle:
         """At the declared noise."""
         return Vehicle(first_filter(record, declared(record)))
+
+
+def _as_measured(record: Record, seen: Seen) -> Seen:
+    """With the attitude that the controller measured, where a gyro's bias takes the predicted one off it: less the
+    slow part of what it differs by at the rows."""
+    measured = np.isfinite(record.z[:, THETA])
+    if np.count_nonzero(measured) < FEWEST:
+        return seen
+    ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
+    at = record.at[measured].astype(np.float64)
+    off = np.polynomial.Polynomial.fit(at, record.z[measured, THETA] - np.interp(at, ticks, seen.attitude), SLOW)
+    return seen._replace(attitude=seen.attitude + off(ticks))

@@ -111,6 +111,8 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     q = np.zeros((3, len(half), m, m))
     if not held:
         q = _held_noise(part, ticks)
+        if record.fine > 1:  # its rows fall between ticks, all of which
+            q[2] = q[0]
         f[:, 4:6, :] = f[:, :, 4:6] = 0.0
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
     scale = rate_scale(v.sensor)

@@ -137,8 +137,8 @@ def predicted_attitude(record: Record, of: Gains) -> np.ndarray:
     """(ticks,) [rad] what the attitude sensor would have read at every controller tick, under the nominal."""
     attitudes = np.zeros(len(record.commands))
     v = vehicle(record, Point())
-    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period), record.a6, record.z, of.gains,
-                   attitudes)
+    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period), record.a6, record.at, record.z,
+                   of.gains, attitudes)
     return attitudes
 
 

@@ -24,7 +24,6 @@ from ...vehicle.step import (
     DAMPING,
     DELAY,
     FREQUENCY,
-    LOG_EVERY,
     N_COUNTERS,
     PERIOD,
     STEP,
@@ -234,21 +233,26 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
 
 
 @kernel
-def tick_attitudes(v, slots, world, a6, z, gains, attitudes):
+def tick_attitudes(v, slots, world, a6, at, z, gains, attitudes):
     """What the attitude sensor would have read at every tick of the commands: attitudes (ticks,) out [rad]."""
-    every, begin, tick = v.counter[LOG_EVERY], v.counter[0], v.counter[1]
-    held, air, row, per_row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS), every // tick
-    for k in range(len(z)):
-        correct_apart(v, slots, held, world, air, begin + k * every, k, z, gains, row)
-        pushed = push(v, begin + k * every, world, air, a6)
-        for j in range(per_row):
-            i = begin + k * every + j * tick
-            if v.history.shape[1] > 0:
-                remember(v, i)
-            attitudes[k * per_row + j] = attitude(v, i)
-            if k + 1 < len(z) or j + 1 < per_row:
-                advance_apart(v, held, pushed, i, i + tick, begin)
-        air *= world[:, 1]
+    begin, tick = v.counter[0], v.counter[1]
+    held, air, row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS)
+    k, pushed, here = 0, 0.0, begin + at[0]
+    for j in range(len(attitudes)):
+        i = begin + j * tick
+        while k < len(z) and begin + at[k] <= i:
+            advance_apart(v, held, pushed, here, begin + at[k], begin)
+            here = begin + at[k]
+            if k > 0:
+                air *= world[:, 1]
+            correct_apart(v, slots, held, world, air, here, k, z, gains, row)
+            pushed = push(v, here, world, air, a6)
+            k += 1
+        advance_apart(v, held, pushed, here, i, begin)
+        here = max(here, i)
+        if v.history.shape[1] > 0:
+            remember(v, i)
+        attitudes[j] = attitude(v, i)
 
 
 @kernel

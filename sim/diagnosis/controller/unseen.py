@@ -1,0 +1,142 @@
+"""Commands issued at ticks that no row of the log saw, where its rows fall between the controller's ticks (`ticks`).
+
+The controller is run on the attitude that a model predicts, and backwards where a command is logged: what noise it saw
+there follows.  With the reference its kp is fitted on the way.  Without, or where what it heard is no noise, what it
+was asked is made of the commands, too: a median over rows, which takes no part of the noise for asked and no edge for
+noise.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...flight import excitation
+from ..data.record import Record
+from .asked import of_noise, unsure
+from .fill import OnBoard, on_board, run_backwards, shifted
+from .gaps import BY_CHANCE, CLEARLY, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
+from .kind import FEWEST, NEAR_LIMIT, NONE, ControllerCheck
+from .numbers import FREE_NUMBER
+from .ticks import issued_at, lined, over_grid, ticks_of
+
+# Nats a row that one unseen command a row may feign (`asked.unsure`): 1.6 times the most that any cause or disturbance
+# found in clean flights of the three nominals, read by seven clocks, calm and windy (seeds 9740 and 9744)
+HEARD = 0.008       # reference and commands
+UNHEARD = 0.015     # no commands at all
+UNTOLD = 0.05       # no reference
+SLOPE_STEP, SCALES = 0.01, (0.05, 20.0)  # of kp over the nominal's: of a numerical slope, and what is tried
+ROWS = 5     # of a median over what was asked
+LARGE = 0.9  # quantile beyond which an error is cut, as at a step of the reference between rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Heard:
+    """A controller at its ticks: errors that a model predicts and commands that the log has, (ticks,) [rad], NaN: it
+    has not, or the nozzle's limit cut them."""
+
+    own: OnBoard
+    error: np.ndarray
+    logged: np.ndarray
+
+    @property
+    def tells(self) -> np.ndarray:
+        """(ticks,) bool"""
+        return np.isfinite(self.logged)
+
+    def run(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Errors, commands), (ticks,) [rad], without limit: the predicted ones, but as the logged commands say."""
+        error, commands, own = self.error.copy(), np.where(self.tells, self.logged, 0.0), self.own
+        run_backwards(own.kp, own.kd, own.tau, own.period, math.inf, self.tells, np.zeros(len(error), bool), error,
+                      commands)
+        return error, commands
+
+    def noise(self) -> np.ndarray:
+        """[rad] by which the errors that it heard differ from the predicted ones."""
+        return np.asarray((self.run()[0] - self.error)[self.tells][SETTLING:])
+
+    def with_gain(self, scale: float) -> "_Heard":
+        """With its kp times that."""
+        return replace(self, own=self.own._replace(kp=scale * self.own.kp))
+
+    def rest(self, scale: float) -> np.ndarray:
+        """[rad] of the commands that a kp so much larger leaves."""
+        other = self.with_gain(scale)
+        return (other.own.kp + other.own.kd / (other.own.tau + other.own.period)) * other.noise()
+
+    def gain(self) -> tuple[float, float]:
+        """(kp over the nominal's with which the errors answer the commands best, its std): Gauss-Newton."""
+        scale, information = 1.0, 1.0
+        for _ in range(NEWTON_STEPS):
+            left = self.rest(scale)
+            slope = (self.rest(scale + SLOPE_STEP) - left) / SLOPE_STEP
+            information = max(float(slope @ slope), 1e-30)
+            scale = float(np.clip(scale - slope @ left / information, *SCALES))
+        return scale, rms(self.rest(scale)) / math.sqrt(information)
+
+    def asked(self) -> np.ndarray:
+        """(ticks,) [rad] what is to be taken off the errors so that they give the commands but for noise."""
+        made = replace(self, logged=np.full(len(self.error), math.nan)).run()[1]
+        asks, index = lined(made - self.logged), np.arange(len(made))
+        start = asks / self.own.kp if self.own.kp != 0.0 else np.zeros(len(asks))
+        rough = _Heard(self.own, start, asks).run()[0][self.tells]
+        padded = np.pad(rough, ROWS // 2, mode="edge")
+        return np.interp(index, index[self.tells],
+                         np.median(np.lib.stride_tricks.sliding_window_view(padded, ROWS), axis=1))
+
+
+def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, ControllerCheck | None]:
+    """The record with the commands of the ticks that no row saw and how far they are off, and the controller's check;
+    None: it is the nominal's as far as such a log tells, which is kp.
+
+    attitude  (grid's ticks,) [rad] predicted
+    """
+    assert record.issued is not None
+    ticks, own = ticks_of(record, record.issued), on_board(record)
+    assert ticks is not None
+    logged = issued_at(ticks, record, record.issued)
+    known = np.isfinite(logged)
+    if known.all() or own.kp + own.kd / (own.tau + own.period) == 0.0:
+        return record, None
+    at = ticks.phase + ticks.period * np.arange(len(logged))
+    first = round((record.first_step + ticks.phase) / ticks.period)
+    test = excitation(record.nominal, first + len(at), own.period)[first:]
+    error = shifted(np.interp(at, record.tick * np.arange(len(attitude)), attitude), own.late)
+    told = np.isfinite(record.reference)
+    if told.any():
+        error = error - shifted(np.interp(at, record.at[told], record.reference[told]), own.late)
+    heard = _Heard(own, error, np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan))
+    check, is_told = None, told.any()
+    if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
+        heard, check, is_told = _checked(heard) if is_told else (heard, None, False)
+        heard = heard if is_told else replace(heard, error=error - heard.asked())
+    elif not is_told:
+        return record, None
+    of = UNTOLD if not is_told else HEARD if known.any() else UNHEARD
+    commands = np.where(known, logged, np.clip(heard.run()[1] + test, -own.limit, own.limit))
+    share, unseen = np.mean(~known), np.count_nonzero(~known) / record.rows
+    return replace(record, commands=over_grid(ticks, record, commands),
+                   fill_gain=of_noise(record) * math.sqrt(share * min(1.0, ticks.period / record.every)),
+                   unsure=unsure(record, of, max(unseen, unseen**2))), check
+
+
+def _checked(heard: _Heard) -> tuple[_Heard, ControllerCheck | None, bool]:
+    """(With the kp that it has, what that is, whether what it heard is noise: else it was asked something else)."""
+    scale, std = heard.gain()
+    if ((scale - 1.0) / std)**2 < 2.0 * FREE_NUMBER:
+        return heard, None, not _is_coloured(heard.noise())
+    own = heard.with_gain(scale)
+    before, after = rms(heard.rest(1.0)), rms(heard.rest(scale))
+    check = ControllerCheck("", before, after, kp_scale=scale, std=(std, 0.0, 0.0),
+                            evidence=len(heard.noise()) * math.log(before / after)).of_kind(
+                                SAME_PREDICTED, heard.own.period)
+    if _is_coloured(own.noise()):
+        return own, None, False
+    return own, check if check.kind != NONE and check.evidence > CLEARLY else None, True
+
+
+def _is_coloured(x: np.ndarray) -> bool:
+    """Whether errors x (n,) [rad] are no noise."""
+    most = np.quantile(np.abs(x - np.median(x)), LARGE)
+    x = np.clip(x - np.median(x), -most, most)
+    return float(x[1:] @ x[:-1]) > BY_CHANCE / math.sqrt(len(x)) * float(x @ x)

@@ -1,0 +1,167 @@
+"""launchid diagnose on logs that are read by a clock of their own, so that rows fall between the controller's ticks: of
+any period, with jitter, without reference, without commands.  What the controller commanded unseen is no fault of the
+vehicle."""
+
+import dataclasses
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hidden import Weather, draw_spec, fly
+from test_diagnosis import NEAR, WHOLE, log_of
+
+from sim.diagnosis.controller.command import record
+from sim.diagnosis.controller.issued import with_commands
+from sim.diagnosis.controller.ticks import Ticks, issued_at, lined, over_grid, ticks_of
+from sim.diagnosis.data.check import check
+from sim.diagnosis.model.follower import NominalFollower
+from sim.diagnosis.verdict import diagnose
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.log import OPTIONAL, REQUIRED
+from sim.nominal import Wind, load_nominal
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+TICK = NOMINAL.controller.period
+FINE = 0.001             # s of the flights that logs are read from
+CLOCKS = [(0.025, 0.0), (0.033, 0.0), (0.012, 0.0), (0.007, 0.0), (0.02, 0.003), (0.01, 0.002)]  # s: period, jitter
+
+
+@functools.cache
+def flight(effect="", seed=6):
+    return fly_whole(NOMINAL, seed, period=FINE, effects=[from_text(effect)] if effect else [])
+
+
+def read_at(whole, period, jitter, begin=0.0, seed=3):
+    """(rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
+    n = int((whole.t[-1] - begin - 0.1) / period)
+    away = np.random.default_rng(seed).uniform(-jitter, jitter, n)
+    return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))
+
+
+def logged(clock, drop="", effect="", begin=0.0):
+    log = log_of(flight(effect), tuple(drop.split(",")))
+    rows = read_at(log, *clock, begin)
+    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+
+
+def recorded(clock, drop="", effect="", begin=0.0):
+    log = logged(clock, drop, effect, begin)
+    return record(log, NOMINAL, check(log, NOMINAL))
+
+
+@pytest.mark.parametrize("drop", ["", "theta_ref", "beta_cmd", "beta_cmd,beta"])
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_a_clean_flight_is_consistent_by_whatever_clock_it_is_logged(clock, drop):
+    made = diagnose(logged(clock, drop), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003)])
+@pytest.mark.parametrize("effect", [
+    "control_effectiveness:scale=1.3", "actuator_delay:delay=0.03", "gyro_bias:rate=0.005", "actuator_gain:scale=0.85"])
+def test_a_cause_is_named_by_whatever_clock_it_is_logged(clock, effect):
+    made = diagnose(logged(clock, effect=effect), NOMINAL, hypotheses=NEAR)
+    name, value = effect.split(":")[0], float(effect.split("=")[1])
+    assert [cause.cause for cause in made.causes] == [name]
+    cause = made.causes[0]
+    size = next(iter(cause.values))
+    assert abs(cause.values[size] - value) < max(4.0 * cause.std[size], 0.05 * value)
+
+
+def test_without_commands_a_biased_gyro_is_nothing_besides():
+    """The commands are made of an attitude that such a gyro takes off the measured one."""
+    made = diagnose(logged((0.025, 0.0), "beta_cmd,beta", "gyro_bias:rate=0.005"), NOMINAL)
+    assert [cause.cause for cause in made.causes] == ["gyro_bias"]
+
+
+@pytest.mark.parametrize("scale", [1.2, 0.85])
+def test_another_gain_of_the_controller_is_no_gain_of_the_actuator(scale):
+    made = diagnose(logged((0.025, 0.0), effect=f"controller_mismatch:kp_scale={scale}"), NOMINAL, hypotheses=NEAR)
+    assert [cause.cause for cause in made.causes] == ["controller_mismatch"]
+    assert made.controller.kind == "gain"
+    assert abs(made.controller.kp_scale - scale) < 4.0 * made.controller.std[0] < 0.05
+
+
+@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003), (0.01, 0.002)])
+@pytest.mark.parametrize("drop", ["", "theta_ref"])
+def test_unseen_commands_are_off_by_what_is_said(clock, drop):
+    """In the mean over a row: less than lines, and as said."""
+    before = recorded(clock, drop)
+    made, controller = with_commands(before, NominalFollower())
+    parts = 40
+    ends = (np.arange(len(made.commands) * parts) + 0.5) / parts * made.tick * made.step
+    rows = np.minimum((ends / FINE + 1e-6).astype(int), len(flight().t) - 1)
+    true = flight().beta_cmd[rows].reshape(-1, parts).mean(axis=1)
+    per_row = made.every // made.tick
+
+    def off(of):
+        rest = (of.commands - true)[:len(true) // per_row * per_row].reshape(-1, per_row).mean(axis=1)
+        return float(np.std(rest))
+
+    assert controller is None and off(made) < 0.95 * off(before)
+    assert off(made) < 1.6 * made.fill_gain * NOMINAL.sensors.theta_std
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.003, 0.008])
+def test_commands_that_change_tell_the_controllers_ticks(begin):
+    r = recorded((0.007, 0.0), begin=begin)
+    ticks = ticks_of(r, r.issued)
+    assert ticks.are_told and r.nominal.diagnosis.timing == NOMINAL.diagnosis.timing
+    assert ticks.period * r.step == pytest.approx(TICK)
+    away = (ticks.phase * r.step + r.first_step * r.step) / TICK
+    assert abs(away - round(away)) < 0.06
+
+
+def test_of_a_slower_log_the_timing_is_as_free_as_the_ticks_are_unknown():
+    r = recorded((0.025, 0.0))
+    assert not ticks_of(r, r.issued).are_told
+    assert r.nominal.diagnosis.timing == pytest.approx(np.hypot(NOMINAL.diagnosis.timing, TICK / 12**0.5))
+
+
+def test_commands_of_every_row_are_the_loop_s_own_with_its_stamps():
+    """A loop that jitters logs itself: each command is held from its stamp on."""
+    log = log_of(fly_whole(NOMINAL, 6, period=TICK))
+    t = log.t + np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.1, len(log.t) - 1) * TICK])
+    log = dataclasses.replace(log, t=t)
+    assert record(log, NOMINAL, check(log, NOMINAL)).issued is None
+
+
+def test_a_row_sees_the_command_of_the_tick_before_it():
+    ticks = Ticks(-1.0, 4.0, True)
+    assert list(ticks.of(np.array([-1.0, 2.999, 3.0, 6.9, 7.0, 7.1]))) == [0, 0, 1, 1, 2, 2]
+
+
+def test_commands_over_the_grid_keep_their_impulse():
+    r = recorded((0.025, 0.0))
+    ticks = ticks_of(r, r.issued)
+    commands = np.random.default_rng(2).standard_normal(len(issued_at(ticks, r, r.issued)))
+    end = r.rows * r.every
+    edges = np.clip(ticks.phase + ticks.period * np.arange(len(commands) + 1), 0.0, end)
+    assert np.sum(over_grid(ticks, r, commands)) * r.tick == pytest.approx(np.diff(edges) @ commands)
+    assert np.ptp(over_grid(ticks, r, np.full(len(commands), 0.1))) < 1e-12
+
+
+def test_what_is_logged_stays_and_what_is_not_lies_on_lines():
+    commands = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
+    assert list(lined(commands)) == [1.0, 1.0, 2.0, 3.0, 3.0]
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+@pytest.mark.parametrize("clock", [*CLOCKS, (0.04, 0.008)])
+def test_clean_flights_of_another_generator_are_consistent_by_whatever_clock(clock, name, windy):
+    """126 logs, among the whole catalogue, of a seed that set no number."""
+    nominal, declared = load_nominal(name), Wind(turbulence=0.005, walk=0.002)
+    given = {}
+    if windy:
+        nominal = dataclasses.replace(nominal, wind=declared)
+        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
+    columns, _ = fly(draw_spec(9750, nominal=name, rate=1.0 / FINE, **given))
+    rows = read_at(SimpleNamespace(**columns), *clock)
+    for drop in ("", "theta_ref", "beta_cmd,beta"):
+        log = log_of(SimpleNamespace(**{key: values[rows] for key, values in columns.items()}), tuple(drop.split(",")))
+        made = diagnose(log, nominal)
+        assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())
