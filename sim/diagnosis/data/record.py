@@ -2,10 +2,10 @@
 
 Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways:
 integration steps, controller ticks (each holds one command) and rows.  Where stamps jitter, or rows fall between the
-controller's ticks, a row is at the integration step next to its own stamp, and steps and ticks are short enough for that.
+controller's ticks, a row is at the integration step next to its own stamp; steps and ticks are short enough for that.
 
-Assumptions: of a uniform log whose period goes with the controller's the first row is at one of its ticks; stamps jitter
-by less than half a period.
+Assumptions: of a uniform log whose period goes with the controller's the first row is at one of its ticks; stamps
+jitter by less than half a period.
 """
 
 import functools
