@@ -14,6 +14,7 @@ from .hypothesis import (
     as_commanded,
     as_deflected,
     as_timed,
+    by_its_size,
     only_start,
     size,
 )
@@ -56,6 +57,11 @@ def _as_lag(record: Record, values: Values) -> Values:
     return (1.0 / (1.0 + values[0] / servo.lag),)
 
 
+def _by_its_lag(record: Record, scale: float) -> float:
+    """[s]"""
+    return (1.0 / scale - 1.0) * record.actuator.lag
+
+
 def _as_slow(record: Record, values: Values) -> Values:
     return (min(values[0], 1.0),)
 
@@ -79,8 +85,9 @@ CAUSES = (
     Hypothesis("actuator_delay", (size("delay", 1e-3, 0.0, 1.0),), 0.0,
                "the actuator answers {delay} later than simulated", visible=_command_is_known,
                form=Form(LAG, _as_lag, "lag"), decides=(("actuator_bandwidth", FAST_NOZZLE_SENSOR),),
-               like=(("actuator_bandwidth", LIKE_A_DELAY),), floor=as_timed),
+               like=(("actuator_bandwidth", LIKE_A_DELAY),), floor=as_timed, late=by_its_size),
     Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 5.0),), 1.0, SLOWER, visible=_command_is_known,
+               late=_by_its_lag,
                resolved=_resolved, form=Form(LAG, _as_slow, "lag")),
     Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0,
                "the servo moves {scale} of what is commanded", visible=_command_is_known,

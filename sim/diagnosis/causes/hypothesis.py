@@ -110,6 +110,16 @@ def as_aside(record: Record) -> float:
     return float(record.actuator.deflection_limit * np.min(np.abs(record.k1[unstable]) / record.a6[unstable]))
 
 
+def not_late(record: Record, size: float) -> float:
+    """[s]"""
+    return 0.0
+
+
+def by_its_size(record: Record, size: float) -> float:
+    """[s]"""
+    return size
+
+
 def as_timed(record: Record) -> float:
     """[s] Servo and transport times may be off by this, one sigma, without being wrong."""
     return record.nominal.diagnosis.timing
@@ -152,6 +162,7 @@ class Hypothesis:
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
     floor    of a record: a size nearer to neutral is within what the nominal leaves open, and explains nothing
+    late     of a record and a size: how much later [s] something is for it; 0 of most
     held     of a record: the largest size that its nozzle can hold; what is larger, the vehicle does not survive
     """
 
@@ -179,6 +190,7 @@ class Hypothesis:
     like: tuple[tuple[str, str], ...] = ()
     corrections: tuple[Correction, ...] | None = None
     floor: Callable[[Record], float] = no_floor
+    late: Callable[[Record, float], float] = not_late
     held: Callable[[Record], float] = any_size
 
     def effect(self, values: Values) -> Effect:

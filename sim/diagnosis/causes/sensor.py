@@ -4,7 +4,7 @@ import math
 
 from ..data.record import Record
 from .environment import REFERENCE
-from .hypothesis import Correction, Hypothesis, as_aside, as_commanded, as_timed, size
+from .hypothesis import Correction, Hypothesis, as_aside, as_commanded, as_timed, by_its_size, size
 from .plant import ANOTHER_PROFILE
 
 
@@ -23,6 +23,7 @@ CAUSES = (
                decides=(("steady_wind", REFERENCE), ("thrust_misalignment", ANOTHER_PROFILE)),
                corrections=(Correction("theta", lambda x, of: x - of["angle"]),), held=as_aside),
     Hypothesis("attitude_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the attitude is measured {delay} late",
+               late=by_its_size,
                floor=as_timed),
     Hypothesis("gyro_bias", (size("rate", 1e-4),), 0.0,
                "the gyro reads {rate} too much (an attitude reference that drifts by as much looks the same)",
@@ -32,6 +33,7 @@ CAUSES = (
                visible=_gyro,  # it scales, then adds its bias
                corrections=(Correction("theta_dot", lambda x, of: x / of["scale"], is_outer=True),)),
     Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late", visible=_gyro,
+               late=by_its_size,
                floor=as_timed),
     Hypothesis("nozzle_sensor_bias", (size("angle", 1e-4),), 0.0, "the nozzle sensor reads {angle} too much",
                visible=_nozzle, corrections=(Correction("beta", lambda x, of: x - of["angle"]),), floor=as_commanded),

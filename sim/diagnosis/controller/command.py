@@ -19,7 +19,7 @@ from ...vehicle.controller import pd_command, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
-from .ticks import issued_at, lined, over_grid, ticks_of, with_timing
+from .ticks import between, falls_between, issued_at, lined, over_grid, ticks_of
 
 LONGEST_LOST = 50  # rows of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
@@ -33,6 +33,8 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     log, nominal  as read;  data  its check: rows and values that may be used
     """
     draft, command = on_grid(log, nominal, data)
+    if draft.fine == 1 and draft.every <= draft.tick and falls_between(_held(draft, command), command):
+        draft, command = on_grid(log, nominal, data, between=True)
     if not np.isfinite(draft.z[:, :BETA]).any():
         raise InputError(f"{log.path}: no theta and no theta_dot that can be used; expected one of them")
     return _with_commands(draft, command, log.path)
@@ -44,9 +46,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     known = np.isfinite(command)
     recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
         and np.isfinite(draft.z[:, THETA]).any() and (draft.fine == 1 or not np.isfinite(draft.z[:, BETA]).any())
-    if draft.tick > draft.every:
-        held = draft.tick // draft.every
-        draft = replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+    draft = _held(draft, command)
     direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
     if direct:
         known = np.zeros(draft.rows, bool)
@@ -79,8 +79,8 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     logged = np.where(draft.logged, command, math.nan) if draft.logged is not None else None
     own = ticks_of(draft, logged) if logged is not None else None
     if logged is not None and own is not None:
-        return replace(draft, commands=over_grid(own, draft, lined(issued_at(own, draft, logged))), input=source,
-                       issued=logged, nominal=with_timing(draft.nominal, own))
+        made = lined(issued_at(own, draft, logged))
+        return replace(between(draft, own, logged), commands=over_grid(own, draft, made), input=source)
     if draft.fine > 1:
         return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
@@ -91,13 +91,21 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     return replace(draft, commands=ticks, input=source)
 
 
+def _held(draft: Record, command: np.ndarray) -> Record:
+    """With the rows that share a command, where the log is faster than the controller."""
+    if draft.tick <= draft.every:
+        return draft
+    held = draft.tick // draft.every
+    return replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+
+
 def _unseen(draft: Record) -> Record:
     """Of a log without commands whose rows fall between the controller's ticks: `issued` makes all of them."""
     none = np.full(draft.rows, math.nan)
     own = ticks_of(draft, none)
     assert own is not None
-    return replace(draft, commands=np.zeros(draft.rows * draft.every // draft.tick), input="controller", issued=none,
-                   nominal=with_timing(draft.nominal, own))
+    return replace(between(draft, own, none), commands=np.zeros(draft.rows * draft.every // draft.tick),
+                   input="controller")
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:

@@ -4,6 +4,7 @@ Every logged command holds what the derivative's filter knew, so the errors that
 commands it has: the controller is run through the gap, and run backwards where its own output is known.
 """
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -83,8 +84,8 @@ def filled(record: Record, attitude: np.ndarray, of: Controller) -> Record:
     seen = np.zeros(len(error), bool)
     seen[::m] = measured
     commands = record.commands.copy()
-    run_backwards(kp, kd, of.time_constant, own.period, own.limit, np.arange(len(error)) % m == 0,
-                  shifted(seen, late), error, commands)
+    run_backwards(kp, kd, of.time_constant, own.period, own.limit, math.inf,
+                  np.arange(len(error)) % m == 0, shifted(seen, late), error, commands)
     return replace(record, commands=commands)
 
 
@@ -118,12 +119,14 @@ def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray
 
 
 @kernel
-def run_backwards(kp, kd, tau, period, limit, logged, measured, error, commands):
+def run_backwards(kp, kd, tau, period, limit, most, logged, measured, error, commands):
     """The commands of ticks that are not logged, where the controller's errors of those that are are not measured.
 
-    What an error was follows from the command that is logged; a wrong start is forgotten as by the filter.
+    What an error was follows from the command that is logged; a wrong start is forgotten as by the filter, or at once
+    where it makes an error leave the predicted one by more than `most`.
 
     kp, kd [s], tau [s], period [s], limit [rad]   in   the controller's
+    most [rad]                                      in   that noise makes of an error
     logged, measured (ticks,)                       in   which commands and which errors are
     error (ticks,) [rad]                            inout  predicted where not measured; out: what it must have been
     commands (ticks,) [rad]                         inout  those logged known, the others out
@@ -132,11 +135,14 @@ def run_backwards(kp, kd, tau, period, limit, logged, measured, error, commands)
     for i in range(len(commands)):
         e = error[i]
         known = logged[i] and abs(commands[i]) < limit
-        if known and not measured[i]:
-            e = error[i] = (commands[i] - kd * (tau * d - before) / late) / (kp + kd / late)
+        heard = measured[i]
+        if known and not heard:
+            error[i] = (commands[i] - kd * (tau * d - before) / late) / (kp + kd / late)
+            heard = kd != 0.0 and abs(error[i] - e) > most
+            e = e if heard else error[i]
         d = pseudo_derivative(tau, period, e, before, d)
         before = e
         if not logged[i]:
             commands[i] = min(max(kp * e + kd * d, -limit), limit)
-        elif known and measured[i]:
+        elif known and heard:
             d = (commands[i] - kp * e) / kd

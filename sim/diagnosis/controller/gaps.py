@@ -163,7 +163,7 @@ class Backwards:
         what it makes of them: of the commands, so that no gain is the better for answering less."""
         error = self.error.copy()
         run_backwards(x[0] * self.kp, x[1] * self.kd, self.tau * math.exp(x[2]), self.period, self.limit,
-                      np.arange(len(error)) % 2 == 0, self.measured, error, self.commands.copy())
+                      math.inf, np.arange(len(error)) % 2 == 0, self.measured, error, self.commands.copy())
         gain = x[0] * self.kp + x[1] * self.kd / (self.tau * math.exp(x[2]) + self.period)
         rest = gain * (error - self.error)[::2][self.fair]
         return rest - self.known @ (self.known.T @ rest)

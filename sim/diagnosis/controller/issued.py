@@ -12,13 +12,14 @@ from typing import Protocol
 import numpy as np
 
 from ..data.record import THETA, Record
-from .asked import LINES, RECOMPUTED, asked, of_noise, unsure
+from .asked import LINES, RECOMPUTED, WITHOUT_NOZZLE, asked, of_noise, unsure
 from .check import check_controller
 from .command import recomputed
 from .fill import Controller, as_believed, filled
 from .gaps import Seen
 from .kind import NONE, UNKNOWN, ControllerCheck
 from .refined import Vehicle, refined
+from .ticks import SLOWER
 from .unseen import with_unseen
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
@@ -38,6 +39,10 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
     if record.issued is not None:
         return _between_ticks(record, follower)
+    own = record.nominal.controller
+    if record.input == "beta" and own is not None and record.period > SLOWER * own.period:
+        unseen = record.period / own.period - 1.0
+        return replace(record, unsure=unsure(record, LINES / WITHOUT_NOZZLE, max(unseen, unseen**2))), None
     if not is_slow(record):
         return record, check_controller(record)
     if record.input == "controller":

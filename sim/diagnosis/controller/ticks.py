@@ -11,23 +11,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...nominal import Nominal
-from ..data.record import Record
+from ..data.record import THETA, Record
+from .kind import NEAR_LIMIT
 
 SLOWER = 1.01     # of the controller's period: rows that far apart see a new command each
 STAYS = 0.02      # of the rows repeat their command, if ticks are to be told
-AGREES = 0.9      # of the rows that do, and of those that do not, must as the ticks say
+AGREES = 0.85     # of the rows that do, and of those that do not, must as the ticks say: a row stands within its step
 PHASES = 60       # tried
+LAGS = 3          # rows of a linear law
+FEWEST = 60       # rows that tell one
+OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
+NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
 ON = 1e-6         # of a period: a row so close before a tick sees its command
 
 
 class Ticks(NamedTuple):
-    """[steps of the grid] from the record's first row: one of them, and from one to the next; whether the commands
-    tell where they are."""
+    """[steps of the grid] from the record's first row: one of them, from one to the next, and how far from there they
+    may be, one sigma."""
 
     phase: float
     period: float
-    are_told: bool
+    spread: float
 
     def of(self, at: np.ndarray) -> np.ndarray:
         """(n,) int64: the tick whose command is seen at steps at (n,)."""
@@ -43,19 +47,47 @@ def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
     if own is None or record.fine == 1:
         return None
     period, known = own.period / record.step, np.isfinite(command)
+    anywhere = period / math.sqrt(12.0)
     if record.period > SLOWER * own.period or not known.any():
-        return Ticks(-float(np.fmod(record.first_step, period)), period, False)
-    return _told(record.at[known], command[known], period)
+        return Ticks(-float(np.fmod(record.first_step, period)), period, anywhere)
+    told = _told(record.at[known], command[known], period, NEAR_LIMIT * record.actuator.deflection_limit)
+    return Ticks(-0.5 * period, period, anywhere) if told is None and falls_between(record, command) else told
 
 
-def _told(at: np.ndarray, command: np.ndarray, period: float) -> Ticks | None:
-    """Of commands (n,) at steps at (n,) so that they change where ticks are between rows, and nowhere else."""
-    changed = np.diff(command) != 0.0
+def falls_between(record: Record, command: np.ndarray) -> bool:
+    """Whether the rows' attitudes are not those that the controller answered: no linear law of some rows gives the
+    commands (n,) [rad] (NaN: not logged) of the next one but for what noise makes of a command."""
+    own, sensors = record.nominal.controller, record.nominal.sensors
+    noise = math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
+    if own is None or noise == 0.0 or not np.isfinite(command).any():
+        return False
+    first, stride = record.held_phase, record.held
+    theta, command = record.z[first::stride, THETA], command[first::stride]
+    free = np.where(np.abs(command) < NEAR_LIMIT * record.actuator.deflection_limit, command, math.nan)
+    n = len(free) - LAGS
+    if n < FEWEST:
+        return False
+    among = np.column_stack([*(theta[LAGS - j:LAGS - j + n] for j in range(LAGS + 1)),
+                             *(free[LAGS - j:LAGS - j + n] for j in range(1, LAGS + 1)), np.ones(n), np.arange(n) / n])
+    wanted = free[LAGS:]
+    whole = np.isfinite(among).all(axis=1) & np.isfinite(wanted)
+    if np.count_nonzero(whole) < FEWEST:
+        return False
+    rest = wanted[whole] - among[whole] @ np.linalg.lstsq(among[whole], wanted[whole], rcond=None)[0]
+    return float(np.median(np.abs(rest))) > NORMAL * OTHERS * noise * abs(
+        own.kp + own.kd / (own.derivative_time_constant + own.period))
+
+
+def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> Ticks | None:
+    """Of commands (n,) at steps at (n,) so that they change where ticks are between rows, and nowhere else; those at
+    the limit need not."""
+    free = np.abs(command[1:]) < limit
+    changed = (np.diff(command) != 0.0)[free]
     if changed.size == 0 or not STAYS <= np.mean(~changed) <= 1.0 - STAYS:
         return None
 
     def agreement(phase: float) -> tuple[float, float]:
-        passed = np.diff(Ticks(phase, period, True).of(at)) > 0
+        passed = np.diff(Ticks(phase, period, 0.0).of(at))[free] > 0
         return float(np.mean(passed[changed])), float(np.mean(~passed[~changed]))
 
     tried = [(min(agreement(phase)), phase) for phase in -np.arange(PHASES) * period / PHASES]
@@ -64,15 +96,20 @@ def _told(at: np.ndarray, command: np.ndarray, period: float) -> Ticks | None:
         return None
     turns = np.exp(2j * math.pi * np.array([phase for agrees, phase in tried if agrees > best - 1e-9]) / period)
     middle = float(np.angle(np.sum(turns))) * period / (2.0 * math.pi)
-    return Ticks(middle - period if middle > 0.0 else middle, period, True)
+    return Ticks(middle - period if middle > 0.0 else middle, period, len(turns) * period / PHASES / math.sqrt(12.0))
 
 
-def with_timing(nominal: Nominal, ticks: Ticks) -> Nominal:
-    """The nominal with its servo's timing as free as the ticks are unknown: anywhere within their period."""
-    if ticks.are_told or nominal.controller is None:
-        return nominal
-    timing = math.hypot(nominal.diagnosis.timing, nominal.controller.period / math.sqrt(12.0))
-    return replace(nominal, diagnosis=replace(nominal.diagnosis, timing=timing))
+def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
+    """The record of rows between these ticks: its servo's timing as free as the ticks are unknown, and its samples as
+    old as they may be, where they do not change from row to row while a command (n,) [rad] holds."""
+    own, diagnosis = record.nominal.controller, record.nominal.diagnosis
+    assert own is not None
+    unknown = ticks.spread / ticks.period * own.period
+    timed = replace(record.nominal, diagnosis=replace(diagnosis, timing=math.hypot(diagnosis.timing, unknown)))
+    same = np.diff(command) == 0.0
+    known = np.count_nonzero(same) >= FEWEST and all(
+        np.mean(np.diff(values)[same] != 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
+    return replace(record, nominal=timed, issued=command, age=unknown * math.sqrt(12.0) if known else own.period)
 
 
 def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:

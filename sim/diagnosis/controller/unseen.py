@@ -13,31 +13,37 @@ import numpy as np
 
 from ...flight import excitation
 from ..data.record import Record
-from .asked import of_noise, unsure
+from .asked import noise_std, of_noise, unsure
 from .fill import OnBoard, on_board, run_backwards, shifted
 from .gaps import BY_CHANCE, CLEARLY, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
-from .kind import FEWEST, NEAR_LIMIT, NONE, ControllerCheck
+from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
 from .numbers import FREE_NUMBER
 from .ticks import issued_at, lined, over_grid, ticks_of
 
 # Nats a row that one unseen command a row may feign (`asked.unsure`): 1.6 times the most that any cause or disturbance
 # found in clean flights of the three nominals, read by seven clocks, calm and windy (seeds 9740 and 9744)
-HEARD = 0.008       # reference and commands
+HEARD = 0.012       # reference and commands
 UNHEARD = 0.015     # no commands at all
-UNTOLD = 0.05       # no reference
+UNTOLD = 0.15       # no reference; most where the vehicle is trimmed, and its commands are noise
 SLOPE_STEP, SCALES = 0.01, (0.05, 20.0)  # of kp over the nominal's: of a numerical slope, and what is tried
 ROWS = 5     # of a median over what was asked
+MOST = 8.0   # standard deviations of the attitude's noise: an error that was heard leaves the predicted one by more
+JUMP = 5.0   # standard deviations of the attitude's noise: what is asked leaves the line of its neighbours
+MOST_JUMPS = 0.1     # of the rows: more is no staircase
+HEARD_AFTER = 12     # ticks that tell when a jump was heard
+LONGEST_DOUBT = 5    # rows
 LARGE = 0.9  # quantile beyond which an error is cut, as at a step of the reference between rows
 
 
 @dataclass(frozen=True, eq=False)
 class _Heard:
     """A controller at its ticks: errors that a model predicts and commands that the log has, (ticks,) [rad], NaN: it
-    has not, or the nozzle's limit cut them."""
+    has not, or the nozzle's limit cut them; and the most [rad] that noise makes of an error."""
 
     own: OnBoard
     error: np.ndarray
     logged: np.ndarray
+    most: float
 
     @property
     def tells(self) -> np.ndarray:
@@ -47,13 +53,13 @@ class _Heard:
     def run(self) -> tuple[np.ndarray, np.ndarray]:
         """(Errors, commands), (ticks,) [rad], without limit: the predicted ones, but as the logged commands say."""
         error, commands, own = self.error.copy(), np.where(self.tells, self.logged, 0.0), self.own
-        run_backwards(own.kp, own.kd, own.tau, own.period, math.inf, self.tells, np.zeros(len(error), bool), error,
-                      commands)
+        run_backwards(own.kp, own.kd, own.tau, own.period, math.inf, self.most, self.tells, np.zeros(len(error), bool),
+                      error, commands)
         return error, commands
 
     def noise(self) -> np.ndarray:
         """[rad] by which the errors that it heard differ from the predicted ones."""
-        return np.asarray((self.run()[0] - self.error)[self.tells][SETTLING:])
+        return np.clip((self.run()[0] - self.error)[self.tells][SETTLING:], -self.most, self.most)
 
     def with_gain(self, scale: float) -> "_Heard":
         """With its kp times that."""
@@ -79,7 +85,7 @@ class _Heard:
         made = replace(self, logged=np.full(len(self.error), math.nan)).run()[1]
         asks, index = lined(made - self.logged), np.arange(len(made))
         start = asks / self.own.kp if self.own.kp != 0.0 else np.zeros(len(asks))
-        rough = _Heard(self.own, start, asks).run()[0][self.tells]
+        rough = _Heard(self.own, start, asks, math.inf).run()[0][self.tells]
         padded = np.pad(rough, ROWS // 2, mode="edge")
         return np.interp(index, index[self.tells],
                          np.median(np.lib.stride_tricks.sliding_window_view(padded, ROWS), axis=1))
@@ -102,22 +108,82 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     first = round((record.first_step + ticks.phase) / ticks.period)
     test = excitation(record.nominal, first + len(at), own.period)[first:]
     error = shifted(np.interp(at, record.tick * np.arange(len(attitude)), attitude), own.late)
-    told = np.isfinite(record.reference)
+    told, seen = np.isfinite(record.reference), ticks.of(record.at)
     if told.any():
-        error = error - shifted(np.interp(at, record.at[told], record.reference[told]), own.late)
-    heard = _Heard(own, error, np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan))
+        asked = np.interp(record.at, record.at[told], record.reference[told])
+        error = error - shifted(np.interp(at, record.at, asked), own.late)
+    heard = _Heard(own, error, np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan),
+                   MOST * max(noise_std(record), ROUNDING))
+    asked = asked if told.any() else np.zeros(record.rows)
+    steps = _jumps(asked, record)
     check, is_told = None, told.any()
     if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
+        if is_told and own.late == 0:
+            heard = _placed(heard, asked, np.flatnonzero(steps), seen)
         heard, check, is_told = _checked(heard) if is_told else (heard, None, False)
-        heard = heard if is_told else replace(heard, error=error - heard.asked())
+        if not is_told:
+            asks = heard.asked()
+            heard = replace(heard, error=heard.error - asks)
+            steps = np.maximum(steps, _jumps(asks[np.maximum(seen, 0)], record))
+            cut = np.abs(record.issued) >= NEAR_LIMIT * own.limit
+            steps[cut[1:] != cut[:-1]] = own.limit / of_noise(record)
     elif not is_told:
         return record, None
     of = UNTOLD if not is_told else HEARD if known.any() else UNHEARD
     commands = np.where(known, logged, np.clip(heard.run()[1] + test, -own.limit, own.limit))
+    if known.any():  # between two rows at the same limit it is there
+        sides = np.where(np.abs(logged) >= NEAR_LIMIT * own.limit, np.sign(logged), np.where(known, 0.0, math.nan))
+        commands = np.where(np.abs(lined(sides)) == 1.0, own.limit * lined(sides), commands)
     share, unseen = np.mean(~known), np.count_nonzero(~known) / record.rows
+    record = _in_doubt(record, steps, heard.tells[np.maximum(seen, 0)])
     return replace(record, commands=over_grid(ticks, record, commands),
                    fill_gain=of_noise(record) * math.sqrt(share * min(1.0, ticks.period / record.every)),
                    unsure=unsure(record, of, max(unseen, unseen**2))), check
+
+
+def _jumps(asked: np.ndarray, record: Record) -> np.ndarray:
+    """(n - 1,) [rad] by which what is asked, asked (n,) [rad], jumps after a row: where it leaves the line of its
+    neighbours by more than noise; else 0."""
+    step, least = np.diff(asked), JUMP * max(noise_std(record), ROUNDING)
+    beside = np.convolve(np.pad(step, 1, mode="edge"), [0.5, 0.0, 0.5], mode="valid")
+    jumps = np.where((np.abs(step - beside) > least) & (np.abs(step) > least), np.abs(step), 0.0)
+    return jumps if np.count_nonzero(jumps) < MOST_JUMPS * len(jumps) else np.zeros(len(jumps))
+
+
+def _placed(heard: _Heard, asked: np.ndarray, jumps: np.ndarray, seen: np.ndarray) -> _Heard:
+    """With jumps of the reference asked (n,) [rad] of rows that saw the ticks seen (n,) at the ticks that the next
+    commands tell."""
+    for k in jumps.tolist():
+        first, last = seen[k] + 1, min(seen[k + 1] + 1, len(heard.error) - 1)
+        after = np.arange(last, min(last + HEARD_AFTER, len(heard.error)))
+        after = after[heard.tells[after]]
+        line = np.interp(np.arange(first, last + 1), [seen[k], seen[k + 1]], asked[[k, k + 1]])
+        best, least = heard, math.inf
+        for place in range(first, last + 1):
+            error = heard.error.copy()
+            error[first:last + 1] += line - np.where(np.arange(first, last + 1) >= place, asked[k + 1], asked[k])
+            tried = replace(heard, error=error)
+            left = float(np.sum(np.abs((tried.run()[0] - error)[after])))
+            best, least = (tried, left) if left < least else (best, least)
+        heard = best
+    return heard
+
+
+def _in_doubt(record: Record, steps: np.ndarray, tells: np.ndarray) -> Record:
+    """With the rows after steps (n - 1,) [rad] of what was asked lost, up to the next one whose command tells (n,):
+    when a step was heard decides what the nozzle did."""
+    jumps, own = np.flatnonzero(steps), on_board(record)
+    if not len(jumps):
+        return record
+    lost = np.zeros(record.rows, bool) if record.lost is None else record.lost.copy()
+    kicks = np.minimum(steps[jumps] * of_noise(record), 2.0 * own.limit) * min(1.0, own.period / record.period)
+    square = record.unknown**2 * np.count_nonzero(lost) + float(kicks @ kicks)
+    for k in jumps.tolist():
+        until = k + 1
+        while until < min(k + LONGEST_DOUBT, record.rows - 1) and not tells[until]:
+            until += 1
+        lost[k:until] = True
+    return replace(record, lost=lost, unknown=math.sqrt(square / np.count_nonzero(lost)))
 
 
 def _checked(heard: _Heard) -> tuple[_Heard, ControllerCheck | None, bool]:

@@ -73,6 +73,7 @@ class Record:
     between     [rad] one sigma by which its commands between rows are off beside that
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
     issued      (n,) [rad] the rows' commands, NaN where there are none, where rows fall between the controller's ticks
+    age         [s] by which what the logger read may be older than its stamp: more is a delay
     shift       [s] log's clock = grid's clock + shift
     """
 
@@ -95,6 +96,7 @@ class Record:
     between: float = 0.0
     unsure: float = 0.0
     issued: np.ndarray | None = None
+    age: float = 0.0
     logged: np.ndarray | None = None
     lost: np.ndarray | None = None   # none is
     unknown: float = 0.0
@@ -190,10 +192,11 @@ def integration_step(period: float, tick: float, longest: float) -> float:
     return period / max(1, math.ceil(period / longest - 1e-9))
 
 
-def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.ndarray]:
+def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) -> tuple[Record, np.ndarray]:
     """(The log on its grid, yet without commands; the logged command (n,) [rad], NaN where there is none).
 
-    log, nominal  as read;  data  its check: rows and values that may be used.  InputError where no grid holds it
+    log, nominal  as read;  data  its check: rows and values that may be used;  between  rows are known to fall between
+    the controller's ticks.  InputError where no grid holds it
     """
     usable = data.usable
     if usable.sum() < 2:
@@ -209,7 +212,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck) -> tuple[Record, np.nda
     if n > MOST_ROWS:
         raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
                          f"expected at most {MOST_ROWS}")
-    step, every, tick, fine = _steps(period, nominal, float(np.sqrt(np.mean(off**2))) > JITTER)
+    step, every, tick, fine = _steps(period, nominal, between or float(np.sqrt(np.mean(off**2))) > JITTER)
 
     def column(name: str) -> np.ndarray:
         values = np.where(data.masks[name], getattr(log, name), math.nan)[usable] if name in data.masks else \

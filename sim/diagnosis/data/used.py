@@ -89,7 +89,8 @@ def thinned(record: Record, every: int) -> Record:
     commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
     return replace(record, z=record.z[kept], reference=record.reference[kept], at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
-                   commands=commands, logged=None if record.logged is None else record.logged[kept], issued=None,
+                   commands=commands, logged=None if record.logged is None else record.logged[kept],
+                   issued=None if record.issued is None else record.issued[kept],
                    held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
                    held_phase=0, fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
 

@@ -15,6 +15,8 @@ from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
+OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
+UNLIKE_NONE = 2.0      # of a size from that of no cause: evidence for less is for something else
 SCALE = "scale"        # of what is multiplied
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
@@ -204,6 +206,10 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
     if isinstance(size, float) and abs(size) < SIGNIFICANT * std:
         found.append(f"{each.cause}: a scale of {size:.2g} +- {std:.2g} is none: the log does not follow that input, "
                      "as where it is of another time")
+    name = each.record.free[0].name if each.record.free else ""
+    whole = each.values.get(name)
+    if isinstance(whole, float) and abs(whole - each.record.neutral) < UNLIKE_NONE * each.std.get(name, 0.0):
+        found.append(f"{each.cause}: the log does not tell its {name} ({whole:.3g} +- {each.std[name]:.2g})")
     frequency, time = each.values.get("frequency"), each.values.get("time")
     if isinstance(frequency, float):
         if each.std["frequency"] > UNTOLD * frequency:
@@ -215,3 +221,13 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
         found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")
     return found
+
+
+def aged(each: Named, record: Record) -> list[str]:
+    """What may be the age of samples that a logger read by a clock of its own."""
+    size = each.values.get(each.record.free[0].name) if each.record.free else None
+    late = each.record.late(record, size) if isinstance(size, float) else 0.0
+    if not 0.0 < late < OLDEST * record.age:
+        return []
+    return [f"{each.cause}: {late:.2g} s may be the age of what the logger read by its own clock (up to "
+            f"{record.age:.2g} s)"]

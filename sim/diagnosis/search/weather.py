@@ -37,7 +37,9 @@ from .starts import UNSTEADY, quiet
 TIMES = (0.3, 1.0, 3.0, 10.0)   # s, of turbulence and of the moment: a factor 3 apart a time is told from the next
 SIZES = np.geomspace(1e-3, 1.0, 8)  # of a first look, over the largest
 WORTH = 4.0                     # nats of the first look, from which weather is fitted
-HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather
+HALF = 0.5                      # of what weather gains: a single cause that gains more is not taken for weather, but
+TWICE = 2.0                     # where the weather alone leaves the noise what is declared
+FAR = 3.0                       # times the declared, of such noise
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
 FULL = 0.99                     # of a level's largest, from which it is that
 LAW = 0.1                       # of what weather explains alone: no weather keeps to a law better, so causes of the
@@ -70,9 +72,10 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     say("weather")
     carried = [each.cause for each in one.rankings[0][:CARRIED]] if one.rankings else []
     settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
-    first = None if settled else _weathered(nominal)
+    first = None if settled and _noisy(one.model) < FAR else _weathered(nominal)
     single = one.model.log_likelihood - nominal.log_likelihood
-    if first is not None and first.gain > needed(threshold, 0) and single < HALF * first.gain:
+    if first is not None and first.gain > needed(threshold, 0) and \
+            single < (TWICE if _noisy(one.model) > FAR and _noisy(first.model) < WRONG_NOISE else HALF) * first.gain:
         return _in_weather(nominal, first, known, threshold, say, carried)
     found = one
     if one.model.causes:
@@ -86,6 +89,12 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
     return _in_weather(nominal, beside, known, threshold, say, carried)
+
+
+def _noisy(model: Model) -> float:
+    """The acceleration's noise over the declared: far more stands for what is not modelled, and what a controller makes
+    of that looks like another gain."""
+    return float(model.fit.filter.levels[ACCELERATION] / declared(model.fit.record)[ACCELERATION])
 
 
 def sensors_disagree(model: Model) -> bool:
