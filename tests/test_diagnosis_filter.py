@@ -313,7 +313,8 @@ def test_a_gyro_as_noisy_as_it_may_be_beside_a_cause_of_a_sensor_does_not_fit(re
 def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less_than_half_of_it(
         monkeypatch, second, early):
     nominal, one, two = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
-        record=SimpleNamespace(is_late=False))) for k, gain in ((0, 0.0), (1, 900.0), (2, 900.0 + 50.0 * second)))
+        record=SimpleNamespace(is_late=False, channels=("theta",)))) for k, gain in (
+            (0, 0.0), (1, 900.0), (2, 900.0 + 50.0 * second)))
     beside = SimpleNamespace(gain=100.0, model=one)
     found = SimpleNamespace(model=one, rankings=[[]])
     for name, answer in (("as_simulated", nominal), ("swinging", ()), ("sensors_disagree", False), ("_first_look", 1.0),
@@ -335,7 +336,7 @@ def test_weather_that_alone_leaves_the_declared_noise_comes_before_a_gain_that_d
         monkeypatch, single, noisy, in_weather):
     """Feedback of what is not modelled looks like another gain, which leaves nothing to the weather then."""
     nominal, one, windy = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
-        record=SimpleNamespace(is_late=False))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
+        record=SimpleNamespace(is_late=False, channels=("theta",)))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
     found = SimpleNamespace(model=one, rankings=[[]])
     for name, answer in (("as_simulated", nominal), ("swinging", ()), ("sensors_disagree", False),
                          ("_first_look", None), ("_in_weather", "in weather"), ("select_from", found),

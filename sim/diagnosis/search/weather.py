@@ -72,10 +72,11 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
     say("weather")
     carried = [each.cause for each in one.rankings[0][:CARRIED]] if one.rankings else []
     settled = one.model.causes and _first_look(one.model) is None  # nothing is left for weather
-    first = None if settled and _noisy(one.model) < FAR else _weathered(nominal)
+    feigned = "theta_dot" not in nominal.fit.record.channels and _noisy(one.model) > FAR  # its noise is the weather
+    first = None if settled and not feigned else _weathered(nominal)
     single = one.model.log_likelihood - nominal.log_likelihood
-    if first is not None and first.gain > needed(threshold, 0) and \
-            single < (TWICE if _noisy(one.model) > FAR and _noisy(first.model) < WRONG_NOISE else HALF) * first.gain:
+    share = TWICE if first is not None and feigned and _noisy(first.model) < WRONG_NOISE else 0.0 if settled else HALF
+    if first is not None and first.gain > needed(threshold, 0) and single < share * first.gain:
         return _in_weather(nominal, first, known, threshold, say, carried)
     found = one
     if one.model.causes:
