@@ -108,7 +108,7 @@ def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
     timed = replace(record.nominal, diagnosis=replace(diagnosis, timing=math.hypot(diagnosis.timing, unknown)))
     same = np.diff(command) == 0.0
     known = np.count_nonzero(same) >= FEWEST and all(
-        np.mean(np.diff(values)[same] != 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
+        np.mean(np.abs(np.diff(values)[same]) > 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
     return replace(record, nominal=timed, issued=command, age=unknown * math.sqrt(12.0) if known else own.period)
 
 
