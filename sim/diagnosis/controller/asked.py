@@ -9,7 +9,6 @@ remembered in the rows': an error that goes with the input, which no noise of a 
 of such a log than that can feign (`unsure`).
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -60,9 +59,3 @@ def of_noise(record: Record) -> float:
     """Command [rad] at once per attitude noise [rad]."""
     own = on_board(record)
     return abs(own.kp + own.kd / (own.tau + own.period))
-
-
-def noise_std(record: Record) -> float:
-    """[rad] of the attitude, its steps included."""
-    sensors = record.nominal.sensors
-    return math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)

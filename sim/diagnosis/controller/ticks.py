@@ -54,11 +54,16 @@ def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
     return Ticks(-0.5 * period, period, anywhere) if told is None and falls_between(record, command) else told
 
 
+def noise_std(record: Record) -> float:
+    """[rad] of the attitude, its steps included."""
+    sensors = record.nominal.sensors
+    return math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
+
+
 def falls_between(record: Record, command: np.ndarray) -> bool:
     """Whether the rows' attitudes are not those that the controller answered: no linear law of some rows gives the
     commands (n,) [rad] (NaN: not logged) of the next one but for what noise makes of a command."""
-    own, sensors = record.nominal.controller, record.nominal.sensors
-    noise = math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
+    own, noise = record.nominal.controller, noise_std(record)
     if own is None or noise == 0.0 or not np.isfinite(command).any():
         return False
     first, stride = record.held_phase, record.held

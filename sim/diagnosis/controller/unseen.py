@@ -13,18 +13,19 @@ import numpy as np
 
 from ...flight import excitation
 from ..data.record import Record
-from .asked import noise_std, of_noise, unsure
+from .asked import of_noise, unsure
 from .fill import OnBoard, on_board, run_backwards, shifted
 from .gaps import BY_CHANCE, CLEARLY, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
 from .numbers import FREE_NUMBER
-from .ticks import issued_at, lined, over_grid, ticks_of
+from .ticks import issued_at, lined, noise_std, over_grid, ticks_of
 
 # Nats a row that one unseen command a row may feign (`asked.unsure`): 1.6 times the most that any cause or disturbance
-# found in clean flights of the three nominals, read by seven clocks, calm and windy (seeds 9740 and 9744)
+# found in clean flights of the three nominals, read by seven clocks, calm and windy (seeds 9740 and 9744), and of a
+# foreign simulator's trimmed vehicles
 HEARD = 0.012       # reference and commands
 UNHEARD = 0.015     # no commands at all
-UNTOLD = 0.15       # no reference; most where the vehicle is trimmed, and its commands are noise
+UNTOLD = 0.15       # no reference: most about a trim, where the commands are noise alone
 SLOPE_STEP, SCALES = 0.01, (0.05, 20.0)  # of kp over the nominal's: of a numerical slope, and what is tried
 ROWS = 5     # of a median over what was asked
 MOST = 8.0   # standard deviations of the attitude's noise: an error that was heard leaves the predicted one by more
