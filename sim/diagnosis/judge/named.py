@@ -227,7 +227,7 @@ def aged(each: Named, record: Record) -> list[str]:
     """What may be the age of samples that a logger read by a clock of its own."""
     size = each.values.get(each.record.free[0].name) if each.record.free else None
     late = each.record.late(record, size) if isinstance(size, float) else 0.0
-    if not 0.0 < late < OLDEST * record.age:
+    if not 0.0 < late < OLDEST * record.age or each.is_open(record):
         return []
     return [f"{each.cause}: {late:.2g} s may be the age of what the logger read by its own clock (up to "
             f"{record.age:.2g} s)"]
