@@ -330,24 +330,23 @@ def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less
     assert searched == ([1] if early else [1, weather.MOST_CAUSES])
 
 
-@pytest.mark.parametrize(("single", "noisy", "in_weather"), [(150.0, 60.0, True), (210.0, 60.0, False),
-                                                             (150.0, 2.0, False), (40.0, 2.0, True)])
+@pytest.mark.parametrize(("single", "noisy", "channels", "in_weather"), [
+    (150.0, 60.0, ("theta", "beta"), True), (210.0, 60.0, ("theta", "beta"), False),
+    (150.0, 2.0, ("theta", "beta"), False), (150.0, 60.0, ("theta", "theta_dot"), False)])
 def test_weather_that_alone_leaves_the_declared_noise_comes_before_a_gain_that_does_not(
-        monkeypatch, single, noisy, in_weather):
-    """Feedback of what is not modelled looks like another gain, which leaves nothing to the weather then."""
+        monkeypatch, single, noisy, channels, in_weather):
+    """Feedback of what is not modelled looks like another gain, beside which nothing is left for the weather."""
     nominal, one, windy = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
-        record=SimpleNamespace(is_late=False, channels=("theta",)))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
+        record=SimpleNamespace(is_late=False, channels=channels))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
     found = SimpleNamespace(model=one, rankings=[[]])
     for name, answer in (("as_simulated", nominal), ("swinging", ()), ("sensors_disagree", False),
-                         ("_first_look", None), ("_in_weather", "in weather"), ("select_from", found),
-                         ("grown", False)):
+                         ("_first_look", None), ("_in_weather", "in weather"), ("select_from", found)):
         monkeypatch.setattr(weather, name, lambda *given, answer=answer: answer)
     monkeypatch.setattr(weather, "_noisy", lambda of: noisy if of is one else 1.0)
     monkeypatch.setattr(weather, "_weathered", lambda of: SimpleNamespace(gain=100.0, model=windy) if of is nominal
                         else None)
-    settled = noisy < weather.FAR  # nothing is left beside the cause, so the weather is not even fitted
     made = weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None)
-    assert (made == "in weather") == (in_weather and not settled)
+    assert (made == "in weather") == in_weather
 
 
 @pytest.mark.parametrize("turbulence", [0.0, 0.004])

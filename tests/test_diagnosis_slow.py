@@ -117,18 +117,22 @@ def test_rows_at_the_nozzle_s_limit_tell_nothing_of_what_was_asked():
 DROPPED = ("theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "theta_ref,theta_dot", "beta_cmd,theta_dot")
 
 
+def by_another_generator(seed, name, windy, rate):
+    """(The nominal, which declares the wind of a windy flight; a clean flight's columns at this rate [Hz])."""
+    nominal, declared, given = load_nominal(name), Wind(turbulence=0.005, walk=0.002), {}
+    if windy:
+        nominal = dataclasses.replace(nominal, wind=declared)
+        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
+    return nominal, SimpleNamespace(**fly(draw_spec(seed, nominal=name, rate=rate, **given))[0])
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize("windy", [False, True])
 @pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
 @pytest.mark.parametrize("rate", [50.0, 25.0])
 def test_clean_flights_of_another_generator_are_consistent_without_reference_or_commands(rate, name, windy):
     """36 logs a seed in the whole campaign, among the whole catalogue; seeds that set no number of `asked`."""
-    nominal, declared = load_nominal(name), Wind(turbulence=0.005, walk=0.002)
-    given = {}
-    if windy:
-        nominal = dataclasses.replace(nominal, wind=declared)
-        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
-    columns, _ = fly(draw_spec(9730, nominal=name, rate=rate, **given))
+    nominal, columns = by_another_generator(9730, name, windy, rate)
     for drop in DROPPED:
-        made = diagnose(log_of(SimpleNamespace(**columns), tuple(drop.split(","))), nominal)
+        made = diagnose(log_of(columns, tuple(drop.split(","))), nominal)
         assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())

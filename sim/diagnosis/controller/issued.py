@@ -3,7 +3,8 @@
 A log as fast as its controller has them all.  Of a slower one those between the rows are filled in, from what a model
 of the vehicle saw there; the controller's room knows none, so the model is handed in.  Where there is no reference to
 fill them in by, or no command at all, they are what the controller makes of that model's attitude: off by what it makes
-of the noise that it saw there (`asked`).
+of the noise that it saw there (`asked`).  Where rows fall between its ticks, whatever their period, what no row saw is
+made in the same way (`unseen`).
 """
 
 from dataclasses import replace
@@ -40,7 +41,7 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
     if record.issued is not None:
         return _between_ticks(record, follower)
     own = record.nominal.controller
-    if record.input == "beta" and own is not None and record.period > SLOWER * own.period:
+    if record.input == "beta" and own is not None and record.period > SLOWER * own.period:  # it moved between its rows
         unseen = record.period / own.period - 1.0
         return replace(record, unsure=unsure(record, LINES / WITHOUT_NOZZLE, max(unseen, unseen**2))), None
     if not is_slow(record):

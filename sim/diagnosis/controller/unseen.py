@@ -108,14 +108,12 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     at = ticks.phase + ticks.period * np.arange(len(logged))
     first = round((record.first_step + ticks.phase) / ticks.period)
     test = excitation(record.nominal, first + len(at), own.period)[first:]
-    error = shifted(np.interp(at, record.tick * np.arange(len(attitude)), attitude), own.late)
     told, seen = np.isfinite(record.reference), ticks.of(record.at)
-    if told.any():
-        asked = np.interp(record.at, record.at[told], record.reference[told])
-        error = error - shifted(np.interp(at, record.at, asked), own.late)
+    asked = np.interp(record.at, record.at[told], record.reference[told]) if told.any() else np.zeros(record.rows)
+    theta = np.interp(at, record.tick * np.arange(len(attitude)), attitude)
+    error = shifted(theta - np.interp(at, record.at, asked), own.late)
     heard = _Heard(own, error, np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan),
                    MOST * max(noise_std(record), ROUNDING))
-    asked = asked if told.any() else np.zeros(record.rows)
     steps = _jumps(asked, record)
     check, is_told = None, told.any()
     if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
@@ -133,8 +131,8 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     of = UNTOLD if not is_told else HEARD if known.any() else UNHEARD
     commands = np.where(known, logged, np.clip(heard.run()[1] + test, -own.limit, own.limit))
     if known.any():  # between two rows at the same limit it is there
-        sides = np.where(np.abs(logged) >= NEAR_LIMIT * own.limit, np.sign(logged), np.where(known, 0.0, math.nan))
-        commands = np.where(np.abs(lined(sides)) == 1.0, own.limit * lined(sides), commands)
+        sides = lined(np.where(np.abs(logged) < NEAR_LIMIT * own.limit, 0.0, np.sign(logged)))
+        commands = np.where(np.abs(sides) == 1.0, own.limit * sides, commands)
     share, unseen = np.mean(~known), np.count_nonzero(~known) / record.rows
     record = _in_doubt(record, steps, heard.tells[np.maximum(seen, 0)])
     return replace(record, commands=over_grid(ticks, record, commands),

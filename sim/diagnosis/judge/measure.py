@@ -23,6 +23,10 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     outdone.UNLIKE      share of it that a shape may leave at its own place            meaning only: |cos| below 0.95
     outdone.KEPT        share of it that must be its own beside a shape elsewhere      meaning only: more than half
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
+    unseen.HEARD and others  the same where rows fall between the controller's ticks  clean flights; a foreign simulator
+    named.UNLIKE_NONE   standard deviations of a size from that of no cause            meaning only: 95 %
+    named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
+    weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
