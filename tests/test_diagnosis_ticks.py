@@ -12,6 +12,7 @@ from test_diagnosis import NEAR, WHOLE, log_of
 from test_diagnosis_slow import by_another_generator
 
 from sim.diagnosis.controller.command import record
+from sim.diagnosis.controller.fill import run_backwards
 from sim.diagnosis.controller.issued import with_commands
 from sim.diagnosis.controller.ticks import Ticks, issued_at, lined, over_grid, ticks_of
 from sim.diagnosis.data.check import check
@@ -41,10 +42,26 @@ def read_at(whole, period, jitter, begin=0.0, seed=3):
     return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))
 
 
+def log_at(log, rows):
+    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+
+
 def logged(clock, drop="", effect="", begin=0.0):
     log = log_of(flight(effect), tuple(drop.split(",")))
-    rows = read_at(log, *clock, begin)
-    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+    return log_at(log, read_at(log, *clock, begin))
+
+
+def flown_commands(of, whole, parts=40):
+    """(grid's ticks,) [rad] the mean of what a flight's controller commanded."""
+    at = (np.arange(len(of.commands) * parts) + 0.5) / parts * of.tick * of.step
+    rows = np.minimum((at / FINE + 1e-6).astype(int), len(whole.t) - 1)
+    return whole.beta_cmd[rows].reshape(-1, parts).mean(axis=1)
+
+
+def over_rows(of, x):
+    """Mean over the grid's ticks of each row."""
+    per_row = of.every // of.tick
+    return x[:len(x) // per_row * per_row].reshape(-1, per_row).mean(axis=1)
 
 
 def recorded(clock, drop="", effect="", begin=0.0):
@@ -91,15 +108,10 @@ def test_unseen_commands_are_off_by_what_is_said(clock, drop):
     """In the mean over a row: less than lines, and as said."""
     before = recorded(clock, drop)
     made, controller = with_commands(before, NominalFollower())
-    parts = 40
-    ends = (np.arange(len(made.commands) * parts) + 0.5) / parts * made.tick * made.step
-    rows = np.minimum((ends / FINE + 1e-6).astype(int), len(flight().t) - 1)
-    true = flight().beta_cmd[rows].reshape(-1, parts).mean(axis=1)
-    per_row = made.every // made.tick
+    true = flown_commands(made, flight())
 
     def off(of):
-        rest = (of.commands - true)[:len(true) // per_row * per_row].reshape(-1, per_row).mean(axis=1)
-        return float(np.std(rest))
+        return float(np.std(over_rows(of, of.commands - true)))
 
     assert controller is None and off(made) < 0.95 * off(before)
     assert off(made) < 1.6 * made.fill_gain * NOMINAL.sensors.theta_std
@@ -139,17 +151,28 @@ def test_rows_at_the_loop_s_rate_fall_between_its_ticks_where_their_attitudes_ar
     assert not made.causes and all("age of what the logger read" in words for words in made.doubts)
 
 
-def stairs(period, drop=""):
-    """A clean flight of a reference that jumps so far that the nozzle reaches its limit, when no row sees it."""
+STEPS = (5.003, 9.507, 14.008, 19.504)   # s, when no row sees them
+
+
+@functools.cache
+def staircase(size):
+    """A clean flight of a reference that jumps so far [rad] that the nozzle reaches its limit."""
     times, levels = [0.0], [0.0]
-    for time, level in ((5.003, 0.05), (9.507, -0.03), (14.008, 0.04), (19.504, 0.0)):
+    for time, level in zip(STEPS, (1.0, -0.6, 0.8, 0.0), strict=True):
         times += [time - 1e-4, time]
-        levels += [levels[-1], level]
-    guidance = Guidance(tuple(times), tuple(levels))
-    nominal = dataclasses.replace(NOMINAL, guidance=guidance)
-    log = log_of(fly_whole(nominal, 8, period=FINE), tuple(drop.split(",")))
-    rows = read_at(log, period, 0.0)
-    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+        levels += [levels[-1], level * size]
+    return fly_whole(dataclasses.replace(NOMINAL, guidance=Guidance(tuple(times), tuple(levels))), 8, period=FINE)
+
+
+def stairs(period, drop="", size=0.05):
+    return log_at(log_of(staircase(size), tuple(drop.split(","))), read_at(staircase(size), period, 0.0))
+
+
+def with_stairs(period, drop="", size=0.05):
+    """(The record with the commands that no row saw, their mean error [rad] over each row)."""
+    log = stairs(period, drop, size)
+    made, _ = with_commands(record(log, NOMINAL, check(log, NOMINAL)), NominalFollower())
+    return made, over_rows(made, made.commands - flown_commands(made, staircase(size)))
 
 
 @pytest.mark.parametrize("drop", ["", "theta_ref"])
@@ -157,6 +180,63 @@ def stairs(period, drop=""):
 def test_steps_of_the_reference_that_no_row_sees_are_no_fault(period, drop):
     made = diagnose(stairs(period, drop), NOMINAL, hypotheses=NEAR)
     assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+def test_a_step_between_rows_is_placed_where_the_commands_tell():
+    made, off = with_stairs(0.033)
+    assert np.std(off) < 1.4 * made.fill_gain * NOMINAL.sensors.theta_std
+    assert np.max(np.abs(off)) < 0.45 * NOMINAL.actuator.deflection_limit
+
+
+def test_rows_in_which_a_step_was_heard_are_not_believed_and_no_others():
+    made, off = with_stairs(0.033)
+    after = [int(np.flatnonzero(made.t < time)[-1]) for time in STEPS]
+    assert made.lost[after].all() and np.count_nonzero(made.lost) < 6 * len(STEPS) and made.unknown > 0.01
+    assert np.max(np.abs(off[~made.lost[:len(off)]])) < 6.0 * made.fill_gain * NOMINAL.sensors.theta_std
+    assert with_commands(recorded((0.033, 0.0)), NominalFollower())[0].lost is None
+
+
+def test_between_two_rows_at_the_limit_the_command_is_there():
+    made, _ = with_stairs(0.025, "theta_ref", size=0.2)
+    limit = NOMINAL.actuator.deflection_limit
+    at_limit = np.abs(made.issued) > 0.999 * limit
+    rows = np.flatnonzero(at_limit[:-2] & at_limit[1:-1] & (made.issued[:-2] == made.issued[1:-1]))
+    per_row = made.every // made.tick
+    assert len(rows) > 20
+    for row in rows.tolist():
+        assert made.commands[row * per_row + 1:(row + 1) * per_row] == pytest.approx(made.issued[row])
+
+
+def test_a_reference_that_the_controller_did_not_have_is_not_believed():
+    """What it would have heard is no noise: what it was asked is made of its commands."""
+    log = logged((0.025, 0.0))
+    half = dataclasses.replace(log, theta_ref=0.5 * log.theta_ref)
+    unsure = [with_commands(record(each, NOMINAL, check(each, NOMINAL)), NominalFollower())[0].unsure
+              for each in (half, log, logged((0.025, 0.0), "theta_ref"))]
+    assert unsure[0] == pytest.approx(unsure[2]) and unsure[1] < 0.2 * unsure[0]
+
+
+@pytest.mark.parametrize("bias", ["", "gyro_bias:rate=0.02"])
+def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro(bias):
+    r = recorded((0.025, 0.0), effect=bias)
+    seen = NominalFollower().seen(r)
+    off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
+    assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std
+
+
+@pytest.mark.parametrize(("most", "forgets"), [(1e-3, True), (np.inf, False)])
+def test_a_controller_run_backwards_forgets_at_once_what_it_was_told_wrongly(most, forgets):
+    """Errors predicted 0.05 rad off for ten ticks that no command tells; every third tick is logged then."""
+    own = NOMINAL.controller
+    true = 0.01 * np.sin(0.05 * np.arange(300))
+    given = own.kp, own.kd, own.derivative_time_constant, own.period, np.inf, most
+    commands, none = np.zeros(300), np.zeros(300, bool)
+    run_backwards(*given, none, none, true.copy(), commands)
+    error, made, logged_at = true.copy(), commands.copy(), np.arange(300) % 3 == 0
+    logged_at[100:110], error[100:110] = False, true[100:110] + 0.05
+    run_backwards(*given, logged_at, none, error, made)
+    after = np.max(np.abs(made - commands)[114:120])
+    assert after < 1e-9 if forgets else after > 1e-2
 
 
 def test_the_age_of_a_held_sample_is_no_delay_of_the_vehicle():
@@ -177,9 +257,7 @@ def test_a_trimmed_vehicle_whose_nozzle_is_logged_now_and_then_shows_nothing(dro
     """Damping of 1000 1/s, friction, a nozzle of half its gain: what noise and lines between rows feign."""
     still = dataclasses.replace(NOMINAL, guidance=Guidance((0.0, 1.0), (0.0, 0.0)))
     log = log_of(fly_whole(still, 4, period=FINE), tuple(drop.split(",")))
-    rows = read_at(log, 0.025, 0.0)
-    made = diagnose(dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)}),
-                    still)
+    made = diagnose(log_at(log, read_at(log, 0.025, 0.0)), still)
     assert (made.verdict, made.doubts) == ("consistent", ())
 
 
