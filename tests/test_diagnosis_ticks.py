@@ -207,6 +207,13 @@ def test_between_two_rows_at_the_limit_the_command_is_there():
         assert made.commands[row * per_row + 1:(row + 1) * per_row] == pytest.approx(made.issued[row])
 
 
+@pytest.mark.parametrize("period", [0.015, 0.025, 0.033])
+def test_what_was_wrong_at_the_limit_is_forgotten_after_it(period):
+    """Without reference nothing tells what was asked there: what the derivative remembers of it is not believed."""
+    made, off = with_stairs(period, "theta_ref", size=0.2)
+    assert np.max(np.abs(off[~made.lost[:len(off)]])) < 10.0 * made.fill_gain * NOMINAL.sensors.theta_std
+
+
 def test_a_reference_that_the_controller_did_not_have_is_not_believed():
     """What it would have heard is no noise: what it was asked is made of its commands."""
     log = logged((0.025, 0.0))
