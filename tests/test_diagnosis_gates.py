@@ -177,6 +177,15 @@ def test_likelihood_that_is_bought_with_noise_predicts_nothing(extended, worse):
     assert any("worse than the nominal's" in words for words in measure.of_gain(gain, DOMINANT)) == worse
 
 
+@pytest.mark.parametrize(("extended", "worse"), [(2.8, False), (3.2, True)])
+def test_a_less_stable_vehicle_may_be_off_by_more(extended, worse):
+    """In a closed loop the commands of the horizon know what pushed the vehicle in it: a model that leaves out what
+    makes it less stable is off by less."""
+    gain = Gain((0.0, 1.0), 50.0, {1.0: {}}, {"theta": (1.0, extended, 1.0, 3.0)}, None, "", {"theta": 50.0},
+                {"theta": 2.0})
+    assert gain.is_worse == worse
+
+
 def test_a_scale_that_is_nothing_is_no_cause():
     said = [undetermined(replace(cause("actuator_gain"), values={"scale": 0.0125}, std={"scale": std}), *SPAN)
             for std in (0.018, 0.002)]

@@ -26,6 +26,7 @@ from sim.diagnosis.judge.named import Named
 from sim.diagnosis.judge.outdone import KEPT, PARALLEL, UNLIKE, outdone
 from sim.diagnosis.judge.shapes import _shapes
 from sim.diagnosis.model.noise import LEVELS, Disturbance
+from sim.diagnosis.model.point import DEVIATIONS
 from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import TOP
 from sim.diagnosis.search.selection import THRESHOLD, select_from
@@ -143,9 +144,10 @@ def test_two_oscillations_that_a_log_does_not_resolve_are_one_that_changes(cause
 # ---- a size that changes
 
 
-def sized(*parts, seed=0, logarithmic=False, settled=True, rows=slice(None)):
+def sized(*parts, seed=0, logarithmic=False, settled=True, rows=slice(None), deviation=None):
     """A model of 1600 rows with two causes much alike: the second's size is off by `parts` in parts of the log of equal
-    length; settled: the fit is at its minimum;  rows: that alone tell it."""
+    length; settled: the fit is at its minimum;  rows: that alone tell it;  deviation: what the nominal leaves open of a
+    number with the second's very response."""
     rng, n = np.random.default_rng(seed), 1600
     slopes = rng.standard_normal((3 * n, 3))
     slopes[:, 1] += 0.7 * slopes[:, 0]
@@ -159,8 +161,12 @@ def sized(*parts, seed=0, logarithmic=False, settled=True, rows=slice(None)):
         rest -= basis @ (basis.T @ rest)
     record = RECORDS["slosh" if not logarithmic else "actuator_rate_limit"]
     causes = (Cause(RECORDS["aero_damping"], (0.3,)), Cause(replace(record, free=record.free[:1]), (0.5,)))
-    return SimpleNamespace(fit=SimpleNamespace(slopes=slopes, whitened=rest.reshape(n, 3), causes=causes,
-                                               record=SimpleNamespace(t=0.01 * np.arange(n))))
+    whole = np.hstack([slopes[:, :2], np.zeros((3 * n, DEVIATIONS))])
+    whole[:, -DEVIATIONS] = slopes[:, 2] if deviation is None else slopes[:, 1]
+    return SimpleNamespace(fit=SimpleNamespace(
+        slopes=whole, whitened=rest.reshape(n, 3), causes=causes, delta=np.zeros(DEVIATIONS), filter=None,
+        record=SimpleNamespace(t=0.01 * np.arange(n), nominal=SimpleNamespace(
+            diagnosis=SimpleNamespace(tolerance=0.05 if deviation is None else deviation, timing=0.0)))))
 
 
 def test_constancy_of_a_true_size_is_a_chi_squared_of_seven():
@@ -176,6 +182,17 @@ def test_constancy_sees_a_size_that_changes_and_in_which_part():
     assert made.std == pytest.approx([1.0 / math.sqrt(3 * 1600 / SEGMENTS)] * SEGMENTS, rel=0.2)
     assert constancy(sized(-0.2, 0.2), 0).chi_squared < CONSTANCY_LIMIT   # the other cause's is the same
     assert constancy(sized(0.4, settled=False), 1).chi_squared < CONSTANCY_LIMIT   # wrong, but the same all along
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.25])
+def test_a_size_that_the_tolerance_could_make_as_a_whole_is_seen_to_change(tolerance):
+    """k1's error and the control's effectiveness: the log tells their sum only, but tells it in every part."""
+    made = constancy(sized(-0.2, 0.2, deviation=tolerance), 1)
+    assert made.chi_squared > CONSTANCY_LIMIT
+    assert np.mean(made.size[4:]) - np.mean(made.size[:4]) == pytest.approx(0.4, abs=0.1)
+    assert made.std == pytest.approx([1.0 / math.sqrt(3 * 1600 / SEGMENTS)] * SEGMENTS, rel=0.2)
+    found = [constancy(sized(0.0, seed=seed, deviation=tolerance), 1).chi_squared for seed in range(60)]
+    assert np.mean(found) == pytest.approx(SEGMENTS - 1, abs=1.5) and max(found) < CONSTANCY_LIMIT
 
 
 def test_a_cause_that_one_row_tells_has_no_size_elsewhere_and_nothing_to_say_against_it():

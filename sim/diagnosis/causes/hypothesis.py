@@ -142,7 +142,8 @@ def always(record: Record) -> bool:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One cause; free[0] is its size, whose `neutral` value makes no difference.
+    """One cause; free[0] is its size, whose `neutral` value makes no difference (where it has several `amounts`, all at
+    it).
 
     words    what it means, with its parameters in braces
     shapes   of a record: values of the other free numbers to start from
@@ -152,6 +153,7 @@ class Hypothesis:
     dithered how much of the command noise's rms its size may be off: the noise keeps a play moving, which the
              prediction, run on the mean command, does not see
     start    how the search begins
+    amounts  so many of the free numbers, from the first, are sizes of it
     limit_at of a record: values of the other parameters for which the limit is given;  largest: a larger is none
     resolved of a record: the largest size that the integration step resolves; None: any
     form     another law of it; steps: it may come gradually;  tells_onset: what begins with the log is another cause
@@ -176,6 +178,7 @@ class Hypothesis:
     fixed: tuple[tuple[str, str | float], ...] = ()
     dithered: float = 0.0
     start: Start = Start.RESPONSE
+    amounts: int = 1
     limit_at: Callable[[Record], Values] = nothing_given
     largest: float = math.inf
     resolved: Callable[[Record], float] | None = None

@@ -17,10 +17,10 @@ import numpy as np
 
 from ..model.level_fit import PRIOR
 from ..model.noise import Refilter, bounds, declared
+from ..model.weighing import Weighing
 from ..search.profile import Model
 
 FACTORS = (0.7, 1.0, 1.4, 2.0)  # of each level, within its bounds: a source that takes more leaves the other less
-UNTOUCHED = 0.03  # of |c|^2: what the highest levels leave so much the same is of no wind
 
 
 class Absorbing:
@@ -28,7 +28,7 @@ class Absorbing:
 
     def __init__(self, model: Model) -> None:
         record, fitted = model.fit.record, model.fit
-        self.record, self.dynamics, self.filter = record, model.dynamics, fitted.filter
+        self.record, self.low = record, fitted.filter.low
         levels, (least, most) = fitted.filter.levels, bounds(record)
         free = [k for k in range(5, len(levels)) if most[k] > least[k]]
         self.levels = np.zeros((0, len(levels)))
@@ -47,27 +47,19 @@ class Absorbing:
         def unlikely(x: np.ndarray) -> np.ndarray:
             return 0.5 * np.sum((np.log(x[..., free] / own[free]) / PRIOR)**2, axis=-1)
 
-        refilter = Refilter(record, self.dynamics, fitted.innovations, self.filter)
+        refilter = Refilter(record, model.dynamics, fitted.innovations, fitted.filter)
         likely = refilter.log_likelihoods(np.concatenate([levels[None], self.levels]))
         likely -= unlikely(np.concatenate([levels[None], self.levels]))
         self.costs = np.maximum(likely[0] - likely[1:], 0.0)
-        self.still = self._refilter(np.zeros(3 * record.rows)).log_likelihoods(self.levels)
-
-    def _refilter(self, white: np.ndarray) -> Refilter:
-        """Of innovations that are white (3n,) under the model's own filter."""
-        low, white = self.filter.low, white.reshape(-1, 3)
-        e = np.einsum("kab,kb->ka", low, white)
-        return Refilter(self.record, self.dynamics, np.where(np.isfinite(self.record.z), e, math.nan), self.filter)
+        self.weighing = Weighing(refilter, self.levels)
 
     def _energies(self, change: np.ndarray) -> np.ndarray:
         """(k,) |c|^2 under these levels, of a change (3n + 5,) of the residual."""
         if not len(self.levels):
             return self.costs
-        own, refilter = float(change @ change), self._refilter(change[:3 * self.record.rows])
-        highest = 2.0 * (self.still[-1] - refilter.log_likelihood(self.levels[-1]))
-        if abs(highest - own) <= UNTOUCHED * own:
-            return np.full(len(self.levels), own)
-        return np.asarray(2.0 * (self.still - refilter.log_likelihoods(self.levels)))
+        white = change[:3 * self.record.rows].reshape(-1, 3)
+        e = np.einsum("kab,kb->ka", self.low, white)
+        return self.weighing.energies(np.where(np.isfinite(self.record.z), e, math.nan))
 
     def gain(self, change: np.ndarray) -> float:
         """[nats] to be expected of a cause with this change (3n + 5,) of the residual."""

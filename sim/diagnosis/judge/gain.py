@@ -43,6 +43,9 @@ class Gain:
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
     horizons        channel -> how many of the longest stand side by side in what `squared` was measured on
+    grown           channel -> how much larger the extended model's squared errors are, from the same noise, since it is
+                    less stable: a loop that is closed tells its future in its commands, so that a model that leaves the
+                    instability out is not punished for it;  1 where nothing is said
     """
 
     log_likelihood: tuple[float, float]
@@ -52,6 +55,7 @@ class Gain:
     closed_loop: tuple[float, float] | None
     source: str
     horizons: dict[str, float] = field(default_factory=dict)
+    grown: dict[str, float] = field(default_factory=dict)
 
     @property
     def longest(self) -> float:
@@ -68,8 +72,9 @@ class Gain:
     @property
     def is_worse(self) -> bool:
         """The extended model's squared errors, summed over the channels beside the nominal's, exceed them by more than
-        chance, whatever its noise allows: likelihood bought with noise is no prediction."""
-        worse = sum(extended / nominal - 1.0 for nominal, extended, _, _ in self.squared.values() if nominal > 0.0)
+        chance and than it is less stable, whatever its noise allows: likelihood bought with noise is no prediction."""
+        worse = sum(extended / (nominal * self.grown.get(name, 1.0)) - 1.0
+                    for name, (nominal, extended, _, _) in self.squared.items() if nominal > 0.0)
         chance = sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared)
         return worse > CHANCE * math.sqrt(chance)
 
@@ -175,7 +180,7 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
     """
     record, own = nominal.fit.record, model.fit.record
-    totals, errors, changes, noises = np.zeros(2), [], [], []
+    totals, errors, changes, noises, grown = np.zeros(2), [], [], [], []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
@@ -188,9 +193,11 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         changes.append(change)
         noises.append(np.stack([_noise(of, each, spans(record)[-1], is_named)
                                 for of, each in zip((record, own), pair, strict=True)]))
+        alike = Trained(pair[1].point, pair[0].filter)
+        grown.append(_noise(record, alike, spans(record)[-1], is_named))
     joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
-    return _gain(record, totals, joined, closed_loop, "blocked folds")
+    return _gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown))
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
@@ -246,7 +253,8 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
     noise = np.stack([_noise(record, each, spans(records[0])[-1], is_named)
                       for record, each in zip(records, pair, strict=True)])
-    return _gain(records[0], totals, (errors, change, noise), closed_loop, "a second log")
+    alike = _noise(records[0], Trained(pair[1].point, pair[0].filter), spans(records[0])[-1], is_named)
+    return _gain(records[0], totals, (errors, change, noise), closed_loop, "a second log", alike)
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -284,8 +292,9 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
 
 
 def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, np.ndarray],
-          closed_loop: tuple[float, float] | None, source: str) -> Gain:
-    """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3)"""
+          closed_loop: tuple[float, float] | None, source: str, alike: np.ndarray) -> Gain:
+    """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3);  alike
+    (s, 3) of the nominal's noise in the extended model"""
     errors, changes, noise = of
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     over = spans(record)
@@ -295,12 +304,13 @@ def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, 
             scale = rms(changes[:, h, c])
             if channel in record.channels and scale > 0.0:
                 nrmse[horizon][channel] = (rms(errors[0, :, h, c]) / scale, rms(errors[1, :, h, c]) / scale)
-    squared, horizons = {}, {}
+    squared, horizons, grown = {}, {}, {}
     for c, channel in enumerate(CHANNELS):
         seen = np.isfinite(errors[:, :, -1, c]).all(axis=0)
         if channel in record.channels and seen.any():
             made = [float(np.mean(x)) for x in (*(errors[:, seen, -1, c]**2), *noise[:, seen, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
             horizons[channel] = max(1.0, float(seen.sum()) * SPACING / over[-1])
+            grown[channel] = max(1.0, float(np.mean(alike[seen, c])) / made[2]) if made[2] > 0.0 else 1.0
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                squared, closed_loop, source, horizons)
+                squared, closed_loop, source, horizons, grown)

@@ -10,6 +10,7 @@ from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
+from ..search.fit import Fit
 from ..search.profile import TOLD_APART, Model, penalty, profile
 from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
@@ -32,6 +33,7 @@ class Named:
     constancy            None for the controller's, which is exact
     is_at_an_end         of the range searched: whatever it stands for, it is not this cause
     steps                (time [s], size) of one that comes gradually, () of all else
+    away                 standard deviations of its sizes, all together, from those of no cause; None: of one size
     removed              share of the nominal's held-out squared error beyond noise that comes back without it (and
                          all else fitted anew); None: not told
     """
@@ -46,6 +48,7 @@ class Named:
     is_at_an_end: bool = False
     steps: tuple[tuple[float, float], ...] = ()
     removed: float | None = None
+    away: float | None = None
 
     @property
     def record(self) -> Hypothesis:
@@ -122,7 +125,20 @@ def _named(selection: Selection, k: int) -> Named:
                  _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
                  selection.evidence[k],
                  constancy(model, k),
-                 cause.is_at_an_end)
+                 cause.is_at_an_end,
+                 away=_away(model.fit, k))
+
+
+def _away(fitted: Fit, index: int) -> float | None:
+    """Standard deviations of cause `index`'s several sizes from those of no cause: each may be told by none, and all
+    together be far away."""
+    cause = fitted.causes[index]
+    amounts, first = cause.hypothesis.amounts, sum(len(each.values) for each in fitted.causes[:index])
+    if amounts == 1:
+        return None
+    off = np.array(cause.values[:amounts]) - cause.hypothesis.neutral
+    own = fitted.covariance[first:first + amounts, first:first + amounts]
+    return math.sqrt(max(float(off @ np.linalg.pinv(own, hermitian=True) @ off), 0.0))
 
 
 def _gradual(selection: Selection, group: list[int]) -> Named:
@@ -208,8 +224,10 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
                      "as where it is of another time")
     name = each.record.free[0].name if each.record.free else ""
     whole = each.values.get(name)
-    if isinstance(whole, float) and abs(whole - each.record.neutral) < UNLIKE_NONE * each.std.get(name, 0.0):
-        found.append(f"{each.cause}: the log does not tell its {name} ({whole:.3g} +- {each.std[name]:.2g})")
+    if isinstance(whole, float):
+        alone = abs(whole - each.record.neutral) / max(each.std.get(name, 0.0), 1e-300)
+        if (alone if each.away is None else each.away) < UNLIKE_NONE:
+            found.append(f"{each.cause}: the log does not tell its {name} ({whole:.3g} +- {each.std[name]:.2g})")
     frequency, time = each.values.get("frequency"), each.values.get("time")
     if isinstance(frequency, float):
         if each.std["frequency"] > UNTOLD * frequency:

@@ -63,17 +63,24 @@ def add_scaled(typing, to, i, number, of, j):
     return types.none(to, types.intp, types.float64, of, types.intp), build
 
 
-@_extending.intrinsic
-def subtract_product(typing, to, i, first, j, second, k):
-    """to[i] -= first[j] * second[k]"""
-    def build(context, builder, signature, arguments):
-        target = _row(context, builder, signature.args[0], arguments[0], arguments[1])
-        left = _load(builder, _row(context, builder, signature.args[2], arguments[2], arguments[3]))
-        right = _load(builder, _row(context, builder, signature.args[4], arguments[4], arguments[5]))
-        _store(builder, builder.fsub(_load(builder, target), builder.fmul(left, right)), target)
-        return context.get_dummy_value()
+def _product(how):
+    """to[i] and the product of first[j] and second[k], joined by a builder's instruction."""
+    def intrinsic(typing, to, i, first, j, second, k):
+        def build(context, builder, signature, arguments):
+            target = _row(context, builder, signature.args[0], arguments[0], arguments[1])
+            left = _load(builder, _row(context, builder, signature.args[2], arguments[2], arguments[3]))
+            right = _load(builder, _row(context, builder, signature.args[4], arguments[4], arguments[5]))
+            joined = getattr(builder, how)(_load(builder, target), builder.fmul(left, right))
+            _store(builder, joined, target)
+            return context.get_dummy_value()
 
-    return types.none(to, types.intp, first, types.intp, second, types.intp), build
+        return types.none(to, types.intp, first, types.intp, second, types.intp), build
+
+    return _extending.intrinsic(intrinsic)
+
+
+subtract_product = _product("fsub")  # to[i] -= first[j] * second[k]
+add_product = _product("fadd")       # to[i] += first[j] * second[k]
 
 
 @_extending.intrinsic
@@ -212,19 +219,29 @@ def correct(k, m, base, base_gains, y, w, d, spare):
 
 
 @inner
-def propagate(at, m, f, q, d, new_d, p, fp):
-    """d <- F d, P <- F P F' + Q, of block `at`."""
+def carry(at, m, f, d, new_d):
+    """d <- F d, of block `at`."""
     for i in range(m):
         fill(new_d, i, 0.0)
+        for x in range(m):
+            if f[at, i, x] != 0.0:
+                add_scaled(new_d, i, f[at, i, x], d, x)
+    for i in range(m):
+        copy(d, i, new_d, i)
+
+
+@inner
+def propagate(at, m, f, q, d, new_d, p, fp):
+    """d <- F d, P <- F P F' + Q, of block `at`."""
+    carry(at, m, f, d, new_d)
+    for i in range(m):
         for j in range(m):
             fill(fp, i * m + j, 0.0)
         for x in range(m):
             if f[at, i, x] != 0.0:
-                add_scaled(new_d, i, f[at, i, x], d, x)
                 for j in range(m):
                     add_scaled(fp, i * m + j, f[at, i, x], p, max(x, j) * m + min(x, j))
     for i in range(m):
-        copy(d, i, new_d, i)
         for j in range(i + 1):
             copy(p, i * m + j, q, (at * m + i) * m + j)
             for x in range(m):

@@ -285,6 +285,13 @@ class Refilter:
         full[:, :, THETA_DOT] *= self.dyn.rate_scale
         return Filter(levels, full, low, whitened, modes, total)
 
+    def gains(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, m, 3) Kalman gains, in these dynamics' units, and (n, 3, 3) lower factor of the innovations."""
+        n, m = self.record.rows, self.dyn.f.shape[1]
+        gains, low = np.zeros((n, m, 3)), np.zeros((n, 3, 3))
+        self._run(levels, None, gains, low, np.zeros((n, 3)))
+        return gains, low
+
     def horizon_variances(self, levels: np.ndarray, spacing: int, ahead: int) -> np.ndarray:
         """(s, 3) of measured less predicted where nothing but noise of these levels is, `ahead` rows after every
         `spacing`-th."""
