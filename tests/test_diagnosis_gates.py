@@ -177,6 +177,22 @@ def test_likelihood_that_is_bought_with_noise_predicts_nothing(extended, worse):
     assert any("worse than the nominal's" in words for words in measure.of_gain(gain, DOMINANT)) == worse
 
 
+@pytest.mark.parametrize(("nats", "numbers", "squared", "lost"), [
+    (-4.0, 1, {}, False), (-5.0, 1, {}, True), (-4.0, 0, {}, True), (-1e-9, 1, {"theta": (1.0, 0.5, 1.0, 1.0)}, True),
+    (math.nan, 1, {}, True)])
+def test_a_log_too_short_for_predictions_may_lose_by_chance(nats, numbers, squared, lost):
+    """1 + 1.645 5^1/2 nats of one number."""
+    gain = Gain((0.0, 0.0), nats, {1.0: {}}, squared, None, "", numbers=numbers)
+    assert bool(measure.of_gain(gain, DOMINANT)) == lost
+
+
+def test_a_number_told_by_nothing_costs_a_nat_with_a_variance_of_five():
+    """Of two halves: fitted to the one, judged on the other, and the other way round."""
+    z = np.random.default_rng(3).standard_normal((2, 200_000))
+    gained = 2.0 * z[0] * z[1] - 0.5 * (z**2).sum(axis=0)
+    assert np.mean(gained) == pytest.approx(-1.0, abs=0.03) and np.var(gained) == pytest.approx(5.0, rel=0.03)
+
+
 @pytest.mark.parametrize(("extended", "worse"), [(2.8, False), (3.2, True)])
 def test_a_less_stable_vehicle_may_be_off_by_more(extended, worse):
     """In a closed loop the commands of the horizon know what pushed the vehicle in it: a model that leaves out what

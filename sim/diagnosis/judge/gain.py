@@ -28,6 +28,7 @@ SHORT = 0.1            # s
 FOLDS_SEED = 11
 REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
+CONFIDENCE = 1.645     # standard deviations: one side, 95 %
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -46,6 +47,7 @@ class Gain:
     grown           channel -> how much larger the extended model's squared errors are, from the same noise, since it is
                     less stable: a loop that is closed tells its future in its commands, so that a model that leaves the
                     instability out is not punished for it;  1 where nothing is said
+    numbers         that the extended model has more
     """
 
     log_likelihood: tuple[float, float]
@@ -56,11 +58,19 @@ class Gain:
     source: str
     horizons: dict[str, float] = field(default_factory=dict)
     grown: dict[str, float] = field(default_factory=dict)
+    numbers: int = 0
 
     @property
     def longest(self) -> float:
         """[s] the horizon by which causes are judged"""
         return max(self.nrmse)
+
+    @property
+    def is_lost(self) -> bool:
+        """The extended model is less likely, in a log too short for predictions by more than chance: a number that two
+        halves tell nothing of but their noise costs 1 nat, with a variance of 5."""
+        chance = self.numbers + CONFIDENCE * math.sqrt(5.0 * self.numbers) if not self.squared else 0.0
+        return not self.nats > -chance
 
     @property
     def is_left(self) -> bool:
@@ -197,7 +207,8 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         grown.append(_noise(record, alike, spans(record)[-1], is_named))
     joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
-    return _gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown))
+    numbers = sum(len(cause.values) for cause in timed)
+    return replace(_gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown)), numbers=numbers)
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:

@@ -128,7 +128,7 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
 
 def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     """Why the held-out gain does not keep the bounds."""
-    if not gain.nats > 0.0:
+    if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
     if gain.is_worse:
         return ["on data left out of the fit the predictions are worse than the nominal's"]
