@@ -12,15 +12,17 @@ from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.data.world import CALM, MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
 from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
+from sim.diagnosis.judge.extend import extended
 from sim.diagnosis.judge.gain import LEAST_EXCESS, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
-from sim.diagnosis.judge.named import Named, _groups, _rivals, undetermined
+from sim.diagnosis.judge.named import Named, _groups, _rivals, idle_of, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
-from sim.diagnosis.search.foresight import CHANCE, spans
+from sim.diagnosis.search.foresight import CHANCE, LEAST_REMOVED, spans
 from sim.diagnosis.search.profile import TOLD_APART
 from sim.diagnosis.search.selection import Weather
+from sim.nominal import built_in, load_nominal
 
 BEGAN, ENDED = 0.0, 45.0   # s
 SPAN = BEGAN, ENDED
@@ -184,6 +186,22 @@ def test_a_log_too_short_for_predictions_may_lose_by_chance(nats, numbers, squar
     """1 + 1.645 5^1/2 nats of one number."""
     gain = Gain((0.0, 0.0), nats, {1.0: {}}, squared, None, "", numbers=numbers)
     assert bool(measure.of_gain(gain, DOMINANT)) == lost
+
+
+def test_what_no_prediction_needs_is_no_name_beside_what_they_do():
+    delay, mode, other = (Named(name, {}, {}, {}, (), 50.0, None, removed=share) for name, share in (
+        ("actuator_delay", 0.9), ("bending", INSIDE * LEAST_REMOVED), ("bending", OUTSIDE * LEAST_REMOVED)))
+    assert idle_of((delay, mode)) == (mode,)
+    assert idle_of((delay, mode, other)) == ()               # one of that name does something
+    assert idle_of((mode,)) == ()                            # nothing does
+    assert idle_of((delay, replace(mode, removed=None))) == ()   # it is not known
+
+
+def test_what_no_cause_is_is_not_in_the_extension():
+    causes = (Cause(RECORDS["actuator_delay"], (0.1,)), Cause(RECORDS["bending"], (0.1, 20.0, 0.1)))
+    bending = Named("bending", {}, {}, {}, (), 50.0, None)
+    made = extended(load_nominal(built_in("constant")), causes, idle=(bending,))
+    assert [each.name for each in made.effects] == ["actuator_delay"]
 
 
 def test_a_number_told_by_nothing_costs_a_nat_with_a_variance_of_five():

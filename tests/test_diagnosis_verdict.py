@@ -245,8 +245,12 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert judged(found).made.causes == (strong, idle)
     found.shares = (0.6, INSIDE * verdict.LEAST_REMOVED)
     assert judged(found).made.causes == (strong,)
-    found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay
-    assert judged(found).made.causes == (strong, idle)
+    found.fewer = Found(strong, nats=-1.0)   # not believed alone: both stay in the model, one of them is named
+    found.is_told = True
+    made = judged(found).made
+    assert [each.cause for each in made.causes] == ["slosh"] and made.verdict == "dominant"
+    assert "what looks like gyro_bias (30 nats) and no prediction needs" in made.remainder.words
+    found.is_told = False
     found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
     assert judged(found).made.causes == (strong, idle)
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains

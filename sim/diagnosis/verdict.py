@@ -36,7 +36,7 @@ from .judge.measure import (
     too_noisy,
     weather_words,
 )
-from .judge.named import aged, mismatch, named_causes, named_weather, with_removed
+from .judge.named import aged, idle_of, mismatch, named_causes, named_weather, with_removed
 from .judge.outdone import outdone
 from .judge.place import place
 from .judge.threshold import threshold as measured_threshold
@@ -239,7 +239,8 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
             shares = removed(made.selection.model, made.gain)
         made.nearest = with_removed(made.nearest, made.selection.model, shares)
     made.open = tuple(cause for cause in made.nearest if cause.is_open(made.record))
-    causes = [cause for cause in made.nearest if cause not in made.open]
+    idle = idle_of(made.nearest) if made.remaining else ()
+    causes = [cause for cause in made.nearest if cause not in (*made.open, *idle)]
     if controller is not None and controller.is_named:
         causes.append(mismatch(controller))
         made.gain = made.gain or measure(made.selection)
@@ -253,9 +254,9 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     made.verdict = "explained" if not made.remaining and not foreign else "dominant"
     if made.verdict == "dominant":
         made.remainder = remainder(made.gain, made.left, made.selection, "controller" if foreign else None,
-                                   too_noisy(made.noise))
+                                   too_noisy(made.noise), idle)
     made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
-                              made.record.centre, tuple(cause for cause in causes if cause.is_weather))
+                              made.record.centre, tuple(cause for cause in causes if cause.is_weather), idle)
     say("gain for the estimator's user")
     made.user = None if made.is_cut_short else user_gain(made.nominal, made.extension)
 

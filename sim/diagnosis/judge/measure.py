@@ -147,19 +147,28 @@ def too_noisy(noise: dict[str, dict[str, Any]], but: str = "") -> str | None:
 
 
 def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selection, where: str | None,
-              noisy: str | None) -> Remainder:
-    """What is left beside the causes."""
+              noisy: str | None, idle: tuple[Named, ...] = ()) -> Remainder:
+    """What is left beside the causes;  idle: what looks like other causes, and no prediction needs."""
     share = gain.share if gain is not None and gain.share is not None else 0.0
+    of, place, words = _remains(left, selection, where, noisy)
+    seeming = [f"what looks like {each.label} ({each.evidence:.0f} nats) and no prediction needs" for each in idle]
+    if seeming and not of:
+        return Remainder(share, idle[0].where, "; ".join(seeming))
+    return Remainder(share, place, "; ".join([words, *seeming]))
+
+
+def _remains(left: tuple[Leftover, ...], selection: Selection, where: str | None,
+             noisy: str | None) -> tuple[bool, str, str]:
+    """Whether anything but noise is left, where, and what it is."""
     best = max((each for each in left if each.gain > each.limit), key=lambda each: each.gain, default=None)
     weather = selection.weather
     if where is not None:
-        return Remainder(share, where, "the command is not the nominal controller's")
+        return True, where, "the command is not the nominal controller's"
     if weather is not None and (best is None or weather.gain > best.gain):
-        return Remainder(share, "environment" if weather.is_wind else "plant", weather_words(selection))
+        return True, "environment" if weather.is_wind else "plant", weather_words(selection)
     if best is not None:
-        return Remainder(share, best.where, f"a disturbance {best.words} at the {best.disturbance.place} "
-                                            f"({best.gain:.0f} nats)")
-    return Remainder(share, "plant", noisy or "what is left is no more than noise")
+        return True, best.where, f"a disturbance {best.words} at the {best.disturbance.place} ({best.gain:.0f} nats)"
+    return noisy is not None, "plant", noisy or "what is left is no more than noise"
 
 
 def small(weather: Weather, named: tuple[Named, ...]) -> bool:

@@ -11,6 +11,7 @@ from ..controller.kind import ControllerCheck
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
 from ..search.fit import Fit
+from ..search.foresight import LEAST_REMOVED
 from ..search.profile import TOLD_APART, Model, penalty, profile
 from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
@@ -88,6 +89,14 @@ def with_removed(named: tuple[Named, ...], model: Model, shares: Sequence[float]
         return named
     of = [sum(shares[k] for k in group) for group in _groups(model)]
     return tuple(replace(each, removed=share) for each, share in zip(named, of, strict=False)) + named[len(of):]
+
+
+def idle_of(named: tuple[Named, ...]) -> tuple[Named, ...]:
+    """Causes that take next to nothing of the held-out error away, beside one that does: what the likelihood asks for
+    and no prediction needs is a name for what remains.  All of one name, or none."""
+    does = {each.cause for each in named if each.removed is not None and each.removed > LEAST_REMOVED}
+    idle = tuple(each for each in named if each.removed is not None and each.cause not in does)
+    return idle if does else ()
 
 
 def _groups(model: Model) -> Iterator[list[int]]:
