@@ -103,6 +103,35 @@ def test_another_gain_of_the_controller_is_no_gain_of_the_actuator(scale):
     assert abs(made.controller.kp_scale - scale) < 4.0 * made.controller.std[0] < 0.05
 
 
+def checked(clock, effect):
+    """What is found of the controller by the nominal's vehicle alone."""
+    return with_commands(recorded(clock, effect=effect), NominalFollower())[1]
+
+
+@pytest.mark.parametrize("clock", [(0.012, 0.0), (0.007, 0.0), (0.01, 0.002)])
+@pytest.mark.parametrize(("kp", "kd"), [(1.2, 1.0), (1.0, 0.7), (0.9, 1.25)])
+def test_other_gains_are_told_of_rows_about_as_fast_as_the_controller(clock, kp, kd):
+    """Also of faster ones, which miss no command."""
+    found = checked(clock, f"controller_mismatch:kp_scale={kp},kd_scale={kd}")
+    assert found.kind == "gain"
+    assert found.kp_scale == pytest.approx(kp, abs=0.01) and abs(found.kd_scale - kd) < 3.0 * max(found.std[1], 1e-6)
+
+
+def test_computing_time_is_told_where_the_vehicle_moves():
+    """Of a quiet flight commands that are two periods late are 165 nats at 7 ms, and none at 25 ms."""
+    found = checked((0.007, 0.0), "controller_mismatch:delay=0.02")
+    assert "delay" in found.kind and found.delay == pytest.approx(2.0 * TICK)
+    assert checked((0.025, 0.0), "controller_mismatch:delay=0.02") is None
+
+
+@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.007, 0.0), (0.01, 0.002)])
+@pytest.mark.parametrize("effect", ["gyro_scale:scale=1.1", "attitude_delay:delay=0.02", "gyro_bias:rate=0.005",
+                                    "aero_instability:scale=1.4", "actuator_bandwidth:scale=0.5"])
+def test_what_is_no_controller_s_is_not_called_so(clock, effect):
+    """A gyro's scale and a late attitude feign 33 nats of another kd, or of computing time."""
+    assert checked(clock, effect) is None
+
+
 @pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003), (0.01, 0.002)])
 @pytest.mark.parametrize("drop", ["", "theta_ref"])
 def test_unseen_commands_are_off_by_what_is_said(clock, drop):

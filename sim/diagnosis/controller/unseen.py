@@ -1,9 +1,9 @@
 """Commands issued at ticks that no row of the log saw, where its rows fall between the controller's ticks (`ticks`).
 
 The controller is run on the attitude that a model predicts, and backwards where a command is logged: what noise it saw
-there follows.  With the reference its kp is fitted on the way.  Without, or where what it heard is no noise, what it
-was asked is made of the commands, too: a median over rows, which takes no part of the noise for asked and no edge for
-noise.
+there follows.  With the reference its gains and its computing time are fitted on the way.  Without, or where what it
+heard is no noise, what it was asked is made of the commands, too: a median over rows, which takes no part of the noise
+for asked and no edge for noise.
 """
 
 import math
@@ -15,9 +15,9 @@ from ...flight import excitation
 from ..data.record import Record
 from .asked import of_noise, unsure
 from .fill import OnBoard, on_board, run_backwards, shifted
-from .gaps import BY_CHANCE, CLEARLY, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
+from .gaps import BY_CHANCE, CLEARLY, GAINS, LATEST, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
-from .numbers import FREE_NUMBER
+from .numbers import FREE_NUMBER, RIDGE
 from .ticks import issued_at, lined, noise_std, over_grid, ticks_of
 
 # Nats a row that one unseen command a row may feign (`asked.unsure`): 1.6 times the most that any cause or disturbance
@@ -26,7 +26,9 @@ from .ticks import issued_at, lined, noise_std, over_grid, ticks_of
 HEARD = 0.012       # reference and commands
 UNHEARD = 0.015     # no commands at all
 UNTOLD = 0.15       # no reference: most about a trim, where the commands are noise alone
-SLOPE_STEP, SCALES = 0.01, (0.05, 20.0)  # of kp over the nominal's: of a numerical slope, and what is tried
+SLOPE_STEP, SCALES = 0.01, (0.05, 20.0)  # of gains over the nominal's: of a numerical slope, and what is tried
+KD_OFF = 0.05  # of kd, one sigma: what noise that no row saw makes of it, seen in flights with another kd
+SURELY = 60.0  # nats that another kd or computing time must bring: a gyro's scale and a late attitude feigned 33
 ROWS = 5     # of a median over what was asked
 MOST = 8.0   # standard deviations of the attitude's noise: an error that was heard leaves the predicted one by more
 JUMP = 5.0   # standard deviations of the attitude's noise: what is asked leaves the line of its neighbours
@@ -58,28 +60,41 @@ class _Heard:
                       error, commands)
         return error, commands
 
-    def noise(self) -> np.ndarray:
+    @property
+    def answer(self) -> float:
+        """Of an error, what the command answers at once."""
+        return self.own.kp + self.own.kd / (self.own.tau + self.own.period)
+
+    def off(self) -> np.ndarray:
         """[rad] by which the errors that it heard differ from the predicted ones."""
-        return np.clip((self.run()[0] - self.error)[self.tells][SETTLING:], -self.most, self.most)
+        return (self.run()[0] - self.error)[self.tells][SETTLING:]
 
-    def with_gain(self, scale: float) -> "_Heard":
-        """With its kp times that."""
-        return replace(self, own=self.own._replace(kp=scale * self.own.kp))
+    def noise(self) -> np.ndarray:
+        """[rad] The same, cut where it is none."""
+        return np.clip(self.off(), -self.most, self.most)
 
-    def rest(self, scale: float) -> np.ndarray:
-        """[rad] of the commands that a kp so much larger leaves."""
-        other = self.with_gain(scale)
-        return (other.own.kp + other.own.kd / (other.own.tau + other.own.period)) * other.noise()
+    def with_gains(self, x: np.ndarray) -> "_Heard":
+        """With kp and kd times these (2,)."""
+        return replace(self, own=self.own._replace(kp=x[0] * self.own.kp, kd=x[1] * self.own.kd))
 
-    def gain(self) -> tuple[float, float]:
-        """(kp over the nominal's with which the errors answer the commands best, its std): Gauss-Newton."""
-        scale, information = 1.0, 1.0
+    def rest(self, x: np.ndarray) -> np.ndarray:
+        """[rad] of the commands that gains so much larger leave, cut where it is no noise."""
+        other, most = replace(self.with_gains(x), most=math.inf), self.most * abs(self.answer)
+        return np.clip(other.answer * other.off(), -most, most)
+
+    def gains(self, free: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """(kp and kd over the nominal's with which the errors answer the commands best, their std (2,)), the nominal's
+        but for the free ones (0: kp, 1: kd): Gauss-Newton."""
+        x, std, among = np.ones(2), np.zeros(2), list(free)
+        information = np.eye(len(among))
         for _ in range(NEWTON_STEPS):
-            left = self.rest(scale)
-            slope = (self.rest(scale + SLOPE_STEP) - left) / SLOPE_STEP
-            information = max(float(slope @ slope), 1e-30)
-            scale = float(np.clip(scale - slope @ left / information, *SCALES))
-        return scale, rms(self.rest(scale)) / math.sqrt(information)
+            left = self.rest(x)
+            slopes = np.column_stack([(self.rest(x + SLOPE_STEP * np.eye(2)[k]) - left) / SLOPE_STEP for k in among])
+            information = slopes.T @ slopes
+            information += RIDGE * (np.trace(information) + RIDGE) * np.eye(len(among))
+            x[among] = np.clip(x[among] - np.linalg.solve(information, slopes.T @ left), *SCALES)
+        std[among] = rms(self.rest(x)) * np.sqrt(np.diag(np.linalg.inv(information)))
+        return x, std
 
     def asked(self) -> np.ndarray:
         """(ticks,) [rad] what is to be taken off the errors so that they give the commands but for noise."""
@@ -103,7 +118,7 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     assert ticks is not None
     logged = issued_at(ticks, record, record.issued)
     known = np.isfinite(logged)
-    if known.all() or own.kp + own.kd / (own.tau + own.period) == 0.0:
+    if own.kp + own.kd / (own.tau + own.period) == 0.0:
         return record, None
     at = ticks.phase + ticks.period * np.arange(len(logged))
     first = round((record.first_step + ticks.phase) / ticks.period)
@@ -111,22 +126,25 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     told, seen = np.isfinite(record.reference), ticks.of(record.at)
     asked = np.interp(record.at, record.at[told], record.reference[told]) if told.any() else np.zeros(record.rows)
     theta = np.interp(at, record.tick * np.arange(len(attitude)), attitude)
-    error = shifted(theta - np.interp(at, record.at, asked), own.late)
-    heard = _Heard(own, error, np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan),
-                   MOST * max(noise_std(record), ROUNDING))
+    error = theta - np.interp(at, record.at, asked)
+    heard = _Heard(own, shifted(error, own.late), np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test,
+                                                           math.nan), MOST * max(noise_std(record), ROUNDING))
     steps = _jumps(asked, record)
     check, is_told = None, told.any()
     if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
-        if is_told and own.late == 0:
-            heard = _placed(heard, asked, np.flatnonzero(steps), seen)
-        heard, check, is_told = _checked(heard) if is_told else (heard, None, False)
+        if is_told:
+            tries = [_placed(replace(heard, error=shifted(error, own.late + late)), asked, np.flatnonzero(steps),
+                             seen + own.late + late) for late in range(LATEST + 1)]
+            heard, check, is_told = _checked(tries)
+        if known.all():
+            return record, check
         if not is_told:
             asks = heard.asked()
             heard = replace(heard, error=heard.error - asks)
             steps = np.maximum(steps, _jumps(asks[np.maximum(seen, 0)], record))
             cut = np.abs(record.issued) >= NEAR_LIMIT * own.limit
             steps[cut[1:] != cut[:-1]] = own.limit / of_noise(record)
-    elif not is_told:
+    elif known.all() or not is_told:
         return record, None
     of = UNTOLD if not is_told else HEARD if known.any() else UNHEARD
     commands = np.where(known, logged, np.clip(heard.run()[1] + test, -own.limit, own.limit))
@@ -136,8 +154,8 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     share, unseen = np.mean(~known), np.count_nonzero(~known) / record.rows
     record = _in_doubt(record, steps, heard.tells[np.maximum(seen, 0)])
     return replace(record, commands=over_grid(ticks, record, commands),
-                   fill_gain=of_noise(record) * math.sqrt(share * min(1.0, ticks.period / record.every)),
-                   unsure=unsure(record, of, max(unseen, unseen**2))), check
+                   fill_gain=abs(heard.answer) * math.sqrt(share * min(1.0, ticks.period / record.every)),
+                   unsure=unsure(record, of * (heard.answer / of_noise(record))**2, max(unseen, unseen**2))), check
 
 
 def _jumps(asked: np.ndarray, record: Record) -> np.ndarray:
@@ -185,19 +203,29 @@ def _in_doubt(record: Record, steps: np.ndarray, tells: np.ndarray) -> Record:
     return replace(record, lost=lost, unknown=math.sqrt(square / np.count_nonzero(lost)))
 
 
-def _checked(heard: _Heard) -> tuple[_Heard, ControllerCheck | None, bool]:
-    """(With the kp that it has, what that is, whether what it heard is noise: else it was asked something else)."""
-    scale, std = heard.gain()
-    if ((scale - 1.0) / std)**2 < 2.0 * FREE_NUMBER:
-        return heard, None, not _is_coloured(heard.noise())
-    own = heard.with_gain(scale)
-    before, after = rms(heard.rest(1.0)), rms(heard.rest(scale))
-    check = ControllerCheck("", before, after, kp_scale=scale, std=(std, 0.0, 0.0),
-                            evidence=len(heard.noise()) * math.log(before / after)).of_kind(
-                                SAME_PREDICTED, heard.own.period)
-    if _is_coloured(own.noise()):
-        return own, None, False
-    return own, check if check.kind != NONE and check.evidence > CLEARLY else None, True
+def _checked(tries: list[_Heard]) -> tuple[_Heard, ControllerCheck | None, bool]:
+    """(With the gains and the computing time that it has, what these are, whether what it heard is noise: else it was
+    asked something else);  tries  with so many periods of computing time beside the nominal's."""
+    believed, neutral = tries[0], np.ones(2)
+    before = rms(believed.rest(neutral))
+    made: list[tuple[float, _Heard, ControllerCheck]] = []
+    for late, heard in enumerate(tries):
+        for free in ((), *GAINS):
+            x, std = heard.gains(free) if free else (neutral, np.zeros(2))
+            after, own = rms(heard.rest(x)), heard.with_gains(x)
+            surely = SURELY if late > 0 or 1 in free else 0.0
+            cost = len(believed.off()) * math.log(after / before) + FREE_NUMBER * (len(free) + (late > 0)) + surely
+            std[1] = math.hypot(std[1], KD_OFF * x[1]) if 1 in free else 0.0
+            made.append((cost, own, ControllerCheck("", before, after, float(x[0]), float(x[1]),
+                                                    late * own.own.period, (float(std[0]), float(std[1]), 0.0),
+                                                    evidence=surely - cost)))
+    cost, heard, found = min(made, key=lambda each: each[0])
+    if not cost < 0.0:
+        return believed, None, not _is_coloured(believed.noise())
+    found = found.of_kind(SAME_PREDICTED, heard.own.period)
+    if _is_coloured(heard.noise()):
+        return heard, None, False
+    return heard, found if found.kind != NONE and found.evidence > CLEARLY else None, True
 
 
 def _is_coloured(x: np.ndarray) -> bool:
