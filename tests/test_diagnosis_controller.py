@@ -11,12 +11,16 @@ from test_diagnosis import AMONG, LONG, NEAR, NOMINAL, flown, found, lasting, na
 from sim.diagnosis.controller.check import check_controller
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.fill import Controller, filled
+from sim.diagnosis.controller.issued import with_commands
+from sim.diagnosis.controller.kind import NONE
 from sim.diagnosis.data.check import check
+from sim.diagnosis.model.follower import NominalFollower
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.search import selection
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.log import OPTIONAL, REQUIRED
+from sim.nominal.control import tustin
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -168,3 +172,30 @@ def test_the_last_look_at_a_form_leaves_every_cause_its_evidence(monkeypatch, am
     monkeypatch.setattr(selection, "SWAPS", 0)
     made = diagnose(flown("actuator_bandwidth:scale=0.3,lag=1"), NOMINAL, hypotheses=among)
     assert made.selection.evidence and len(made.selection.evidence) == len(made.selection.model.causes)
+
+
+# ---- with filters
+
+
+TICK = NOMINAL.controller.period
+FILTERED = dataclasses.replace(NOMINAL, controller=dataclasses.replace(NOMINAL.controller, filters=(
+    tustin("notch", TICK, 30.0, 0.05, 0.5), tustin("lowpass", TICK, 60.0, 0.7))))
+
+
+def told_of_filtered(effect, rows=slice(None), period=None):
+    """What is found of a controller with filters by these rows of a flight."""
+    log = flown(*effect, nominal=FILTERED, period=period)
+    log = dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+    return with_commands(record(log, FILTERED, check(log, FILTERED)), NominalFollower())[1]
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(1000, None), np.r_[:800, 803:3000]])
+def test_a_filtered_controller_is_recognised_wherever_the_log_begins_and_whatever_it_lost(rows):
+    assert told_of_filtered((), rows).kind == NONE
+    told = told_of_filtered(("controller_mismatch:kp_scale=1.06,kd_scale=0.91,delay=0.01",), rows)
+    assert told.kind == "gain and delay"
+    assert (told.kp_scale, told.kd_scale, told.delay) == pytest.approx((1.06, 0.91, 0.01), abs=2e-4)
+
+
+def test_of_a_filtered_controller_nothing_is_asked_at_another_rate():
+    assert told_of_filtered((), period=0.02) is None

@@ -18,7 +18,7 @@ from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal, read_profile
 from sim.vehicle import step as st
 from sim.vehicle.actuator import delayed_command
-from sim.vehicle.controller import pd_command, pseudo_derivative
+from sim.vehicle.controller import limited, pd_law, pseudo_derivative
 from sim.vehicle.sensors import measure
 
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
@@ -241,7 +241,8 @@ def test_reference_is_the_guidance_table():
 @given(kp=hs.floats(-5, 5), kd=hs.floats(-5, 5), error=hs.floats(-1, 1), derivative=hs.floats(-5, 5))
 def test_pd_command_is_within_its_limit(kp, kd, error, derivative):
     free = kp * error + kd * derivative
-    assert pd_command(kp, kd, 0.12, error, derivative) == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
+    command = limited(0.12, pd_law(kp, kd, error, derivative))
+    assert command == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
 
 
 def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():

@@ -31,12 +31,6 @@ def limited(limit, command):
     return min(max(command, -limit), limit)
 
 
-@kernel
-def pd_command(kp, kd, limit, error, derivative, excitation=-0.0):
-    """kp e + kd d + excitation, limited to +-limit [rad].  -0.0, no test input, changes no bit of any sum."""
-    return limited(limit, pd_law(kp, kd, error, derivative) + excitation)
-
-
 @inner
 def filtered(sections, x):
     """x [rad] through the sections (n, N_SECTION) inout in their order: transposed direct form II (Oppenheim and

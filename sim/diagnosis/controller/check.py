@@ -2,7 +2,8 @@
 is a difference of gains, of computing time, or of the derivative's filter.
 
 A log as fast as the controller (or faster) holds every error the controller saw, but for those before its first row:
-what the derivative's filter remembers of them is free where the log begins in flight.  In a slower one the errors
+what the derivative's filter remembers of them is free where the log begins in flight, and what other filters remember
+is waited for until it is forgotten.  In a slower one the errors
 between rows are estimated, and the difference is judged against what is left of it instead of against nothing.
 """
 
@@ -24,8 +25,9 @@ BETTER = 0.5            # of what an explanation leaves: another that is less si
 LONGEST_LAG = 6.0       # periods of computing time searched
 LAG_STEP = 0.05         # periods
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
-FILTER_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
+WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
 HUNDRED_MILLIONTH = 40  # golden sections between two of them, to so much of their distance
+FORGOTTEN = 1e-5        # of what filters remember: less is nothing
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 
@@ -59,12 +61,16 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
     fair = (np.abs(logged) < NEAR_LIMIT * limit) & (np.abs(expected) < NEAR_LIMIT * limit)
     fair[:2 if begins else round(LONGEST_LAG) + 2] = False  # else it lacks the error before its first
     whole = _whole(record)[stride]
-    forgets = not whole.all()
-    if forgets:
+    forgotten = _forgotten(record)
+    forgets = not whole.all() and forgotten == 0
+    if forgotten > 0 and not (begins and whole.all()):
+        fair[:forgotten] = False
+        fair &= _so_long(whole, forgotten)
+    elif forgets:
         fair &= _so_long(whole, round(LONGEST_LAG) + 2) & np.concatenate([[False], fair[:-1]])
     if fair.sum() < FEWEST:
         return None
-    free = not (begins or forgets)
+    free = not (begins or forgets or forgotten > 0)
     before = _rms(_own_part(record, logged - expected, forgets), fair, _remembered(record, len(fair), free))
     if before < max(ROUNDING, record.nominal.diagnosis.command):
         return ControllerCheck(NONE, before, before)
@@ -77,6 +83,17 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
                    evidence=float(fair.sum() * math.log(before / max(best.after, ROUNDING))))
     most = ROUNDING if best.time_constant is not None and best.kind != FILTER else max(EXPLAINED * before, ROUNDING)
     return replace(best, kind=UNKNOWN) if best.kind == NONE or best.after > most else best
+
+
+def _forgotten(record: Record) -> int:
+    """Periods until the controller, with filters, has forgotten how the log began; 0 without filters."""
+    own = record.nominal.controller
+    assert own is not None
+    if not own.filters:
+        return 0
+    lag = own.derivative_time_constant / (own.derivative_time_constant + own.period)
+    slowest = max(lag, *(float(np.max(np.abs(np.roots(section.a)))) for section in own.filters))
+    return round(LONGEST_LAG) + 2 + math.ceil(math.log(FORGOTTEN) / math.log(max(slowest, 1e-3)))
 
 
 def _whole(record: Record) -> np.ndarray:
@@ -157,12 +174,12 @@ class _Told:
         return made[0], made[1]
 
     def _lags(self, total: np.ndarray, wanted: np.ndarray, beside: np.ndarray) -> list[float]:
-        """Computing times [periods] worth a fit: none, and the best of a grid, refined."""
+        """Computing times [periods] worth a fit: whole ones, and the best of a grid, refined."""
         grid = np.arange(0.0, LONGEST_LAG, LAG_STEP)
         errors = [_rms(wanted, self.fair, np.column_stack([later(total, float(lag)), beside])) for lag in grid]
         best = float(grid[int(np.argmin(errors))])
         fine = np.clip(best + np.linspace(-LAG_STEP, LAG_STEP, 41), 0.0, None)
-        return [0.0, *(float(lag) for lag in fine)]
+        return [*WHOLE_LAGS, *(float(lag) for lag in fine)]
 
     def _gains_and_lag(self, parts: tuple[np.ndarray, np.ndarray], wanted: np.ndarray, beside: np.ndarray,
                        lag: float) -> ControllerCheck:
@@ -189,7 +206,7 @@ def _filter(told: _Told) -> ControllerCheck | None:
         return replace(told.with_filter(tau).best(lags), time_constant=tau)
 
     taus = controller.derivative_time_constant * ALL_FILTERS
-    tries = [best_with(float(tau), FILTER_LAGS) for tau in taus]
+    tries = [best_with(float(tau), WHOLE_LAGS) for tau in taus]
     k = int(np.argmin([check.after for check in tries]))
     lag = (tries[k].delay / _period(told.record),)
     tau = lowest(lambda tau: best_with(tau, lag).after, float(taus[max(k - 1, 0)]),

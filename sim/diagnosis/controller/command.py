@@ -11,11 +11,11 @@ import numpy as np
 
 from ...effects import controller as controller_effects
 from ...errors import InputError
-from ...flight import excitation, packed
+from ...flight import excitation, packed, sections
 from ...log import Log
 from ...nominal import Nominal
 from ...sections import Actuator
-from ...vehicle.controller import pd_command, pseudo_derivative
+from ...vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
@@ -177,11 +177,12 @@ def _phase(command: np.ndarray, held: int) -> int:
 
 
 @kernel
-def run_controller(gains, fx, error, excitation, commands, derivative):
-    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0.
+def run_controller(gains, fx, filters, error, excitation, commands, derivative):
+    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0, filters at rest.
 
     gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
     fx (n, N_COLUMNS)     in   controller effects
+    filters (s, N_SECTION)  inout  of the controller
     error, excitation (ticks,) [rad] in
     commands, derivative (ticks,) out  before the computing time
     """
@@ -191,7 +192,7 @@ def run_controller(gains, fx, error, excitation, commands, derivative):
         d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
         before = error[k]
         derivative[k] = d
-        commands[k] = pd_command(kp, kd, gains[4], error[k], d, excitation[k])
+        commands[k] = limited(gains[4], filtered(filters, pd_law(kp, kd, error[k], d)) + excitation[k])
 
 
 def controller_gains(nominal: Nominal) -> np.ndarray:
@@ -239,6 +240,6 @@ def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
     first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
     test = excitation(r.nominal, first + len(issued), gains[3])[first:]
     fx = packed(r.nominal).controller
-    run_controller(gains, fx, issued, test, commands, derivative)
+    run_controller(gains, fx, sections(r.nominal), issued, test, commands, derivative)
     commands = np.repeat(later(commands, controller_effects.latency(fx) / gains[3]), r.held)
     return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(error)]

@@ -38,6 +38,9 @@ class Follower(Protocol):
 
 def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
+    if record.law is not None:
+        flown = replace(record, nominal=replace(record.nominal, controller=record.law))
+        return record, check_controller(flown) if record.every == record.tick else None
     if record.issued is not None:
         return _between_ticks(record, follower)
     own = record.nominal.controller

@@ -19,7 +19,7 @@ from ...errors import InputError
 from ...flight import CLOCK_DIGITS
 from ...log import Log
 from ...nominal import Nominal
-from ...sections import Actuator
+from ...sections import Actuator, Controller
 from . import clock
 from .channels import MEASURED as CHANNELS
 from .check import DataCheck
@@ -73,6 +73,7 @@ class Record:
     between     [rad] one sigma by which its commands between rows are off beside that
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
     issued      (n,) [rad] the rows' commands, NaN where there are none, where rows fall between the controller's ticks
+    law         of the nominal, with filters: only whether the log's commands are its own is asked
     age         [s] by which what the logger read may be older than its stamp: more is a delay
     shift       [s] log's clock = grid's clock + shift
     """
@@ -97,6 +98,7 @@ class Record:
     unsure: float = 0.0
     issued: np.ndarray | None = None
     age: float = 0.0
+    law: Controller | None = None
     logged: np.ndarray | None = None
     lost: np.ndarray | None = None   # none is
     unknown: float = 0.0
@@ -223,6 +225,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
+    own = nominal.controller
     nominal = _shifted(_answerable(nominal), shift)
     actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
     first_step = round((t[0] - shift) / step)
@@ -236,7 +239,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     wind = _known_wind(nominal, half[::2] + shift, t, path)
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
                    first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
-                   wind=wind, path_is_known=bool(np.isfinite(path).any()), fastest=fastest_servo(period))
+                   wind=wind, path_is_known=bool(np.isfinite(path).any()), fastest=fastest_servo(period),
+                   law=own if own is not None and own.filters and not own.is_rate_law else None)
     return draft, command
 
 
