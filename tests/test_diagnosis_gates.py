@@ -16,7 +16,7 @@ from sim.diagnosis.judge.extend import extended
 from sim.diagnosis.judge.gain import LEAST_EXCESS, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
-from sim.diagnosis.judge.named import Named, _groups, _rivals, idle_of, undetermined
+from sim.diagnosis.judge.named import SAME_CLOCK, Named, _groups, _rivals, clocked, idle_of, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
 from sim.diagnosis.search.foresight import CHANCE, LEAST_REMOVED, spans
@@ -186,6 +186,19 @@ def test_a_log_too_short_for_predictions_may_lose_by_chance(nats, numbers, squar
     """1 + 1.645 5^1/2 nats of one number."""
     gain = Gain((0.0, 0.0), nats, {1.0: {}}, squared, None, "", numbers=numbers)
     assert bool(measure.of_gain(gain, DOMINANT)) == lost
+
+
+@pytest.mark.parametrize(("scale", "apart", "doubted"), [
+    (1.003, 1.003, True), (0.997, 0.997, True), (1.003, 1.0, False), (1.003, 0.997, False), (1.1, 1.003, False),
+    (1.0001, 1.0 + 0.9 * SAME_CLOCK, False)])
+@pytest.mark.parametrize("every", [1, 3])
+def test_stamps_that_run_fast_are_no_scale_of_a_gyro(scale, apart, doubted, every):
+    """Rates against the slopes of attitudes are off by as much."""
+    t = np.delete(every * 0.01 * apart * np.arange(500), slice(100, 120))
+    gyro = Named("gyro_scale", {"scale": scale}, {"scale": 2e-4}, {"scale": "-"}, (), 50.0, None)
+    record = SimpleNamespace(nominal=SimpleNamespace(sensors=SimpleNamespace(period=0.01)))
+    assert bool(clocked(gyro, record, t)) == doubted
+    assert not clocked(replace(gyro, cause="actuator_gain"), record, t)
 
 
 def test_what_no_prediction_needs_is_no_name_beside_what_they_do():

@@ -1,6 +1,7 @@
 """What the gates of the diagnosis judge by: whether a size is the same all along the log, what is left beside the
 causes, which noise is not the declared."""
 
+import dataclasses
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -30,6 +31,7 @@ from sim.diagnosis.model.point import DEVIATIONS
 from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import TOP
 from sim.diagnosis.search.selection import THRESHOLD, select_from
+from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.nominal.profiles import Profile
@@ -109,7 +111,7 @@ def test_an_a6_that_swings_is_no_mode_and_a_mode_and_a_line_are(cause, swings, e
 
 def test_a_tone_that_comes_and_goes_is_no_mode():
     """What rolling makes of a moment: two lines and a slosh together imitated it; one slosh is outdone at once."""
-    columns, _ = fly(draw_spec(9700, "roll_beat", "constant", 2.0, rate=100.0, duration=45.0))
+    columns, _ = fly(draw_spec(9700, "roll_beat", "constant", 2.0, rate=100.0, duration=25.0))
     log = on_grid(log_of(SimpleNamespace(**columns)), NOMINAL)
     found = select_from(as_simulated(log), (RECORDS["slosh"],), THRESHOLD, 1, lambda text: None)
     assert len(found.model.causes) == 1
@@ -365,3 +367,15 @@ def test_of_the_world_s_levels_the_declared_are_reported(monkeypatch):
         log_likelihoods=lambda x: -50.0 * np.sum(np.log(x / 2.0)**2, axis=1)))
     found = levels.noise_of(SimpleNamespace(fit=fitted, dynamics=None))
     assert set(found) == {"theta", "acceleration", "declared"} and found["declared"]["factor"] == 2.0
+
+
+# ---- an onset that the log is silent about
+
+
+@pytest.mark.parametrize(("time", "least", "most"), [(3.0, 0.3, 6.0), (8.0, 0.0, 0.2)])
+def test_an_onset_is_as_uncertain_as_the_log_is_silent_about_it(time, least, most):
+    """A third of the control lost before the first turn, and in it: whatever the curvature at the best says."""
+    whole = dataclasses.replace(NOMINAL, simulation=dataclasses.replace(NOMINAL.simulation, duration=25.0))
+    log = log_of(fly_whole(whole, 1, effects=[from_text(f"control_loss:fraction=0.3,time={time}")]))
+    cause, = diagnose(log, whole, hypotheses=(RECORDS["control_loss"],)).causes
+    assert least < cause.std["time"] < most and abs(cause.values["time"] - time) < 3.0 * cause.std["time"]

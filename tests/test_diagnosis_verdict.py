@@ -74,8 +74,8 @@ def judged(monkeypatch):
               channels=("theta", "theta_dot", "beta")):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
-        made = Diagnosis(None, None, None, catalogue=catalogue, controller=controller, selection=found,
-                         is_cut_short=late)
+        made = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), catalogue=catalogue, controller=controller,
+                         selection=found, is_cut_short=late)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
                                       tick=1, rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
                                       thinned=1, unsure=unsure, channels=channels,

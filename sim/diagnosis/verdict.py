@@ -36,7 +36,7 @@ from .judge.measure import (
     too_noisy,
     weather_words,
 )
-from .judge.named import aged, idle_of, mismatch, named_causes, named_weather, with_removed
+from .judge.named import aged, clocked, idle_of, mismatch, named_causes, named_weather, with_removed
 from .judge.outdone import outdone
 from .judge.place import place
 from .judge.threshold import threshold as measured_threshold
@@ -271,7 +271,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     made.gain, made.remaining = None, ()
     feigned, span = max(PER_ROW, made.record.unsure) * made.record.rows, _span(made.record)
     found = doubts(made.nearest, made.left, feigned, span, DOMINANT, same_place=False)
-    found += [words for each in made.nearest for words in aged(each, made.record)]
+    t = made.log.t[made.data.usable]
+    found += [words for each in made.nearest for words in (*aged(each, made.record), *clocked(each, made.record, t))]
     strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
     weather = selection.weather

@@ -8,9 +8,10 @@ import numpy as np
 
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
-from ..data.record import Record
+from ..data.record import LONG_STEP, Record
 from ..data.world import TURBULENCE, WALK
-from ..search.fit import Fit
+from ..model.nuisance import Problem
+from ..search.fit import Fit, point_of
 from ..search.foresight import LEAST_REMOVED
 from ..search.profile import TOLD_APART, Model, penalty, profile
 from ..search.selection import Ranked, Selection, Weather
@@ -20,6 +21,11 @@ SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginni
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
 UNLIKE_NONE = 2.0      # of a size from that of no cause: evidence for less is for something else
 SCALE = "scale"        # of what is multiplied
+GYRO_SCALE = "gyro_scale"
+SAME_CLOCK = 2e-4      # relative: quartzes differ by less
+STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
+IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
+UNTRIED = 4.5          # nats: at an onset that costs more it was not
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
@@ -129,6 +135,9 @@ def _named(selection: Selection, k: int) -> Named:
     values = {**dict(cause.hypothesis.fixed), **dict(zip(names, cause.values, strict=True))}
     if "time" in names:
         values["time"] = cause.values[names.index("time")] + model.fit.record.shift  # the log's clock
+    if cause.hypothesis.tells_onset and "time" in names:
+        at = names.index("time")
+        std = (*std[:at], max(std[at], _onset_std(model, k, at)), *std[at + 1:])
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
                  _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
@@ -136,6 +145,25 @@ def _named(selection: Selection, k: int) -> Named:
                  constancy(model, k),
                  cause.is_at_an_end,
                  away=_away(model.fit, k))
+
+
+def _onset_std(model: Model, index: int, at: int) -> float:
+    """[s] of cause `index`'s onset, its value `at`, as wide as the log is silent about it: an onset while nothing moves
+    is anywhere between two manoeuvres, whatever the curvature at the best one says."""
+    fitted, widest = model.fit, 0.0
+    problem, t = Problem(fitted.record, fitted.filter), fitted.record.t
+    for away in (*IDLE, *(-each for each in IDLE)):
+        values = list(fitted.causes[index].values)
+        values[at] += away
+        if not t[0] <= values[at] <= t[-1]:
+            continue
+        moved = list(fitted.causes)
+        moved[index] = replace(moved[index], values=tuple(values))
+        r = problem.residual(point_of(moved, fitted.delta))
+        costs = 0.5 * float(r @ r) - fitted.cost
+        if costs < UNTRIED:
+            widest = max(widest, abs(away) / math.sqrt(2.0 * max(costs, 0.5)))
+    return widest
 
 
 def _away(fitted: Fit, index: int) -> float | None:
@@ -248,6 +276,21 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
         found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")
     return found
+
+
+def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
+    """What may be the stamps', t (n,) [s]: a gyro's scale that is about as far off as the rows are further apart than
+    the nominal says."""
+    scale = each.values.get(SCALE)
+    if each.cause != GYRO_SCALE or not isinstance(scale, float):
+        return []
+    period, steps = record.nominal.sensors.period, np.diff(t)
+    mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))
+    apart = mean / period / max(1, round(mean / period))
+    if abs(apart - 1.0) < SAME_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
+        return []
+    return [f"{each.cause}: the log's rows are {100.0 * abs(apart - 1.0):.2g} % {'further' if apart > 1.0 else 'less'} "
+            f"apart than [sensors] period = {period:g} s: stamps that are off by so much look the same"]
 
 
 def aged(each: Named, record: Record) -> list[str]:
