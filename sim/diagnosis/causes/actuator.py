@@ -90,7 +90,8 @@ CAUSES = (
                late=_by_its_lag,
                resolved=_resolved, form=Form(LAG, _as_slow, "lag")),
     Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0,
-               "the servo moves {scale} of what is commanded", visible=_command_is_known,
+               "the servo moves {scale} of what is commanded (a nozzle sensor that shows so much of it looks the same "
+               "within the tolerance of k1)", visible=_command_is_known,
                decides=(("control_effectiveness", NOZZLE_SENSOR),), twin="control_effectiveness",
                corrections=(Correction("beta_cmd", lambda x, of: x * of["scale"]),)),
     Hypothesis("actuator_rate_limit", (RATE,), math.inf, LIMITED, only_start, _command_is_known, _rates,
