@@ -109,7 +109,7 @@ class _Heard:
 
 def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, ControllerCheck | None]:
     """The record with the commands of the ticks that no row saw and how far they are off, and the controller's check;
-    None: it is the nominal's as far as such a log tells, which is kp.
+    None: it is the nominal's as far as such a log tells.
 
     attitude  (grid's ticks,) [rad] predicted
     """
