@@ -30,7 +30,7 @@ CAUSES = (
                visible=_gyro, imitated=("theta", "time"),  # told apart by a6 times the drift, if at all
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
     Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, "the gyro's scale factor is {scale}",
-               visible=_gyro,  # it scales, then adds its bias
+               visible=_gyro, is_of_clock=True,  # it scales, then adds its bias
                corrections=(Correction("theta_dot", lambda x, of: x / of["scale"], is_outer=True),)),
     Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late", visible=_gyro,
                late=by_its_size,

@@ -18,7 +18,7 @@ from .fill import OnBoard, on_board, run_backwards, shifted
 from .gaps import BY_CHANCE, CLEARLY, GAINS, LATEST, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
 from .numbers import FREE_NUMBER, RIDGE
-from .ticks import issued_at, lined, noise_std, over_grid, ticks_of
+from .ticks import NORMAL, issued_at, lined, noise_std, over_grid, ticks_of
 
 # Nats a row that one unseen command a row may feign (`asked.unsure`): 1.6 times the most that any cause or disturbance
 # found in clean flights of the three nominals, read by seven clocks, calm and windy (seeds 9740 and 9744), and of a
@@ -31,6 +31,7 @@ KD_OFF = 0.05  # of kd, one sigma: what noise that no row saw makes of it, seen 
 SURELY = 60.0  # nats that another kd or computing time must bring: a gyro's scale and a late attitude feigned 33
 ROWS = 5     # of a median over what was asked
 MOST = 8.0   # standard deviations of the attitude's noise: an error that was heard leaves the predicted one by more
+LOUD = 2.0   # times the attitude's noise: what is heard and is more is no noise (1.0 with the right gains)
 JUMP = 5.0   # standard deviations of the attitude's noise: what is asked leaves the line of its neighbours
 MOST_JUMPS = 0.1     # of the rows: more is no staircase
 HEARD_AFTER = 12     # ticks that tell when a jump was heard
@@ -221,11 +222,17 @@ def _checked(tries: list[_Heard]) -> tuple[_Heard, ControllerCheck | None, bool]
                                                     evidence=surely - cost)))
     cost, heard, found = min(made, key=lambda each: each[0])
     if not cost < 0.0:
-        return believed, None, not _is_coloured(believed.noise())
+        return believed, None, _is_noise(believed)
+    if not _is_noise(heard):
+        return believed, None, False  # no gains make what it heard of this reference
     found = found.of_kind(SAME_PREDICTED, heard.own.period)
-    if _is_coloured(heard.noise()):
-        return heard, None, False
     return heard, found if found.kind != NONE and found.evidence > CLEARLY else None, True
+
+
+def _is_noise(heard: _Heard) -> bool:
+    """Whether what it heard beside what is predicted is noise: of no colour, and of the attitude's size."""
+    size = float(np.median(np.abs(heard.off()))) / NORMAL
+    return not _is_coloured(heard.noise()) and size < LOUD * heard.most / MOST
 
 
 def _is_coloured(x: np.ndarray) -> bool:

@@ -21,7 +21,6 @@ SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginni
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
 UNLIKE_NONE = 2.0      # of a size from that of no cause: evidence for less is for something else
 SCALE = "scale"        # of what is multiplied
-GYRO_SCALE = "gyro_scale"
 SAME_CLOCK = 2e-4      # relative: quartzes differ by less
 STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
@@ -282,7 +281,7 @@ def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
     """What may be the stamps', t (n,) [s]: a gyro's scale that is about as far off as the rows are further apart than
     the nominal says."""
     scale = each.values.get(SCALE)
-    if each.cause != GYRO_SCALE or not isinstance(scale, float):
+    if not each.record.is_of_clock or not isinstance(scale, float):
         return []
     period, steps = record.nominal.sensors.period, np.diff(t)
     mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))

@@ -247,7 +247,8 @@ def sizes(made: Diagnosis) -> Figure | None:
         axis.axhspan(value - half, value + half, color="0.88", label="fitted to the whole log, 95 %")
         axis.axhline(value, color="0.4", linestyle="--", linewidth=1.0)
         axis.errorbar(0.5 * (ends[1:] + ends[:-1]), size, INTERVAL * np.array(of.std), 0.5 * np.diff(ends), fmt="o",
-                      color=AFTER["color"], markersize=4, linewidth=1.0, capsize=3, label="each part beside the others, 95 %")
+                      color=AFTER["color"], markersize=4, linewidth=1.0, capsize=3,
+                      label="each part beside the others, 95 %")
         unit = (cause.units.get(name) or "-").replace(" per ", "\nper ")
         axis.set_ylabel(f"{name}\n[{unit}]", fontsize=9 if "\n" not in unit else 7)
         axis.set_title(f"{cause.label}: chi-squared {of.chi_squared:.0f} (limit {CONSTANCY_LIMIT:.0f})", fontsize=9,
