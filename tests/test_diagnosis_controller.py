@@ -21,6 +21,7 @@ from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.log import OPTIONAL, REQUIRED
 from sim.nominal.control import tustin
+from sim.sections import Section
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -195,6 +196,17 @@ def test_a_filtered_controller_is_recognised_wherever_the_log_begins_and_whateve
     told = told_of_filtered(("controller_mismatch:kp_scale=1.06,kd_scale=0.91,delay=0.01",), rows)
     assert told.kind == "gain and delay"
     assert (told.kp_scale, told.kd_scale, told.delay) == pytest.approx((1.06, 0.91, 0.01), abs=2e-4)
+
+
+def test_a_filter_that_never_forgets_is_recognised_from_its_rest_only():
+    """An integrator: the command and 0.02 % of all before it."""
+    own = dataclasses.replace(NOMINAL.controller, filters=(Section((1.0002, -1.0, 0.0), (1.0, -1.0, 0.0)),))
+    nominal = dataclasses.replace(NOMINAL, controller=own)
+    log = flown(nominal=nominal)
+    part = dataclasses.replace(log, **{name: getattr(log, name)[1000:] for name in (*REQUIRED, *OPTIONAL)})
+    whole, cut = (with_commands(record(each, nominal, check(each, nominal)), NominalFollower())[1]
+                  for each in (log, part))
+    assert whole.kind == NONE and cut is None
 
 
 def test_of_a_filtered_controller_nothing_is_asked_at_another_rate():

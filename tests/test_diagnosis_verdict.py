@@ -71,7 +71,7 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
     def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False, unsure=0.0,
-              channels=("theta", "theta_dot", "beta")):
+              channels=("theta", "theta_dot", "beta"), period=1.0):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
         made = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), catalogue=catalogue, controller=controller,
@@ -79,7 +79,8 @@ def judged(monkeypatch):
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
                                       tick=1, rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
                                       thinned=1, unsure=unsure, channels=channels,
-                                      nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis()))
+                                      nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis(),
+                                                              sensors=SimpleNamespace(period=period)))
 
         def measure(of):
             measured.append(of)
@@ -94,6 +95,13 @@ def judged(monkeypatch):
 def test_an_onset_is_judged_from_the_log_s_own_beginning(judged):
     each = Named("control_loss", {"time": 20000.5}, {"time": 0.2}, {}, (), 100.0, None)
     assert judged(Found(each), shift=20000.0).made.doubts and not judged(Found(each), shift=19999.0).made.doubts
+
+
+def test_a_gyro_s_scale_that_the_stamps_make_is_none(judged):
+    scale = Named("gyro_scale", {"scale": 1.003}, {"scale": 2e-4}, {"scale": "-"}, (), 100.0, None)
+    assert judged(Found(scale)).made.causes == (scale,)
+    made = judged(Found(scale), period=1.0 / 1.003).made
+    assert made.verdict == "unexplained" and "0.3 % further apart" in made.doubts[0]
 
 
 def test_nothing_found_and_nothing_left_is_consistent(judged):

@@ -3,8 +3,8 @@ is a difference of gains, of computing time, or of the derivative's filter.
 
 A log as fast as the controller (or faster) holds every error the controller saw, but for those before its first row:
 what the derivative's filter remembers of them is free where the log begins in flight, and what other filters remember
-is waited for until it is forgotten.  In a slower one the errors
-between rows are estimated, and the difference is judged against what is left of it instead of against nothing.
+is waited for until it is forgotten.  In a slower one the errors between rows are estimated, and the difference is
+judged against what is left of it instead of against nothing.
 """
 
 import math
@@ -47,6 +47,8 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
     if found is None or found.kind == NONE:
         return found
     other = _checked(record, begins=False)
+    if other is None and found.kind == UNKNOWN and record.nominal.controller.filters:
+        return None  # they may remember what was before the log
     if other is None or other.kind == UNKNOWN:
         return found
     return other if other.kind == NONE or found.kind == UNKNOWN or other.after < BETTER * found.after else found
@@ -86,14 +88,17 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
 
 
 def _forgotten(record: Record) -> int:
-    """Periods until the controller, with filters, has forgotten how the log began; 0 without filters."""
+    """Periods until the controller, with filters, has forgotten how the log began: all where one never does; 0 without
+    filters."""
     own = record.nominal.controller
     assert own is not None
     if not own.filters:
         return 0
     lag = own.derivative_time_constant / (own.derivative_time_constant + own.period)
     slowest = max(lag, *(float(np.max(np.abs(np.roots(section.a)))) for section in own.filters))
-    return round(LONGEST_LAG) + 2 + math.ceil(math.log(FORGOTTEN) / math.log(max(slowest, 1e-3)))
+    if slowest ** record.rows > FORGOTTEN:
+        return record.rows
+    return round(LONGEST_LAG) + 2 + math.ceil(math.log(FORGOTTEN) / math.log(max(slowest, FORGOTTEN)))
 
 
 def _whole(record: Record) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..search.profile import Model
 from ..search.scan import norms
 
 SEGMENTS = 8
-CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 31, foreign ones began at 47
+CONSTANCY_LIMIT = 40.0     # chi-squared of 7 degrees of freedom: true causes reached 18, a false term 77
 NOTHING = 1e-12            # of a size's information: a part with less tells nothing
 
 

@@ -25,6 +25,9 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
     unseen.HEARD and others  the same where rows fall between the controller's ticks  clean flights; a foreign simulator
     named.UNLIKE_NONE   standard deviations of a size from that of no cause            meaning only: 95 %
+    named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
+    named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
+    gain.CONFIDENCE     of chance in a log too short for predictions                   meaning only: 95 %
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
     weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
