@@ -224,6 +224,14 @@ def seal_check(check):
     return xor_integer(seal, fold_integers(check.flag, check.flag.shape[0]))
 
 
+@once
+def seal_undeclared(undeclared):
+    """Seal of the wind and misalignment that no nominal declared."""
+    seal = xor_integer(fold_rows(undeclared.mean), fold_layers(undeclared.covariance))
+    seal = xor_integer(seal, fold(undeclared.better))
+    return xor_integer(seal, fold_integers(undeclared.flag, undeclared.flag.shape[0]))
+
+
 @inner
 def seal_learner(learner):
     """Seal of the structure, 0 without."""
@@ -251,7 +259,7 @@ def seal_carried(state, learner, gauge):
     seal = xor_integer(seal, xor_integer(seal_bank(state.bank), seal_watch(state.watch)))
     seal = xor_integer(seal, xor_integer(seal_check(state.check), seal_gust(state.gust)))
     seal = xor_integer(seal, xor_integer(seal_learner(learner), seal_gauge(gauge)))
-    seal = xor_integer(seal, fold_rows(state.repeats))
+    seal = xor_integer(seal, xor_integer(seal_undeclared(state.undeclared), fold_rows(state.repeats)))
     return xor_integer(seal, fold_integers(state.active, state.active.shape[0]))
 
 

@@ -68,10 +68,12 @@ from .tracker import (
     track,
 )
 from .uncertainty import close_range, watch_range
+from .undeclared import CONSTANT, FOUND, follow_undeclared, free_deviations
 from .whiteness import (
     IN_WINDOW,
     RAISED,
     contradict,
+    contradicted_by,
     drop_blocks,
     forget_blocks,
     judge_window,
@@ -144,6 +146,8 @@ def watch_block(fixed, state, work, dt, t_end):
     after calm: nothing before goes with what follows."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
     queue_block(state.check, fil.level, bank.total)
+    follow_undeclared(fixed.belief, fil, state.undeclared, work.undeclared, work.acc.triangle, bank.weight,
+                      contradicted_by(state.check), t_end, dt)
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
     block = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, block) - 0.5 * block[2, 2] * block[2, 2]
@@ -161,6 +165,7 @@ def watch_block(fixed, state, work, dt, t_end):
     jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
          belief[MEAN_A6], belief[MEAN_K1])
     restart_bank(bank, belief[MEAN_A6], belief[MEAN_K1], belief[VAR_A6], belief[COV], belief[VAR_K1])
+    free_deviations(state.undeclared, CONSTANT)
     forget_gust(state.gust)
     return True
 
@@ -200,8 +205,8 @@ def close_block(fixed, state, work, learner, learning, period):
         elif fixed.option[ESTIMATE_LEVELS] == 1:
             update_levels(belief, fil, acc, work.acc)
         relinearise_about(belief, fil, state.bank)
-    if watch_model(state.check, fil.level, t_end, dt):  # what was learned meanwhile is not to be trusted
-        total = state.bank.total
+    if watch_model(state.check, fil.level, state.undeclared.flag[FOUND], t_end, dt):
+        total = state.bank.total  # what was learned meanwhile is not to be trusted
         restart_bank(state.bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)

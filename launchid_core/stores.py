@@ -15,6 +15,7 @@ from .states import Filter, FilterWork, view_filter, view_filter_work
 from .structure import PRIOR, Learner
 from .stuck import N_LEARNED, N_WATCHED
 from .tracker import FIRST_STD, Bank, BankWork, restart_bank, view_bank, view_bank_work
+from .undeclared import Undeclared, UndeclaredWork, restart_undeclared, view_undeclared, view_undeclared_work
 from .whiteness import Check, view_check
 from .window import Outcome, view_outcome
 
@@ -46,6 +47,7 @@ class State(NamedTuple):
     watch: Watch
     gust: Gust
     check: Check
+    undeclared: Undeclared
     active: np.ndarray  # (q,) int64, 1 for the terms believed to be there
     repeats: np.ndarray  # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
 
@@ -57,6 +59,7 @@ class Work(NamedTuple):
     acc: AccumulatorWork
     bank: BankWork
     gust: np.ndarray    # (g,)
+    undeclared: UndeclaredWork
 
 
 @shared
@@ -79,9 +82,11 @@ def view_state(f, at, i, m, q, rows, n, levels):
     watch, at, m = view_watch(f, at, i, m, n)
     gust, at = view_gust(f, at, n)
     check, at, m = view_check(f, at, i, m)
+    undeclared, at, m = view_undeclared(f, at, i, m, n)
     active, m = take(i, m, q)
     repeats, at = take2(f, at, N_WATCHED, N_LEARNED)
-    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, gust, check, active, repeats), at, m
+    return State(clock, counts, ring, seals, guard, outcome, fil, acc, bank, watch, gust, check, undeclared, active,
+                 repeats), at, m
 
 
 @shared
@@ -91,7 +96,8 @@ def view_work(f, at, i, m, q, n, levels):
     acc, at, m = view_accumulator_work(f, at, i, m, q, n, levels)
     bank, at, m = view_bank_work(f, at, i, m)
     gust, at = take(f, at, gust_size(n))
-    return Work(fil, acc, bank, gust), at, m
+    undeclared, at = view_undeclared_work(f, at, q, n)
+    return Work(fil, acc, bank, gust, undeclared), at, m
 
 
 def restart(fixed: Fixed, state: State, learner: Learner | None) -> None:
@@ -101,6 +107,7 @@ def restart(fixed: Fixed, state: State, learner: Learner | None) -> None:
     start_window(acc)
     bank.weight[...] = 1.0 / len(bank.weight)
     restart_bank(bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
+    restart_undeclared(state.undeclared)
     state.active[...] = 1
     if learner is not None:
         np.fill_diagonal(learner.r[:-1, :-1], PRIOR)

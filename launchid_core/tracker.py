@@ -89,16 +89,16 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
 
 @once
 def move(mean, covariance, walk, slope, dt):
-    """Time update of one member over dt [s]."""
+    """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m)"""
     keep = exp_of(-dt / SLOPE_TIME)
     for i in range(2):
         mean[i] += dt * mean[2 + i]
         mean[2 + i] *= keep
-    for j in range(4):
+    for j in range(mean.shape[0]):
         for i in range(2):
             covariance[i, j] += dt * covariance[2 + i, j]
             covariance[2 + i, j] *= keep
-    for i in range(4):
+    for i in range(mean.shape[0]):
         for j in range(2):
             covariance[i, j] += dt * covariance[i, 2 + j]
             covariance[i, 2 + j] *= keep

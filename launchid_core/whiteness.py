@@ -10,7 +10,8 @@ exceed 8 %.
 
 A part that stays, an acceleration or an offset of the gyro, is asked for in every window beside a6 and k1 and their
 slopes: by how much it would reduce the sum of squares is a chi square for the true model (Rao's score test: Proc.
-Camb. Phil. Soc. 44, 1948).
+Camb. Phil. Soc. 44, 1948).  A window at rest cannot tell it from a6: what many windows know of it together is
+`undeclared`'s.
 
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
@@ -40,7 +41,7 @@ BELIEVED = 90.0
 MANY_LOSSES = 3.5       # restarts within CHECK_MEMORY: a change costs one or two, more are a sensor or model gone wrong
 FORGOTTEN = 20.0        # s after which whatever contradicted the model, however strongly, is forgotten
 LARGEST_STATISTIC = BELIEVED * exp_of(2.0 * FORGOTTEN / CHECK_MEMORY)  # which has fallen to BELIEVED by then
-MERGED = 2.5            # s: alarms so near to one another are of one change
+MERGED = 2.5            # s: alarms so soon after a first one are of the same change
 STEADY_WINDOW = 15.0    # 6e-4 a window
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = log_of(10.0)  # of the sensors', the command's and the acceleration's noise levels
@@ -61,6 +62,8 @@ OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS = ran
 # place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed;
 # there was a sudden change; and another one soon after
 N_FLAGS = 7
+# what contradicts the model of what is seen here: the statistic; changes that follow one another, a stuck sensor
+NOTHING, BLOCKS, KEEPS_CHANGING = range(3)
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
 INNOVATION, FOR_A6, FOR_K1 = range(3)
 
@@ -105,6 +108,15 @@ def quiet(level):
     return exp_of(min(level, 0.0))
 
 
+@inner
+def quietest_share(level):
+    """`quiet` of the noise that is loudest for what was declared of it.  level (L,) in"""
+    highest = level[0]
+    for k in range(1, N_NOISES):
+        highest = max(highest, level[k])
+    return quiet(highest)
+
+
 @once
 def queue_block(check, level, total):
     """The block's sums, normalised, begin to wait.
@@ -126,9 +138,12 @@ def queue_block(check, level, total):
 @inner
 def drop_blocks(check, blocks, t):
     """The newest blocks are a sudden change's, whose alarm was raised at t [s].  One that follows another within
-    CHECK_MEMORY is none: what keeps changing was not understood.  Within MERGED it is the same one's."""
+    CHECK_MEMORY is none: what keeps changing was not understood.  Within MERGED of its first alarm it is the same one.
+    """
     check.flag[WAITING] = max(check.flag[WAITING] - blocks, 0)
     since = t - check.number[LAST_CHANGE]
+    if check.flag[CHANGED] == 1 and 0.0 <= since <= MERGED:
+        return
     if check.flag[CHANGED] == 1 and MERGED < since < CHECK_MEMORY:
         check.number[RESTLESS] = t
         check.flag[IS_RESTLESS] = 1
@@ -183,15 +198,26 @@ def note_loss(check, t):
 
 
 @inner
-def judge_model(check, level, t):
-    """Raise or clear the contradiction at t [s]; returns True where it clears.  level (L,) in: log noise levels."""
+def contradicted_by(check):
+    """NOTHING, BLOCKS or KEEPS_CHANGING, whatever else contradicts the model."""
+    if check.flag[IS_RESTLESS] == 1:
+        return KEEPS_CHANGING
+    return BLOCKS if check.number[STATISTIC] > CONTRADICTED else NOTHING
+
+
+@inner
+def judge_model(check, level, undeclared, t):
+    """Raise or clear the contradiction at t [s]; returns True where it clears.
+
+    level (L,) in  log noise levels;  undeclared  in  1: wind or misalignment that no nominal declared
+    """
     highest = 0.0
     for k in range(N_NOISES):
         highest = max(highest, level[k])
     flag, before = check.flag, check.flag[RAISED]
     if not 0.0 <= t - check.number[RESTLESS] <= CHECK_MEMORY:  # it is over, or the clock was set back
         flag[IS_RESTLESS] = 0
-    persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == 1
+    persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == 1 or undeclared == 1
     if persists or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
         flag[RAISED] = 1
     elif check.number[STATISTIC] < BELIEVED:
@@ -203,21 +229,19 @@ def judge_model(check, level, t):
 @inner
 def judge_window(check, level, unexplained):
     """A window closed, whose tests would reduce its sum of squares by `unexplained`.  level (L,) in"""
-    highest = level[0]
-    for k in range(1, N_NOISES):
-        highest = max(highest, level[k])
-    unexplained *= quiet(highest) * quiet(highest)
+    share = quietest_share(level)
+    unexplained *= share * share
     check.flag[RAISED_BY_WINDOW] = int(unexplained > STEADY_WINDOW)
     if unexplained > STEADY_WINDOW:
         check.flag[RAISED], check.flag[IN_WINDOW] = 1, 1
 
 
 @inner
-def watch_model(check, level, t, dt):
+def watch_model(check, level, undeclared, t, dt):
     """After a block: take those that have waited, judge; returns True where the model is believed again."""
     if check.flag[WAITING] >= ONSETS:
         take_block(check, dt)
-    return judge_model(check, level, t)
+    return judge_model(check, level, undeclared, t)
 
 
 @inner

@@ -530,7 +530,7 @@ def blocks_fed(check, total, level, blocks, statistic):
             check.seen[c] = 10
         wh.queue_block(check, level, total)
         before = check.flag[wh.RAISED]
-        wh.watch_model(check, level, 0.1 * k, 0.1)
+        wh.watch_model(check, level, 0, 0.1 * k, 0.1)
         raised += int(check.flag[wh.RAISED] == 1 and before == 0)
         statistic[k] = check.number[wh.STATISTIC]
     return raised
@@ -620,7 +620,7 @@ def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
         for value, raised in ((0.99 * wh.HIGHEST_LEVEL, 0), (1.01 * wh.HIGHEST_LEVEL, int(k < 5)), (0.0, 0)):
             level[k] = value
             before = check.flag[wh.RAISED]
-            assert judge_model(check, level, 0.0) == (before == 1 and raised == 0)
+            assert judge_model(check, level, 0, 0.0) == (before == 1 and raised == 0)
             assert check.flag[wh.RAISED] == raised
 
 
@@ -630,10 +630,21 @@ def test_a_change_soon_after_another_is_the_models_fault_but_not_the_same_ones_a
         check, level = cut.state.check, np.zeros(5)
         drop_blocks(check, 1, 100.0)
         drop_blocks(check, 1, 100.0 + second)
-        judge_model(check, level, 100.0 + second)
+        judge_model(check, level, 0, 100.0 + second)
         assert check.flag[wh.RAISED] == contradicted
-        judge_model(check, level, 100.0 + second + 1.01 * wh.CHECK_MEMORY)
+        judge_model(check, level, 0, 100.0 + second + 1.01 * wh.CHECK_MEMORY)
         assert check.flag[wh.RAISED] == 0
+
+
+def test_alarms_that_follow_one_another_are_no_change_that_goes_on_for_ever():
+    """Each within MERGED of the one before, the last beyond it of the first: a gust that nobody declared does so."""
+    _, cut = allocate(config(CALM))
+    check = cut.state.check
+    for alarm in (100.0, 100.5, 101.0, 102.4):
+        drop_blocks(check, 1, alarm)
+        assert check.flag[wh.IS_RESTLESS] == 0
+    drop_blocks(check, 1, 103.0)
+    assert check.flag[wh.IS_RESTLESS] == 1
 
 
 def test_a_clock_set_back_ends_what_later_changes_contradicted():
@@ -641,9 +652,9 @@ def test_a_clock_set_back_ends_what_later_changes_contradicted():
     check, level = cut.state.check, np.zeros(5)
     drop_blocks(check, 1, 100.0)
     drop_blocks(check, 1, 105.0)
-    judge_model(check, level, 105.0)
+    judge_model(check, level, 0, 105.0)
     assert check.flag[wh.RAISED] == 1
-    judge_model(check, level, 0.0)
+    judge_model(check, level, 0, 0.0)
     assert check.flag[wh.RAISED] == 0
 
 
@@ -665,9 +676,9 @@ def test_a_window_with_something_that_stays_is_contradicted_until_one_without():
     assert not check.flag.any()
     judge_window(check, np.zeros(5), 1.001 * wh.STEADY_WINDOW)
     assert check.flag[wh.RAISED] == check.flag[wh.IN_WINDOW] == 1
-    assert not judge_model(check, level, 0.0) and check.flag[wh.RAISED] == 1
+    assert not judge_model(check, level, 0, 0.0) and check.flag[wh.RAISED] == 1
     judge_window(check, np.zeros(5), 0.0)
-    assert judge_model(check, level, 0.0) and check.flag[wh.RAISED] == 0
+    assert judge_model(check, level, 0, 0.0) and check.flag[wh.RAISED] == 0
 
 
 def test_the_p_value_is_that_of_a_chi_square():

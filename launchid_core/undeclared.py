@@ -1,0 +1,261 @@
+"""Wind and misalignment that no nominal declared: followed beside a6 and k1, only to know whether they are there.
+
+A model without nuisances says that the air stands still and that the thrust is straight.  Where it is not so a constant
+acceleration acts, nearly a6 times an attitude that rests: a window takes it for another a6, and no check of the same
+window can see it.  Over many windows a6_nominal(t) w + k1_nominal(t) d is another thing than a6_nominal(t) theta(t),
+for the attitude moves.  So a Kalman filter has w and d [rad], constants within UNDECLARED_STD, beside the deviations of
+a6 and k1, which move as the tracker's members do.  They are there if their estimates are further from zero than a chi
+square of two allows (Wald's test, Trans. Am. Math. Soc. 54, 1943): then the model is contradicted (`whiteness`), until
+data say otherwise; that time passes which tells nothing of them is no reason to believe it again.
+
+What begins or ends is found by a second filter, which forgets them over NEW_MEMORY: where it has predicted the blocks
+better by more than ANOTHER nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and the
+other way round.  A sudden change of a6 or k1 frees them in the first alone: so the second says whether it was not wind.
+Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
+afterwards; while changes follow one another (a gust) both wait, and begin anew.
+
+Assumption: the acceleration acts on the block's innovations as if a6 and k1 of the nominal were the block's.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .belief import A6, AT_BETA, AT_THETA, K1, profile_at
+from .elementary import exp_of, log_of
+from .kernels import inner, once, shared
+from .linsolve import absorb_rows
+from .memory import take, take2, take3
+from .states import MOMENT_TEST, N_STATES, N_TESTS
+from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
+from .whiteness import KEEPS_CHANGING, NOTHING, quietest_share
+
+WIND, LEAN = 4, 5          # of a filter's state: a6, k1, their slopes, w, d
+SIZE = 6
+CONSTANT, NEW = 0, 1       # the filters
+FILTERS = 2
+FOUND, DOUBT = 0, 1        # flags: they are there; what else contradicts the model
+N_FLAGS = 2
+ROW = 4                    # columns of a block: a6, k1, acceleration, right-hand side
+UNDECLARED_STD = 0.1       # rad
+UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
+NEW_MEMORY = 5.0           # s
+ANOTHER = 4.0              # nats
+THERE = 16.0               # of the chi square: once in 3,000 independent looks at a true model
+GONE = 9.0                 # below it the model may be believed again
+
+
+class Undeclared(NamedTuple):
+    """State of the filters; u = SIZE, or 0 of a model with nuisances of its own, which knows better."""
+
+    mean: np.ndarray        # (FILTERS, u)
+    covariance: np.ndarray  # (FILTERS, u, u)
+    better: np.ndarray      # (FILTERS,) nats by which each has predicted better since it last was no better
+    flag: np.ndarray        # (N_FLAGS,) int64
+
+
+class UndeclaredWork(NamedTuple):
+    """Its scratch."""
+
+    rows: np.ndarray        # (ROW, c) the block's triangle, column by column
+    triangle: np.ndarray    # (ROW, ROW)
+    row: np.ndarray         # (u,)
+    column: np.ndarray      # (u,)
+
+
+@shared
+def undeclared_size(n):
+    """u of n states."""
+    return SIZE if n == N_STATES else 0
+
+
+@shared
+def view_undeclared(f, at, i, m, n):
+    """Cut it from floats f at `at` and integers i at `m` for n states; returns (it, next at, next m)."""
+    u = undeclared_size(n)
+    mean, at = take2(f, at, FILTERS, u)
+    covariance, at = take3(f, at, FILTERS, u, u)
+    better, at = take(f, at, FILTERS)
+    flag, m = take(i, m, N_FLAGS)
+    return Undeclared(mean, covariance, better, flag), at, m
+
+
+@shared
+def view_undeclared_work(f, at, q, n):
+    """Cut it from floats f at `at` for q terms, n states; returns (it, next at)."""
+    u = undeclared_size(n)
+    rows, at = take2(f, at, ROW, n + q + N_TESTS + 1)
+    triangle, at = take2(f, at, ROW, ROW)
+    row, at = take(f, at, u)
+    column, at = take(f, at, u)
+    return UndeclaredWork(rows, triangle, row, column), at
+
+
+@shared
+def restart_undeclared(state):
+    """Nothing is known."""
+    for f in range(FILTERS):
+        for i in range(state.mean.shape[1]):
+            state.mean[f, i] = 0.0
+            for j in range(state.mean.shape[1]):
+                state.covariance[f, i, j] = 0.0
+            std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
+            state.covariance[f, i, i] = std * std
+    for f in range(FILTERS):
+        state.better[f] = 0.0
+    for k in range(N_FLAGS):
+        state.flag[k] = 0
+
+
+@once
+def free_deviations(state, f):
+    """a6 and k1 have likely changed: nothing is known of them to filter f."""
+    for i in range(min(WIND, state.mean.shape[1])):
+        state.mean[f, i] = 0.0
+        for j in range(state.mean.shape[1]):
+            state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
+        std = FIRST_STD if i <= K1 else DRIFTING[SLOPE]
+        state.covariance[f, i, i] = std * std
+
+
+@inner
+def take_up_again(state):
+    """Nothing else contradicts the model any more: a6 and k1 are open, and after a gust, of which they learned as it
+    began, w and d too."""
+    if state.flag[DOUBT] == KEEPS_CHANGING:
+        restart_undeclared(state)
+    for f in range(FILTERS):
+        free_deviations(state, f)
+    state.flag[DOUBT] = NOTHING
+
+
+@once
+def forget_constants(covariance, dt):
+    """w and d are less known after dt [s] than before by what NEW_MEMORY forgets, but never less than at first."""
+    grow = exp_of(0.5 * dt / NEW_MEMORY)
+    for k in range(WIND, SIZE):
+        if covariance[k, k] * grow * grow <= UNDECLARED_STD * UNDECLARED_STD:
+            for j in range(SIZE):
+                covariance[k, j] *= grow
+            for j in range(SIZE):
+                covariance[j, k] *= grow
+
+
+@once
+def take_row(mean, covariance, row, column, z):
+    """One scalar measurement z = row . state + unit noise; returns its log predictive density.  column (u,) scratch"""
+    variance, e = 1.0, z
+    for i in range(SIZE):
+        column[i] = 0.0
+        for j in range(SIZE):
+            column[i] += covariance[i, j] * row[j]
+        variance += row[i] * column[i]
+        e -= row[i] * mean[i]
+    for i in range(SIZE):
+        gain = column[i] / variance
+        mean[i] += gain * e
+        for j in range(SIZE):
+            covariance[i, j] -= gain * column[j]
+    return -0.5 * (log_of(variance) + e * e / variance)
+
+
+@inner
+def distance(mean, covariance):
+    """Chi square of two by which w and d differ from none."""
+    w, d = mean[WIND], mean[LEAN]
+    a, b, c = covariance[WIND, WIND], covariance[WIND, LEAN], covariance[LEAN, LEAN]
+    return (c * w * w - 2.0 * b * w * d + a * d * d) / (a * c - b * b)
+
+
+@once
+def reduce_moment(belief, work, triangle, share):
+    """work.triangle (ROW, ROW) out: of the block's (c, c), the columns of a6, k1, acceleration, right-hand side, as if
+    its noise were 1/share of what it is."""
+    c = triangle.shape[0]
+    first = c - 1 - N_TESTS
+    for i in range(c):
+        work.rows[0, i] = share * triangle[i, N_STATES + belief.term[AT_THETA]]
+        work.rows[1, i] = share * triangle[i, N_STATES + belief.term[AT_BETA]]
+        work.rows[2, i] = share * triangle[i, first + MOMENT_TEST]
+        work.rows[3, i] = share * triangle[i, c - 1]
+    for i in range(ROW):
+        for j in range(ROW):
+            work.triangle[i, j] = 0.0
+    absorb_rows(work.triangle, work.rows, c)
+
+
+@once
+def go_on_from(state, f):
+    """Both filters go on from what filter f knows."""
+    for i in range(SIZE):
+        state.mean[1 - f, i] = state.mean[f, i]
+        for j in range(SIZE):
+            state.covariance[1 - f, i, j] = state.covariance[f, i, j]
+    for k in range(FILTERS):
+        state.better[k] = 0.0
+
+
+@inner
+def choose_filter(state, better):
+    """The second filter predicted the block better by so many nats: it may be the one to go on from, or not."""
+    state.better[NEW] = max(state.better[NEW] + better, 0.0)
+    state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
+    if state.better[NEW] > ANOTHER:
+        go_on_from(state, NEW)
+    elif state.better[CONSTANT] > ANOTHER:
+        go_on_from(state, CONSTANT)
+
+
+@inner
+def pace(weight):
+    """(random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of a6 and k1 by the
+    tracker's weights of its members.  weight (b,) in"""
+    walk = slope = 0.0
+    for i in range(weight.shape[0]):
+        walk += weight[i] * MEMBERS[i, WALK] * MEMBERS[i, WALK]
+        slope += weight[i] * MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
+    return math.sqrt(walk), math.sqrt(slope)
+
+
+@once
+def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
+    """A block of dt [s] was gathered, which ends at t [s].
+
+    triangle (c, c)  in  square-root information of the block (`filtered.AccumulatorWork`)
+    weight   (b,)    in  of the tracker's members
+    doubt            in  what else contradicts the model (`whiteness.contradicted_by`)
+    """
+    if state.mean.shape[1] == 0:
+        return
+    if doubt != NOTHING:
+        state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
+    elif state.flag[DOUBT] != NOTHING:
+        take_up_again(state)
+    if doubt == KEEPS_CHANGING:
+        return
+    reduce_moment(belief, work, triangle, quietest_share(fil.level))
+    a6, k1 = profile_at(belief, fil.cell, t)
+    walk, slope = pace(weight)
+    better = 0.0
+    for f in range(FILTERS):
+        mean, covariance = state.mean[f], state.covariance[f]
+        move(mean, covariance, walk, slope, dt)
+        if f == NEW:
+            forget_constants(covariance, dt)
+        for k in range(WIND, SIZE):
+            covariance[k, k] += UNDECLARED_WALK * UNDECLARED_WALK * dt
+        for i in range(ROW - 1):
+            r, row = work.triangle[i], work.row
+            row[:] = 0.0
+            row[A6], row[K1], row[WIND], row[LEAN] = r[0], r[1], a6 * r[2], k1 * r[2]
+            density = take_row(mean, covariance, row, work.column, r[ROW - 1])
+            better += density if f == NEW else -density
+    choose_filter(state, better)
+    found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
+    if not 0.0 <= found < np.inf:  # rounding has made of it what no covariance is
+        restart_undeclared(state)
+    elif found > THERE:
+        state.flag[FOUND] = 1
+    elif found < GONE:
+        state.flag[FOUND] = 0

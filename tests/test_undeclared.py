@@ -1,0 +1,206 @@
+"""Wind and misalignment that no nominal declared: never a confident number once they can be told."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+from compiled import compiled
+
+from launchid_core import Config, EstimateStatus, Estimator, Status
+from launchid_core import tracker as tr
+from launchid_core import undeclared as un
+from launchid_core.assembly import allocate
+from launchid_core.guard import CARRIED, seal_of
+from sim.effects import from_text
+from sim.flight import fly_whole, parameters
+from sim.identify import onboard_model
+from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
+
+NOMINALS = ("constant", "vega_like", "greensite_cr826")
+WINDOW = 5.0
+FAR = 3.0  # own standard deviations
+SEED = 31
+
+take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart = map(
+    compiled, (un.take_row, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
+               un.restart_undeclared))
+
+
+def config(nominal) -> Config:
+    return Config(window=WINDOW, formulation="filtered", model=onboard_model(nominal))
+
+
+@pytest.fixture
+def state():
+    return allocate(config(load_nominal("constant")))[1].state.undeclared
+
+
+@functools.cache
+def flown(name: str, effect: str = ""):
+    """Of one flight whose nominal declares nothing: windows, whether it was there at their ends, which of them lie."""
+    nominal, effects = load_nominal(name), [from_text(effect)] if effect else []
+    flight = fly_whole(nominal, SEED, effects=effects)
+    estimator, windows, there = Estimator(config(nominal)), [], []
+    for sample in flight.samples():
+        if estimator.update(sample) is Status.WINDOW_COMPLETE:
+            windows.append(estimator.estimate())
+            there.append(int(estimator._parts.state.undeclared.flag[un.FOUND]))
+    (a6, k1) = parameters(nominal, np.array([0.5 * (w.t_start + w.t_end) for w in windows]), effects=effects)
+    lies = [w.valid and (abs(w.a6 - a) > FAR * w.a6_std or abs(w.k1 - k) > FAR * w.k1_std)
+            for w, a, k in zip(windows, a6, k1, strict=True)]
+    return windows, np.array(there), np.array(lies)
+
+
+# ---- the law
+
+
+def test_rows_make_the_posterior_of_least_squares(state):
+    """Random rows one by one against the normal equations of all of them and the prior."""
+    random = np.random.default_rng(0)
+    mean, covariance = state.mean[0], state.covariance[0]
+    prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20, un.SIZE)), random.standard_normal(20)
+    density = sum(take_row(mean, covariance, row, np.empty(un.SIZE), each) for row, each in zip(rows, z, strict=True))
+    information = prior + rows.T @ rows
+    assert covariance == pytest.approx(np.linalg.inv(information), rel=1e-8, abs=1e-12)
+    assert mean == pytest.approx(np.linalg.solve(information, rows.T @ z), rel=1e-8)
+    whole = np.eye(20) + rows @ np.linalg.inv(prior) @ rows.T
+    assert density == pytest.approx(-0.5 * (np.linalg.slogdet(whole)[1] + z @ np.linalg.solve(whole, z)))
+
+
+def test_the_distance_is_walds(state):
+    random = np.random.default_rng(1)
+    root = random.standard_normal((un.SIZE, un.SIZE))
+    mean, covariance = random.standard_normal(un.SIZE), root @ root.T
+    part, square = mean[un.WIND:], covariance[un.WIND:, un.WIND:]
+    assert distance(mean, covariance) == pytest.approx(part @ np.linalg.solve(square, part))
+
+
+def test_the_pace_is_the_members_mixture():
+    weight = np.array([0.9, 0.1])
+    walk, slope = pace(weight)
+    assert walk == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 0]**2))
+    assert slope == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 1]**2))
+    assert pace(np.array([1.0, 0.0])) == pytest.approx(tr.STEADY)
+
+
+def test_what_is_forgotten_is_never_less_known_than_at_first(state):
+    covariance = state.covariance[0]
+    covariance[4, 4], covariance[5, 5] = 1e-6, 2e-6
+    forget_constants(covariance, un.NEW_MEMORY)
+    assert covariance[4, 4] == pytest.approx(math.e * 1e-6) and covariance[5, 5] == pytest.approx(2e-6 * math.e)
+    for _ in range(100):
+        forget_constants(covariance, un.NEW_MEMORY)
+    assert covariance[4, 4] <= un.UNDECLARED_STD**2 and covariance[5, 5] <= un.UNDECLARED_STD**2
+
+
+# ---- which of the two filters
+
+
+def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
+    state.mean[un.CONSTANT, 4], state.mean[un.NEW, 4] = 0.0, 0.02
+    choose_filter(state, 0.99 * un.ANOTHER)
+    choose_filter(state, -0.5 * un.ANOTHER)  # it was no better, for once
+    choose_filter(state, 0.49 * un.ANOTHER)
+    assert state.mean[un.CONSTANT, 4] == 0.0
+    choose_filter(state, -100.0)  # a block against it: the other way round
+    assert state.mean[un.NEW, 4] == 0.0
+    state.mean[un.NEW, 4] = 0.02
+    choose_filter(state, 1.01 * un.ANOTHER)
+    assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
+
+
+def test_a_sudden_change_frees_a6_and_k1_of_the_first_filter_alone(state):
+    restart(state)
+    for f in range(un.FILTERS):
+        state.covariance[f] *= 1e-4
+        state.mean[f] = 0.01
+    free_deviations(state, un.CONSTANT)
+    assert state.mean[0].tolist() == [0.0] * 4 + [0.01] * 2 and (state.mean[1] == 0.01).all()
+    assert state.covariance[0].diagonal() == pytest.approx(
+        [tr.FIRST_STD**2] * 2 + [tr.DRIFTING[1]**2] * 2 + [1e-4 * un.UNDECLARED_STD**2] * 2)
+    assert state.covariance[1, 0, 0] == pytest.approx(1e-4 * tr.FIRST_STD**2)
+
+
+def test_a_model_with_nuisances_of_its_own_has_none():
+    declared = dataclasses.replace(load_nominal("constant"), wind=Wind(walk=0.005, turbulence=0.005))
+    offsets = dataclasses.replace(load_nominal("constant"), offsets=Offsets(attitude_bias=0.005))
+    for nominal in (declared, offsets):
+        assert allocate(config(nominal))[1].state.undeclared.mean.size == 0
+
+
+# ---- in flight
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_clean_flight_is_believed(name):
+    windows, there, lies = flown(name)
+    assert not there.any() and lies.sum() <= 1 and all(w.status is EstimateStatus.OK for w in windows)
+    assert windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_steady_wind_that_rests_on_a6_is_found_and_never_lied_of_again(name):
+    """Half a degree: within a window it is another a6, 20 to 60 % off, with standard deviations of a few percent."""
+    windows, there, lies = flown(name, "steady_wind:angle=0.0087")
+    assert there[-1] == 1 and not windows[-1].tracked.valid and not windows[-1].valid
+    first = int(np.argmax(there))
+    assert first * WINDOW <= 45.0 and not lies[first:].any()  # quiet parts tell nothing: no reason to believe
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_misalignment_is_found(name):
+    windows, there, lies = flown(name, "thrust_misalignment:angle=0.003")
+    assert there[-1] == 1 and lies.sum() <= 1 and not windows[-1].valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_lost_k1_is_none(name):
+    windows, there, _ = flown(name, "control_loss:fraction=0.3,time=20")
+    assert not there.any() and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", ["vega_like", "greensite_cr826"])
+def test_it_is_believed_again_when_the_wind_has_gone(name):
+    """A wind that swells and falls within 40 s."""
+    windows, there, _ = flown(name, "gust:angle=0.01,time=5,duration=40")
+    assert there.any() and there[-1] == 0 and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(name):
+    """Three degrees for 6 s: a6 was tracked as gone, then as several times itself, each a valid change."""
+    windows, _, _ = flown(name, "gust:angle=0.05,time=30,duration=6")
+    nominal = load_nominal(name)
+    _, k1 = parameters(nominal, np.array([w.t_end for w in windows]))
+    wrong = [w.tracked.valid and abs(w.tracked.k1 - true) > 5.0 * w.tracked.k1_std
+             for w, true in zip(windows, k1, strict=True)]
+    assert sum(wrong) <= 1 and windows[-1].tracked.valid
+
+
+def test_drifting_a6_and_k1_are_none():
+    """10 % with a period of 60 s, as the tracker follows them."""
+    nominal = load_nominal("vega_like")
+    flight = fly_whole(nominal, SEED, a6_factor=lambda t: 1.0 + 0.1 * np.sin(2.0 * np.pi * t / 60.0),
+                       k1_factor=lambda t: 1.0 + 0.1 * np.cos(2.0 * np.pi * t / 60.0))
+    estimator = Estimator(config(nominal))
+    for sample in flight.samples():
+        estimator.update(sample)
+        assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+
+
+def test_rounding_that_breaks_the_covariance_begins_it_anew():
+    """No number of it can stay NaN, or contradict for ever."""
+    nominal = load_nominal("constant")
+    estimator, samples = Estimator(config(nominal)), list(fly_whole(nominal, SEED).samples())
+    for sample in samples[:500]:
+        estimator.update(sample)
+    state = estimator._parts.state
+    state.guard[CARRIED] ^= seal_of(state.undeclared)
+    state.undeclared.covariance[0, 4, 4] = math.nan
+    state.guard[CARRIED] ^= seal_of(state.undeclared)
+    for sample in samples[500:520]:
+        estimator.update(sample)
+    assert np.isfinite(state.undeclared.covariance).all() and estimator.counts["RECOVERED"] == 0
