@@ -42,7 +42,7 @@ UNDECLARED_STD = 0.1       # rad
 UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
 NEW_MEMORY = 5.0           # s
 ANOTHER = 4.0              # nats
-THERE = 16.0               # of the chi square: once in 3,000 independent looks at a true model
+THERE = 20.0               # of the chi square, which true models exceeded once in 26 h (900 dispersed flights)
 GONE = 9.0                 # below it the model may be believed again
 
 
