@@ -162,10 +162,11 @@ def take_row(mean, covariance, row, column, z):
 
 @inner
 def distance(mean, covariance):
-    """Chi square of two by which w and d differ from none."""
+    """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
     w, d = mean[WIND], mean[LEAN]
     a, b, c = covariance[WIND, WIND], covariance[WIND, LEAN], covariance[LEAN, LEAN]
-    return (c * w * w - 2.0 * b * w * d + a * d * d) / (a * c - b * b)
+    determinant = a * c - b * b
+    return max(c * w * w - 2.0 * b * w * d + a * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
 
 
 @once
@@ -253,7 +254,7 @@ def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
             better += density if f == NEW else -density
     choose_filter(state, better)
     found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
-    if not 0.0 <= found < np.inf:  # rounding has made of it what no covariance is
+    if not found < np.inf:
         restart_undeclared(state)
     elif found > THERE:
         state.flag[FOUND] = 1

@@ -24,9 +24,9 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart = map(
+take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment = map(
     compiled, (un.take_row, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
-               un.restart_undeclared))
+               un.restart_undeclared, un.reduce_moment))
 
 
 def config(nominal) -> Config:
@@ -76,6 +76,21 @@ def test_the_distance_is_walds(state):
     mean, covariance = random.standard_normal(un.SIZE), root @ root.T
     part, square = mean[un.WIND:], covariance[un.WIND:, un.WIND:]
     assert distance(mean, covariance) == pytest.approx(part @ np.linalg.solve(square, part))
+    covariance[4, 4] = -covariance[4, 4]
+    assert distance(mean, covariance) == math.inf
+    assert distance(np.zeros(un.SIZE), np.eye(un.SIZE)) == 0.0
+
+
+def test_what_hides_in_the_declared_noise_contradicts_nothing():
+    """A block of noise at a fifth of the declared says what it would say in the declared noise."""
+    _, cut = allocate(config(load_nominal("constant")))
+    work, triangle = cut.work.undeclared, np.triu(np.random.default_rng(2).standard_normal((11, 11)))
+    reduce_moment(cut.fixed.belief, work, triangle, 1.0)
+    whole = work.triangle.copy()
+    gram = triangle[:, [4 + cut.fixed.belief.term[0], 4 + cut.fixed.belief.term[1], 8, 10]]
+    assert whole.T @ whole == pytest.approx(gram.T @ gram)
+    reduce_moment(cut.fixed.belief, work, triangle, 0.2)
+    assert work.triangle == pytest.approx(0.2 * whole)
 
 
 def test_the_pace_is_the_members_mixture():
