@@ -12,7 +12,8 @@ What begins or ends is found by a second filter, which forgets them over NEW_MEM
 better by more than ANOTHER nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and the
 other way round.  A sudden change of a6 or k1 frees them in the first alone: so the second says whether it was not wind.
 Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
-afterwards; while changes follow one another (a gust) both wait, and begin anew.
+afterwards; while changes follow one another (a gust) both wait, and begin anew.  So they do as often as a sensor turns
+out noisier than it was taken for.
 
 Assumption: the acceleration acts on the block's innovations as if a6 and k1 of the nominal were the block's.
 """
@@ -37,12 +38,16 @@ CONSTANT, NEW = 0, 1       # the filters
 FILTERS = 2
 FOUND, DOUBT = 0, 1        # flags: they are there; what else contradicts the model
 N_FLAGS = 2
+NOISE, LASTED = 0, 1       # highest log noise level of a sensor when what is known was begun; [s] since beyond THERE
+N_NUMBERS = 2
 ROW = 4                    # columns of a block: a6, k1, acceleration, right-hand side
 UNDECLARED_STD = 0.1       # rad
 UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
 NEW_MEMORY = 5.0           # s
 ANOTHER = 4.0              # nats
 THERE = 20.0               # of the chi square, which true models exceeded once in 26 h (900 dispersed flights)
+PATIENCE = 2.0             # s beyond THERE: a noise level that rises as fast as it may has risen by twice RISEN
+RISEN = 0.4                # of a sensor's log noise level
 GONE = 9.0                 # below it the model may be believed again
 
 
@@ -52,6 +57,7 @@ class Undeclared(NamedTuple):
     mean: np.ndarray        # (FILTERS, u)
     covariance: np.ndarray  # (FILTERS, u, u)
     better: np.ndarray      # (FILTERS,) nats by which each has predicted better since it last was no better
+    number: np.ndarray      # (N_NUMBERS,)
     flag: np.ndarray        # (N_FLAGS,) int64
 
 
@@ -77,8 +83,9 @@ def view_undeclared(f, at, i, m, n):
     mean, at = take2(f, at, FILTERS, u)
     covariance, at = take3(f, at, FILTERS, u, u)
     better, at = take(f, at, FILTERS)
+    number, at = take(f, at, N_NUMBERS)
     flag, m = take(i, m, N_FLAGS)
-    return Undeclared(mean, covariance, better, flag), at, m
+    return Undeclared(mean, covariance, better, number, flag), at, m
 
 
 @shared
@@ -106,6 +113,7 @@ def restart_undeclared(state):
         state.better[f] = 0.0
     for k in range(N_FLAGS):
         state.flag[k] = 0
+    state.number[LASTED] = 0.0
 
 
 @once
@@ -128,6 +136,17 @@ def take_up_again(state):
     for f in range(FILTERS):
         free_deviations(state, f)
     state.flag[DOUBT] = NOTHING
+
+
+@inner
+def learns_noise(state, level):
+    """Whether a sensor turned out noisier by RISEN than it was taken for: what was learned so was learned too surely.
+    level (L,) in"""
+    highest = max(level[0], level[1], level[2], 0.0)
+    risen = highest > state.number[NOISE] + RISEN
+    if risen:
+        state.number[NOISE] = highest
+    return risen
 
 
 @once
@@ -233,6 +252,8 @@ def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
         state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
     elif state.flag[DOUBT] != NOTHING:
         take_up_again(state)
+    if learns_noise(state, fil.level):
+        restart_undeclared(state)
     if doubt == KEEPS_CHANGING:
         return
     reduce_moment(belief, work, triangle, quietest_share(fil.level))
@@ -256,7 +277,9 @@ def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
     found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
     if not found < np.inf:
         restart_undeclared(state)
-    elif found > THERE:
+        return
+    state.number[LASTED] = state.number[LASTED] + dt if found > THERE else 0.0
+    if state.number[LASTED] > PATIENCE:
         state.flag[FOUND] = 1
     elif found < GONE:
         state.flag[FOUND] = 0

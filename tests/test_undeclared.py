@@ -180,7 +180,7 @@ def test_a_lost_k1_is_none(name):
 @pytest.mark.parametrize("name", ["vega_like", "greensite_cr826"])
 def test_it_is_believed_again_when_the_wind_has_gone(name):
     """A wind that swells and falls within 40 s."""
-    windows, there, _ = flown(name, "gust:angle=0.01,time=5,duration=40")
+    windows, there, _ = flown(name, "gust:angle=0.02,time=5,duration=40")
     assert there.any() and there[-1] == 0 and windows[-1].tracked.valid
 
 
@@ -193,6 +193,18 @@ def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(
     wrong = [w.tracked.valid and abs(w.tracked.k1 - true) > 5.0 * w.tracked.k1_std
              for w, true in zip(windows, k1, strict=True)]
     assert sum(wrong) <= 1 and windows[-1].tracked.valid
+
+
+def test_noise_far_above_the_declared_is_none():
+    """The gyro three and five times as noisy as declared, until the levels have followed and after."""
+    right = load_nominal("constant")
+    for factor in (3.0, 5.0):
+        noisy = dataclasses.replace(right, sensors=dataclasses.replace(
+            right.sensors, theta_dot_std=factor * right.sensors.theta_dot_std))
+        estimator = Estimator(config(right))
+        for sample in list(fly_whole(noisy, SEED).samples())[:4000]:
+            estimator.update(sample)
+            assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
 
 
 def test_drifting_a6_and_k1_are_none():
