@@ -161,15 +161,19 @@ def _claimed(target: Path) -> tuple[int | None, Path]:
     """A new hidden file and the descriptor that holds its lock: as long as that is open, its process lives."""
     while True:
         path = target.parent / f".{target.name[:SHOWN]}.{secrets.token_hex(8)}.launchid"
-        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
-        if fcntl is None:
+        try:
+            handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+            if fcntl is None:
+                os.close(handle)
+                return None, path
+            with contextlib.suppress(OSError):  # a file system without locks
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            if path.exists():  # else it was taken for abandoned before it was locked
+                return handle, path
             os.close(handle)
-            return None, path
-        with contextlib.suppress(OSError):  # a file system without locks
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        if path.exists():  # else it was taken for abandoned before it was locked
-            return handle, path
-        os.close(handle)
+        except KeyboardInterrupt:
+            path.unlink(missing_ok=True)
+            raise
 
 
 def _remove_abandoned(folder: Path) -> None:
