@@ -100,31 +100,31 @@ def view_undeclared_work(f, at, q, n):
 
 
 @shared
+def forget_places(state, f, first, last):
+    """Of its state's places first .. last-1 filter f knows what it knew at the beginning."""
+    for i in range(min(first, state.mean.shape[1]), min(last, state.mean.shape[1])):
+        state.mean[f, i] = 0.0
+        for j in range(state.mean.shape[1]):
+            state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
+        std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
+        state.covariance[f, i, i] = std * std
+
+
+@shared
 def restart_undeclared(state):
     """Nothing is known."""
     for f in range(FILTERS):
-        for i in range(state.mean.shape[1]):
-            state.mean[f, i] = 0.0
-            for j in range(state.mean.shape[1]):
-                state.covariance[f, i, j] = 0.0
-            std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
-            state.covariance[f, i, i] = std * std
-    for f in range(FILTERS):
+        forget_places(state, f, 0, SIZE)
         state.better[f] = 0.0
     for k in range(N_FLAGS):
         state.flag[k] = 0
     state.number[LASTED] = 0.0
 
 
-@once
+@inner
 def free_deviations(state, f):
     """a6 and k1 have likely changed: nothing is known of them to filter f."""
-    for i in range(min(WIND, state.mean.shape[1])):
-        state.mean[f, i] = 0.0
-        for j in range(state.mean.shape[1]):
-            state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
-        std = FIRST_STD if i <= K1 else DRIFTING[SLOPE]
-        state.covariance[f, i, i] = std * std
+    forget_places(state, f, 0, WIND)
 
 
 @inner
@@ -133,9 +133,10 @@ def take_up_again(state):
     began, w and d too."""
     if state.flag[DOUBT] == KEEPS_CHANGING:
         restart_undeclared(state)
-    for f in range(FILTERS):
-        free_deviations(state, f)
-    state.flag[DOUBT] = NOTHING
+    else:
+        for f in range(FILTERS):
+            free_deviations(state, f)
+        state.flag[DOUBT] = NOTHING
 
 
 @inner

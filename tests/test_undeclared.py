@@ -11,6 +11,7 @@ from compiled import compiled
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core import tracker as tr
 from launchid_core import undeclared as un
+from launchid_core import whiteness as wh
 from launchid_core.assembly import allocate
 from launchid_core.guard import CARRIED, seal_of
 from sim.effects import from_text
@@ -24,9 +25,9 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment = map(
+take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
     compiled, (un.take_row, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
-               un.restart_undeclared, un.reduce_moment))
+               un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
 
 
 def config(nominal) -> Config:
@@ -125,6 +126,34 @@ def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
     state.mean[un.NEW, 4] = 0.02
     choose_filter(state, 1.01 * un.ANOTHER)
     assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
+
+
+def followed(level: float, triangle: np.ndarray, *doubts: int):
+    """State after this block, once for each of `doubts`."""
+    _, cut = allocate(config(load_nominal("constant")))
+    cut.state.filter.level[:] = level
+    for doubt in doubts:
+        follow(cut.fixed.belief, cut.state.filter, cut.state.undeclared, cut.work.undeclared, triangle,
+               np.array([0.5, 0.5]), doubt, 10.0, 0.1)
+    return cut.state.undeclared
+
+
+def test_a_block_of_quiet_noise_is_taken_as_of_the_declared():
+    triangle = np.triu(np.random.default_rng(3).standard_normal((11, 11)))
+    quiet, as_declared = followed(-2.0, triangle, 0), followed(0.0, math.exp(-2.0) * triangle, 0)
+    assert quiet.mean == pytest.approx(as_declared.mean)
+    assert quiet.covariance == pytest.approx(as_declared.covariance)
+
+
+def test_while_changes_follow_one_another_nothing_is_learned_and_afterwards_it_begins_anew():
+    """A gust, of which it learned as it began; after blocks that contradicted, a6 and k1 alone are forgotten."""
+    triangle = 3.0 * np.triu(np.random.default_rng(4).standard_normal((11, 11)))
+    once, resting = followed(0.0, triangle, 0), followed(0.0, triangle, 0, wh.KEEPS_CHANGING)
+    assert (resting.mean == once.mean).all() and (resting.covariance == once.covariance).all()
+    anew = followed(0.0, triangle, 0, wh.KEEPS_CHANGING, 0)
+    assert (anew.mean == once.mean).all() and (anew.covariance == once.covariance).all()
+    freed = followed(0.0, triangle, 0, wh.BLOCKS, 0)
+    assert freed.covariance[0, 4, 4] < anew.covariance[0, 4, 4] and freed.flag[un.DOUBT] == 0
 
 
 def test_a_sudden_change_frees_a6_and_k1_of_the_first_filter_alone(state):
