@@ -9,6 +9,9 @@ the alarm (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section
 
 All trackers let the deviations drift, so that a slow drift, which a constant fit
 over the last seconds would twist into a jump, raises no alarm.
+
+What the model lacks (a gust, an offset, a line) looks like a change before it
+contradicts the model: a change is withdrawn if a contradiction follows soon.
 """
 
 import math
@@ -33,8 +36,9 @@ K1_JUMP, BOTH_JUMP = range(2)
 
 # event (f8)
 (E_TIME, E_TIME_STD, E_KIND, E_A6_BEFORE, E_A6_AFTER, E_A6_VARIANCE, E_K1_BEFORE, E_K1_AFTER, E_K1_VARIANCE,
- E_ALARM, E_FINAL) = range(11)
+ E_ALARM, E_STAGE) = range(11)
 N_EVENT = 11
+OPEN, FINAL, WITHDRAWN = 0.0, 1.0, -1.0  # its stage: the size is still to settle, it is settled, or there was no change
 
 # covariance (f8) of an onset's tracker
 AA, AK, KK = range(3)
@@ -194,7 +198,7 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     """
     t_onset, t_std = onset_time(state, kind, best, dt)
     last = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
-    open_event = state.counts[EVENTS] > 0 and last[E_FINAL] == 0.0
+    open_event = state.counts[EVENTS] > 0 and last[E_STAGE] == OPEN
     before = state.before[slot]
     jump = JUMP_STD * JUMP_STD
     after[MEAN_A6], after[MEAN_K1] = state.mean[slot, kind, A6], state.mean[slot, kind, K1]
@@ -231,6 +235,18 @@ def settle_event(state, belief):
     if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:
         return
     event = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
-    if event[E_FINAL] == 0.0:
+    if event[E_STAGE] == OPEN:
         size_event(state, event, belief)
-        event[E_FINAL] = 1.0
+        event[E_STAGE] = FINAL
+
+
+@inner
+def withdraw_events(state, since):
+    """The model is contradicted: events that began after `since` [s] were no changes; returns how many more."""
+    withdrawn = 0
+    for k in range(min(state.counts[EVENTS], MAX_EVENTS)):
+        event = state.event[k]
+        if event[E_TIME] > since and event[E_STAGE] != WITHDRAWN:
+            event[E_STAGE] = WITHDRAWN
+            withdrawn += 1
+    return withdrawn

@@ -20,7 +20,7 @@ from .elementary import exp_of
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, made_estimate
 from .model import OFFSETS, Model
 from .sample import NAN, Sample
-from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS
+from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .status import EstimateStatus, Status
 from .stores import State
 
@@ -28,7 +28,8 @@ _STATUSES = tuple(Status(code) for code in (*range(Status.RECOVERED + 1), *range
 _ESTIMATE_STATUSES = {int(status): status for status in EstimateStatus}
 _OK, _NUMERICS = EstimateStatus.OK, EstimateStatus.NUMERICS
 _RECOVERED = rb.RECOVERED
-_NOTES = {"OUTLIER": OUTLIERS, "RESTART": RESTARTS, "LEVEL_CLAMP": LEVEL_CLAMPS}
+_NOTES = {"OUTLIER": OUTLIERS, "RESTART": RESTARTS, "LEVEL_CLAMP": LEVEL_CLAMPS,
+          "CHANGE_WITHDRAWN": WITHDRAWN_CHANGES}
 
 
 class Estimator:
@@ -168,7 +169,7 @@ class Estimator:
             whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)))
 
     def changes(self) -> tuple[Change, ...]:
-        """Sudden changes found so far, oldest first (the last MAX_EVENTS alarms; formulation `filtered`)."""
+        """Sudden changes found so far, oldest first (of the last MAX_EVENTS alarms; formulation `filtered`)."""
         report = self._report()
         if report is None:
             return ()
@@ -196,7 +197,8 @@ class Estimator:
         STUCK: windows with a sensor that stood still; WRAP: jumps of theta across +-pi that were undone.
 
         `filtered` adds what it did of its own accord: OUTLIER, measurements left out; RESTART, segments begun anew
-        after a gap or because the filter had lost the sensors; LEVEL_CLAMP, steps of a noise level cut short.
+        after a gap or because the filter had lost the sensors; LEVEL_CLAMP, steps of a noise level cut short;
+        CHANGE_WITHDRAWN, sudden changes that a contradiction of the model followed.
         """
         state = self._parts.state
         found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}

@@ -12,7 +12,18 @@ import numpy as np
 
 from . import ring as rb
 from .belief import A6, AT_BETA, AT_THETA, K1, SATURATION
-from .changes import JUMP_STD, KEPT, NEXT, ONSETS, THRESHOLD, follow_onsets, open_onset, raise_alarm, settle_event
+from .changes import (
+    JUMP_STD,
+    KEPT,
+    NEXT,
+    ONSETS,
+    THRESHOLD,
+    follow_onsets,
+    open_onset,
+    raise_alarm,
+    settle_event,
+    withdraw_events,
+)
 from .disturbances import let_offsets_wander, spread_at
 from .filtered import (
     BLOCK,
@@ -48,7 +59,7 @@ from .kernels import inner, merged, once
 from .model import TURBULENCE
 from .predictor import begins_anew
 from .report import report_air, report_changes, report_level, report_tracked
-from .states import LAST, N_STATES, RUNNING
+from .states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
 from .status import EstimateStatus
 from .stores import ENOUGH, ESTIMATE_LEVELS
 from .structure import absorb_structure, select_terms
@@ -70,6 +81,7 @@ from .tracker import (
 from .uncertainty import close_range, watch_range
 from .undeclared import CONSTANT, FOUND, follow_undeclared, free_deviations
 from .whiteness import (
+    FORGOTTEN,
     IN_WINDOW,
     RAISED,
     contradict,
@@ -208,6 +220,8 @@ def close_block(fixed, state, work, learner, learning, period):
     if watch_model(state.check, fil.level, state.undeclared.flag[FOUND], t_end, dt):
         total = state.bank.total  # what was learned meanwhile is not to be trusted
         restart_bank(state.bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
+    if state.check.flag[RAISED] == 1:
+        fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - FORGOTTEN)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)
 

@@ -9,15 +9,17 @@ from .changes import (
     E_A6_BEFORE,
     E_A6_VARIANCE,
     E_ALARM,
-    E_FINAL,
     E_K1_BEFORE,
     E_K1_VARIANCE,
     E_KIND,
+    E_STAGE,
     E_TIME,
     E_TIME_STD,
     EVENTS,
+    FINAL,
     K1_JUMP,
     MAX_EVENTS,
+    WITHDRAWN,
 )
 from .kernels import inner, once, shared
 from .memory import take, take2
@@ -168,17 +170,19 @@ def report_change(event, of, nominal, variance, parameter, rep):
     change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[E_TIME], event[E_TIME_STD], event[E_ALARM]
     change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
     change[C_SIZE], change[C_SIZE_STD] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
-    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[E_FINAL] != 0.0)
+    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[E_STAGE] == FINAL)
     rep.flag[CHANGES] = k + 1
 
 
 @once
 def report_changes(belief, watch, rep):
-    """The last MAX_EVENTS sudden changes, oldest first; a change of both parameters is two rows."""
+    """Of the last MAX_EVENTS sudden changes those that stand, oldest first; a change of both parameters is two rows."""
     rep.flag[CHANGES] = 0
     events = watch.counts[EVENTS]
     for number in range(max(0, events - MAX_EVENTS), events):
         event = watch.event[number % MAX_EVENTS]
+        if event[E_STAGE] == WITHDRAWN:
+            continue
         a6, k1 = profile_at(belief, rep.cell, event[E_TIME])
         if event[E_KIND] != K1_JUMP:
             report_change(event, E_A6_BEFORE, a6, event[E_A6_VARIANCE], A6, rep)

@@ -21,8 +21,8 @@ LAST, RUNNING, FIRST = range(3)  # stamp of the last sample [s]; 1 if there was 
 N_TIME = 3
 
 # note (i8): what the filter did of its own accord since the start
-OUTLIERS, RESTARTS, LEVEL_CLAMPS, SEGMENTS = range(4)
-N_NOTES = 4
+OUTLIERS, RESTARTS, LEVEL_CLAMPS, SEGMENTS, WITHDRAWN_CHANGES = range(5)
+N_NOTES = 5
 
 # path (f8): flight-path angle at the last stamp [rad]
 GAMMA_NOW = 0

@@ -1,6 +1,7 @@
 """Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
 
 import collections
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterable
@@ -8,21 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimate, Estimator, Sample, Status
+from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
 
 from .believed import MODELLED, onboard_model
 from .errors import InputError, UsageError
 from .identify_fit import SURE, delay, judge, near_all
 from .log import Log
 from .nominal import Nominal
+from .sections import Offsets
 from .shown import slow_hint, with_std
 
 __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
+OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
-                "LEVEL_CLAMP": "noise levels' steps cut short", "STUCK": "windows with a sensor that stood still",
+                "LEVEL_CLAMP": "noise levels' steps cut short", "CHANGE_WITHDRAWN": "sudden changes withdrawn",
+                "STUCK": "windows with a sensor that stood still",
                 "WRAP": "jumps of theta by a whole turn undone"}
 
 
@@ -163,6 +167,8 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             window["tracked"] = tracked_json(estimate)
     if not any(window["valid"] for window in windows):
         lead["why"] = why(windows) + _by_the_delay(lead.get("delay"))
+    if estimator.config.model is not None and (asked := next_step(windows, estimator.config.model)):
+        lead["next"] = asked
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **lead,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
@@ -185,6 +191,20 @@ def why(windows: list[dict[str, Any]]) -> str:
     counts = collections.Counter(window["status"] for window in windows)
     said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
     return f"no window of this log is valid: {'; '.join(said)}"
+
+
+def next_step(windows: list[dict[str, Any]], model: Model) -> str:
+    """What to do where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
+    cause; "" where none does."""
+    refused = sum(window["status"] == "MODEL" for window in windows)
+    if not refused:
+        return ""
+    declared = {"[wind]": any(getattr(model, name) > 0.0 for name in ("walk", "wind_initial", "turbulence")),
+                "[offsets]": any(getattr(model, name) > 0.0 for name in OFFSETS)}
+    lacks = " and no ".join(section for section, there in declared.items() if not there)
+    declare = f"its nominal declares no {lacks}: declare what there may be, and it is estimated; " if lacks else ""
+    return (f"{refused} of {len(windows)} windows contradict the model (MODEL): {declare}"
+            "`launchid diagnose` looks for the cause")
 
 
 def _by_the_delay(found: dict[str, float] | None) -> str:
@@ -226,8 +246,7 @@ def table(result: dict[str, Any]) -> str:
         before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
                      f"(size {with_std(c['size'], c['size_std'])})")
-    if "why" in result:
-        lines.append(result["why"])
+    lines += [result[words] for words in ("why", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")

@@ -22,6 +22,7 @@ absorb, mix, move, restart_bank, track = map(compiled, (tr.absorb, tr.mix, tr.mo
 carry_onset, follow_onset, follow_onsets, measure, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
     ch.carry_onset, ch.follow_onset, ch.follow_onsets, ch.measure, ch.onset_time, ch.open_onset, ch.raise_alarm,
     ch.settle_event))
+withdraw_events = compiled(ch.withdraw_events)
 watch_block = compiled(ob.watch_block)
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
@@ -263,7 +264,8 @@ def test_an_alarm_is_an_event_and_forgets_the_onsets(kind):
     assert after == pytest.approx(expected)
     assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.KEPT] == 0
     assert watch.counts[ch.SINCE] == 3  # blocks that began since the onset did, its own among them
-    assert event[ch.E_TIME] == pytest.approx(0.2, abs=1e-6) and event[ch.E_ALARM] == 0.5 and event[ch.E_FINAL] == 0.0
+    assert event[ch.E_TIME] == pytest.approx(0.2, abs=1e-6)
+    assert event[ch.E_ALARM] == 0.5 and event[ch.E_STAGE] == ch.OPEN
     assert event[ch.E_KIND] == kind and watch.reference == pytest.approx(BELIEF)
     assert event[VALUES] == pytest.approx([0.1, 0.2, -0.2, -0.6])
     assert event[[ch.E_A6_VARIANCE, ch.E_K1_VARIANCE]] == pytest.approx([0.01 + expected[2], 0.02 + expected[4]])
@@ -292,7 +294,7 @@ def test_an_alarm_after_the_last_events_size_is_final_is_another_event():
     watch = parts().state.watch
     opened(watch, 1)
     alarm(watch, 0, ch.K1_JUMP, 0.1)
-    watch.event[0, ch.E_FINAL] = 1.0
+    watch.event[0, ch.E_STAGE] = ch.FINAL
     later = BELIEF + 0.01
     opened(watch, 1, later, 9.0)
     _, event = alarm(watch, 1, ch.K1_JUMP, 9.1)
@@ -313,7 +315,7 @@ def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more()
     assert event.tolist() == size.tolist()
     opened(watch, 1)
     settle_event(watch, BELIEF + 1.0)
-    assert event[ch.E_FINAL] == 1.0 and event[ch.E_K1_AFTER] == pytest.approx(0.8)
+    assert event[ch.E_STAGE] == ch.FINAL and event[ch.E_K1_AFTER] == pytest.approx(0.8)
     settle_event(watch, BELIEF + 2.0)
     assert event[ch.E_K1_AFTER] == pytest.approx(0.8)
 
@@ -324,11 +326,25 @@ def test_the_last_events_leave_oldest_first():
     for k in range(ch.MAX_EVENTS + 3):
         opened(watch, 1, first=float(k))
         _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
-        assert event[ch.E_FINAL] == 0.0  # also where an older one stood
-        event[ch.E_FINAL] = 1.0
+        assert event[ch.E_STAGE] == ch.OPEN  # also where an older one stood
+        event[ch.E_STAGE] = ch.FINAL
     for _ in range(2):  # asking changes nothing
         assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
         assert {change.parameter for change in estimator.changes()} == {"k1"}
+
+
+def test_changes_that_began_after_a_time_are_withdrawn_once_and_leave_no_more():
+    estimator = Estimator(config())
+    watch = estimator._parts.state.watch
+    for k in range(3):
+        opened(watch, 1, first=float(k))
+        alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
+        watch.event[k, ch.E_STAGE] = ch.OPEN if k == 2 else ch.FINAL
+    assert withdraw_events(watch, 1.0) == 1 and withdraw_events(watch, 1.0) == 0  # 2.0, whose size was open
+    assert withdraw_events(watch, 0.5) == 1  # 1.0, which was final
+    assert [change.t for change in estimator.changes()] == [0.0]
+    settle_event(watch, BELIEF + 2.0)
+    assert watch.event[2, ch.E_STAGE] == ch.WITHDRAWN
 
 
 # ---- a block that is watched
@@ -374,4 +390,4 @@ def test_a_block_without_an_alarm_lets_the_last_events_size_settle():
     watch = cut.state.watch
     watch.counts[ch.EVENTS], watch.counts[ch.SINCE] = 1, ch.SETTLE
     assert not watch_block(cut.fixed, cut.state, cut.work, 0.1, 0.5)
-    assert watch.event[0, ch.E_FINAL] == 1.0
+    assert watch.event[0, ch.E_STAGE] == ch.FINAL

@@ -9,6 +9,7 @@ import pytest
 from compiled import compiled
 
 from launchid_core import Config, EstimateStatus, Estimator, Status
+from launchid_core import changes as ch
 from launchid_core import tracker as tr
 from launchid_core import undeclared as un
 from launchid_core import whiteness as wh
@@ -16,7 +17,7 @@ from launchid_core.assembly import allocate
 from launchid_core.guard import CARRIED, seal_of
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
-from sim.identify import onboard_model
+from sim.identify import next_step, onboard_model, run
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
@@ -37,6 +38,12 @@ def config(nominal) -> Config:
 @pytest.fixture
 def state():
     return allocate(config(load_nominal("constant")))[1].state.undeclared
+
+
+def sudden(name: str, effect: str) -> Estimator:
+    """After a flight whose nominal declares nothing."""
+    nominal = load_nominal(name)
+    return run(config(nominal), fly_whole(nominal, SEED, effects=[from_text(effect)]).samples())[1]
 
 
 @functools.cache
@@ -222,6 +229,36 @@ def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(
     wrong = [w.tracked.valid and abs(w.tracked.k1 - true) > 5.0 * w.tracked.k1_std
              for w, true in zip(windows, k1, strict=True)]
     assert sum(wrong) <= 1 and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("effect", ["steady_wind:angle=0.03", "thrust_misalignment:angle=0.004",
+                                    "attitude_bias:angle=0.005", "gust:angle=0.05,time=30,duration=6",
+                                    "periodic_disturbance:amplitude=0.01,frequency=5", "bending:gain=0.1,frequency=15"])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
+    """Each raises an alarm before it contradicts; what is asked for afterwards holds none, and counts them."""
+    estimator = sudden(name, effect)
+    assert estimator.changes() == ()
+    assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
+
+
+@pytest.mark.parametrize("fraction", [0.15, 0.3, 0.7])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_loss_of_control_is_one_and_stays_one(name, fraction):
+    estimator = sudden(name, f"control_loss:fraction={fraction},time=33")
+    assert any(change.parameter == "k1" and abs(change.t - 33.0) < 0.2 for change in estimator.changes())
+    assert estimator.counts["CHANGE_WITHDRAWN"] == 0
+
+
+def test_identify_says_what_a_contradicted_nominal_lacks():
+    nominal = load_nominal("constant")
+    declared = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005))
+    for believed, lacks in ((nominal, "no [wind] and no [offsets]"), (declared, "no [offsets]")):
+        said = next_step([{"status": "MODEL"}, {"status": "OK"}], onboard_model(believed))
+        assert said.startswith("1 of 2 windows contradict the model (MODEL)") and f"declares {lacks}:" in said
+    full = dataclasses.replace(declared, offsets=Offsets(attitude_bias=0.005))
+    assert "declares" not in next_step([{"status": "MODEL"}], onboard_model(full))
+    assert next_step([{"status": "OK"}], onboard_model(nominal)) == ""
 
 
 def test_noise_far_above_the_declared_is_none():

@@ -92,7 +92,7 @@ def header(config: Config, samples: list[Sample]) -> str:
         if statuses[-1] == Status.WINDOW_COMPLETE:
             windows.append(of_window(estimator.estimate()))  # type: ignore[arg-type]
     changes = [_of_change(change) for change in estimator.changes()]
-    notes = [estimator.counts.get(name, 0) for name in ("OUTLIER", "RESTART", "LEVEL_CLAMP")]
+    notes = [estimator.counts.get(name, 0) for name in ("OUTLIER", "RESTART", "LEVEL_CLAMP", "CHANGE_WITHDRAWN")]
     width = len(windows[0]) if windows else 1
     return "\n".join([
         "/* Samples and what the Python estimator answers to them: bits of doubles, every NaN 7FF8000000000000. */\n",

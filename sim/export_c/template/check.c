@@ -185,7 +185,8 @@ int main(void)
     count(notes.outliers);
     count(notes.restarts);
     count(notes.level_clamps);
-    compare("notes", 0, vector_notes, 3);
+    count(notes.withdrawn_changes);
+    compare("notes", 0, vector_notes, 4);
     differences += (int)changes != VECTOR_CHANGES || windows != VECTOR_WINDOWS;
     printf("%d samples, %d windows, %d changes\n", VECTOR_SAMPLES, windows, (int)changes);
     LAUNCHID_REPORT();

@@ -126,9 +126,9 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
 int64_t launchid_state_count(const launchid_state *state, launchid_status status);
 
 /* Interventions of the filter since the reset: measurements left out as outliers, segments begun anew, steps of a noise
-   level cut short.  0 in the other formulations. */
+   level cut short, sudden changes that a contradiction of the model followed.  0 in the other formulations. */
 typedef struct {
-    int64_t outliers, restarts, level_clamps;
+    int64_t outliers, restarts, level_clamps, withdrawn_changes;
 } launchid_notes;
 
 launchid_notes launchid_state_notes(const launchid_state *state);

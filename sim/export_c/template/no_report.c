@@ -35,5 +35,5 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
 launchid_notes launchid_state_notes(const launchid_state *state)
 {
     (void)state;
-    return (launchid_notes){0, 0, 0};
+    return (launchid_notes){0, 0, 0, 0};
 }

@@ -71,6 +71,7 @@ int main(void)
                c->size_std, c->alarm, c->final);
     }
     const launchid_notes notes = launchid_state_notes(&estimator.state);
-    printf("notes %" PRId64 " %" PRId64 " %" PRId64 "\n", notes.outliers, notes.restarts, notes.level_clamps);
+    printf("notes %" PRId64 " %" PRId64 " %" PRId64 " %" PRId64 "\n", notes.outliers, notes.restarts, notes.level_clamps,
+           notes.withdrawn_changes);
     return 0;
 }

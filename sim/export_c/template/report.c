@@ -57,5 +57,6 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
 launchid_notes launchid_state_notes(const launchid_state *state)
 {
     const int64_t *const note = state->state.filter.note;
-    return (launchid_notes){note[STATES_OUTLIERS], note[STATES_RESTARTS], note[STATES_LEVEL_CLAMPS]};
+    return (launchid_notes){note[STATES_OUTLIERS], note[STATES_RESTARTS], note[STATES_LEVEL_CLAMPS],
+                            note[STATES_WITHDRAWN_CHANGES]};
 }
