@@ -87,10 +87,10 @@ def test_a_measurement_that_is_missing_saturated_or_an_outlier_is_no_row():
     assert take(cut, 0.0) == 3
     assert take(cut, 0.01, theta_dot=math.nan) == 2
     assert take(cut, 0.02, theta_dot=0.1) == 2 and take(cut, 0.03, theta_dot=-0.1) == 2
-    assert cut.state.filter.note.tolist() == [0, 0, 0, 1]  # an end stop is the sensor's own word; one segment began
+    assert cut.state.filter.note.tolist() == [0, 0, 0, 1, 0]  # an end stop is the sensor's own word; one segment began
     x = cut.state.filter.x.copy()
     assert take(cut, 0.04, theta=1.0) == 2
-    assert cut.state.filter.note.tolist() == [1, 0, 0, 1]
+    assert cut.state.filter.note.tolist() == [1, 0, 0, 1, 0]
     assert abs(cut.state.filter.x[0] - x[0]) < 1e-3  # it moved nothing
     assert cut.state.acc.counts[fl.SAMPLES] == 5
 
@@ -137,7 +137,7 @@ def test_a_segment_begins_with_its_sample_and_nothing_of_before():
     assert fil.sp == pytest.approx(np.array([np.diag(2.0 * p * row) for p, row in zip(
         [*variance, 0.0, 0.0], np.eye(5, 4), strict=True)]))
     assert np.isnan(fil.command).all() and not fil.outliers.any()
-    assert fil.level.tolist() == [0.1] * 5 and fil.note.tolist() == [7, 7, 7, 8]  # what it has learned stays
+    assert fil.level.tolist() == [0.1] * 5 and fil.note.tolist() == [7, 7, 7, 8, 7]  # what it has learned stays
     start_segment(belief, fil, 3.0, 0.1, math.nan, 0.3, math.nan)
     assert fil.x[1] == 0.0 and fil.p[1, 1] == pr.UNKNOWN_RATE_STD**2 and not fil.sp[1].any()
 
@@ -262,11 +262,11 @@ def test_a_noise_levels_step_is_cut_at_its_limit_and_counted():
     acc.score[:] = (acc.information + fl.LEVEL_PRIOR * np.eye(5)) @ wanted
     update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
     assert fil.level == pytest.approx([0.05, -0.05, 0.01, -0.02, 0.05], rel=1e-9)
-    assert fil.note.tolist() == [0, 0, 3, 0]
+    assert fil.note.tolist() == [0, 0, 3, 0, 0]
     assert not acc.score.any() and not acc.information.any()
     acc.score[:] = 1.0
     update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
-    assert fil.note.tolist() == [0, 0, 3, 0]  # small steps are not
+    assert fil.note.tolist() == [0, 0, 3, 0, 0]  # small steps are not
 
 
 def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():
@@ -288,7 +288,7 @@ def test_noise_levels_that_nothing_is_known_of_stay():
     acc.information[...] = -fl.LEVEL_PRIOR * np.eye(5)
     acc.score[:] = 1.0
     update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
-    assert fil.level.tolist() == [0.3] * 5 and fil.note.tolist() == [0, 0, 0, 0]
+    assert fil.level.tolist() == [0.3] * 5 and fil.note.tolist() == [0, 0, 0, 0, 0]
 
 
 def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples):
