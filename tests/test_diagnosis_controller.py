@@ -10,7 +10,7 @@ from test_diagnosis import AMONG, LONG, NEAR, NOMINAL, flown, found, lasting, na
 
 from sim.diagnosis.controller.check import check_controller
 from sim.diagnosis.controller.command import record
-from sim.diagnosis.controller.fill import Controller, filled
+from sim.diagnosis.controller.fill import Controller, as_believed, filled
 from sim.diagnosis.controller.issued import with_commands
 from sim.diagnosis.controller.kind import NONE
 from sim.diagnosis.data.check import check
@@ -21,7 +21,7 @@ from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.log import OPTIONAL, REQUIRED
 from sim.nominal.control import tustin
-from sim.sections import Section
+from sim.sections import Multisine, Section
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -211,3 +211,31 @@ def test_a_filter_that_never_forgets_is_recognised_from_its_rest_only():
 
 def test_of_a_filtered_controller_nothing_is_asked_at_another_rate():
     assert told_of_filtered((), period=0.02) is None
+
+
+TESTED = dataclasses.replace(NOMINAL, test_input=Multisine(
+    start=5.0, duration=20.0, frequency=(1.3, 2.9, 5.1), amplitude=(0.006, 0.006, 0.005), phase=(0.3, 1.9, 4.0)))
+
+
+@pytest.mark.parametrize("period", [0.01, SLOW])
+@pytest.mark.parametrize("gains", [(0.94, 1.0, 0.0), pytest.param((1.0, 1.2, 0.0), marks=LONG), (0.9, 1.0, 0.01)])
+def test_no_gain_of_the_controller_scales_its_test_input(gains, period):
+    """The input is added to what the controller answers, and as late as that."""
+    kp, kd, delay = gains
+    log = flown(f"controller_mismatch:kp_scale={kp},kd_scale={kd},delay={delay}", period=period, nominal=TESTED)
+    made = diagnose(log, TESTED, hypotheses=FEW)
+    assert [(cause.cause, made.verdict) for cause in made.causes] == [("controller_mismatch", "explained")]
+    near = 1e-6 if period == TESTED.controller.period else 0.02
+    assert list(made.causes[0].values.values())[:3] == pytest.approx(gains, abs=near)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_a_test_input_between_the_rows_is_in_the_commands(delay):
+    nominal = dataclasses.replace(TESTED, actuator=dataclasses.replace(TESTED.actuator, command_noise_std=0.0))
+    if delay:
+        nominal = dataclasses.replace(nominal, effects=(from_text(f"controller_mismatch:delay={delay}"),))
+    whole, log = flown(nominal=nominal), flown(nominal=nominal, period=SLOW)
+    r = record(log, nominal, check(log, nominal))
+    made = filled(r, whole.theta[:len(r.commands)], as_believed(r))
+    missing = (made.commands - whole.beta_cmd[:len(made.commands)])[1::2]
+    assert np.max(np.abs(missing[60:-1])) < 1e-8

@@ -23,7 +23,7 @@ from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED
-from sim.sections import Guidance
+from sim.sections import Guidance, Multisine
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
 TICK = NOMINAL.controller.period
@@ -358,3 +358,18 @@ def test_clean_flights_of_another_generator_are_consistent_by_whatever_clock(clo
     for drop in ("", "theta_ref", "beta_cmd,beta"):
         made = diagnose(log_of(read, tuple(drop.split(","))), nominal)
         assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())
+
+
+@pytest.mark.parametrize(("effect", "late"), [("", 0.0), ("controller_mismatch:kp_scale=0.9", 0.0),
+                                              ("controller_mismatch:delay=0.02", 2.0 * TICK)])
+def test_a_test_input_is_no_gain_and_no_computing_time_by_another_clock_either(effect, late):
+    """The log's first tick is before its first row."""
+    tested = dataclasses.replace(NOMINAL, test_input=Multisine(
+        start=2.0, duration=35.0, frequency=(1.3, 2.9, 5.1), amplitude=(0.006, 0.006, 0.005), phase=(0.3, 1.9, 4.0)))
+    whole = log_of(fly_whole(tested, 6, period=FINE, effects=[from_text(effect)] if effect else []))
+    log = log_at(whole, read_at(whole, 0.007, 0.0))
+    _, found = with_commands(record(log, tested, check(log, tested)), NominalFollower())
+    if not effect:
+        assert found is None or found.kind == "none"
+    else:
+        assert found.delay == pytest.approx(late) and found.kp_scale == pytest.approx(0.9 if late == 0.0 else 1.0, abs=0.01)

@@ -10,6 +10,7 @@ judged against what is left of it instead of against nothing.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -155,10 +156,9 @@ class _Told:
 
     def best(self, lags: Iterable[float] | None = None) -> ControllerCheck:
         """Gains and computing time that explain the commands best;  lags [periods] that are tried; None: all."""
-        parts, wanted = self._parts(), _own_part(self.record, self.logged, self.forgets)
-        beside = _remembered(self.record, len(self.logged), self.free)
-        lags = self._lags(parts[0] + parts[1], wanted, beside) if lags is None else lags
-        return min((self._gains_and_lag(parts, wanted, beside, lag) for lag in lags), key=lambda check: check.after)
+        parts = self._parts()
+        lags = self._lags(parts) if lags is None else lags
+        return min((self._gains_and_lag(parts, lag) for lag in lags), key=lambda check: check.after)
 
     def with_filter(self, tau: float) -> "_Told":
         """The same if the derivative had this time constant [s]."""
@@ -167,37 +167,51 @@ class _Told:
         nominal = replace(self.record.nominal, controller=replace(controller, derivative_time_constant=tau))
         return replace(self, record=replace(self.record, nominal=nominal))
 
-    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """kp e and kd d [rad] of every period, or of both the `_own_part`: the command is linear in both gains."""
+    def _parts(self) -> "_Parts":
+        """The parts of the commands logged."""
         record, controller = self.record, self.record.nominal.controller
         assert controller is not None
-        record, made = without_limit(record), []
-        for kp, kd in ((controller.kp, 0.0), (0.0, controller.kd)):
-            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), test_input=None)
+        record, test, made = without_limit(record), self.record.nominal.test_input, []
+        for kp, kd, given in ((controller.kp, 0.0, None), (0.0, controller.kd, None), (0.0, 0.0, test)):
+            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), test_input=given)
             command = recomputed(replace(record, nominal=nominal))[record.held_phase::record.held]
             made.append(_own_part(record, command, self.forgets))
-        return made[0], made[1]
+        return _Parts(*made, logged=_own_part(record, self.logged, self.forgets),
+                      remembered=_remembered(record, len(self.logged), self.free))
 
-    def _lags(self, total: np.ndarray, wanted: np.ndarray, beside: np.ndarray) -> list[float]:
+    def _lags(self, parts: "_Parts") -> list[float]:
         """Computing times [periods] worth a fit: whole ones, and the best of a grid, refined."""
         grid = np.arange(0.0, LONGEST_LAG, LAG_STEP)
-        errors = [_rms(wanted, self.fair, np.column_stack([later(total, float(lag)), beside])) for lag in grid]
+        total = parts.kp + parts.kd
+        errors = [_rms(parts.logged - later(parts.test, float(lag)), self.fair,
+                       np.column_stack([later(total, float(lag)), parts.remembered])) for lag in grid]
         best = float(grid[int(np.argmin(errors))])
         fine = np.clip(best + np.linspace(-LAG_STEP, LAG_STEP, 41), 0.0, None)
         return [*WHOLE_LAGS, *(float(lag) for lag in fine)]
 
-    def _gains_and_lag(self, parts: tuple[np.ndarray, np.ndarray], wanted: np.ndarray, beside: np.ndarray,
-                       lag: float) -> ControllerCheck:
-        design = np.column_stack([*(later(part, lag) for part in parts), beside])[self.fair]
-        values, *_ = np.linalg.lstsq(design, wanted[self.fair], rcond=None)
+    def _gains_and_lag(self, parts: "_Parts", lag: float) -> ControllerCheck:
+        wanted = (parts.logged - later(parts.test, lag))[self.fair]
+        design = np.column_stack([later(parts.kp, lag), later(parts.kd, lag), parts.remembered])[self.fair]
+        values, *_ = np.linalg.lstsq(design, wanted, rcond=None)
         values[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
-        after = float(np.sqrt(np.mean((wanted[self.fair] - design @ values)**2)))
+        after = float(np.sqrt(np.mean((wanted - design @ values)**2)))
         spread = max(after, ROUNDING) * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
-        slope = np.gradient(design @ values)
+        slope = np.gradient(design @ values + later(parts.test, lag)[self.fair])
         lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
         tick = _period(self.record)
         return ControllerCheck("", 0.0, after, float(values[0]), float(values[1]), lag * tick,
                                (float(spread[0]), float(spread[1]), lag_std * tick))
+
+
+class _Parts(NamedTuple):
+    """What commands are made of, (periods,) [rad] each: kp e and kd d, in which a command is linear, and the test
+    input, which no gain scales; the commands logged; (periods, 0 or 1) what is remembered of before the log."""
+
+    kp: np.ndarray
+    kd: np.ndarray
+    test: np.ndarray
+    logged: np.ndarray
+    remembered: np.ndarray
 
 
 def _filter(told: _Told) -> ControllerCheck | None:

@@ -68,6 +68,17 @@ def shifted(x: np.ndarray, by: int) -> np.ndarray:
     return x if by == 0 else np.concatenate([np.repeat(x[:1], by, axis=0), x[:-by]])
 
 
+def test_of(record: Record, first: int, ticks: int) -> np.ndarray:
+    """(ticks,) [rad] the nominal's test input from this tick of its controller on; before tick 0 there was none."""
+    test = excitation(record.nominal, max(first + ticks, 0), float(controller_gains(record.nominal)[3]))
+    return np.concatenate([np.zeros(max(-first, 0)), test[max(first, 0):]])[:ticks]
+
+
+def test_issued(record: Record, late: int) -> np.ndarray:
+    """(ticks,) [rad] of every tick of the commands, issued when computing takes so many periods."""
+    return test_of(record, record.first_step // record.tick - late, len(record.commands))
+
+
 def filled(record: Record, attitude: np.ndarray, of: Controller) -> Record:
     """The record with the commands of this controller between its rows.
 
@@ -77,19 +88,23 @@ def filled(record: Record, attitude: np.ndarray, of: Controller) -> Record:
     kp, kd, late = of.kp_scale * own.kp, of.kd_scale * own.kd, of.late + own.late
     if kd == 0.0 or (late % m and m > 2):
         return record
-    error = shifted(errors_seen(record, attitude), late)
+    error, test = shifted(errors_seen(record, attitude), late), test_issued(record, late)
     measured = np.isfinite(record.z[:, THETA])
     if late % m == 0:
-        return _between(record, kp, kd, of.time_constant, error, shifted(measured, late // m))
+        return _between(record, kp, kd, of.time_constant, error, test, shifted(measured, late // m))
     seen = np.zeros(len(error), bool)
     seen[::m] = measured
-    commands = record.commands.copy()
-    run_backwards(kp, kd, of.time_constant, own.period, own.limit, math.inf,
-                  np.arange(len(error)) % m == 0, shifted(seen, late), error, commands)
+    logged = (np.arange(len(error)) % m == 0) & (np.abs(record.commands) < own.limit)
+    commands = record.commands - test
+    run_backwards(kp, kd, of.time_constant, own.period, math.inf, math.inf, logged, shifted(seen, late), error,
+                  commands)
+    commands = np.clip(commands + test, -own.limit, own.limit)
+    commands[::m] = record.commands[::m]
     return replace(record, commands=commands)
 
 
-def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray, measured: np.ndarray) -> Record:
+def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray, test: np.ndarray,
+             measured: np.ndarray) -> Record:
     """With errors that are measured for the rows and predicted for the ticks between them.
 
     The derivative's state follows from the command at either end of a gap, so the errors between must carry the one to
@@ -98,8 +113,6 @@ def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray
     """
     m, commands = record.every // record.tick, record.commands.copy()
     _, _, _, period, limit = controller_gains(record.nominal)
-    begin = record.first_step // record.tick
-    test = excitation(record.nominal, begin + len(commands), period)[begin:]
     row = (commands[::m] - test[::m] - kp * error[::m]) / kd
     fair = (np.abs(commands[::m]) < limit) & measured & (record.logged if record.logged is not None else True)
     alpha = tau / (tau + period)

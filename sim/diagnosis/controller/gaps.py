@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..data.record import THETA, Record
-from .fill import errors_seen, on_board, run_backwards, shifted
+from .fill import errors_seen, on_board, run_backwards, shifted, test_issued
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 from .numbers import FREE_NUMBER, NEUTRAL, lowest, newton, simplest
 
@@ -83,9 +83,10 @@ class Gaps:
         self.late = late
         late += own_late
         self.error = shifted(errors_seen(record, seen.attitude), late)
-        self.command = record.commands[::m]
+        issued = record.commands[::m]
+        self.command = issued - test_issued(record, late)[::m]
         measured = shifted(np.isfinite(record.z[:, THETA]), late // m)
-        largest = np.maximum(np.abs(self.command[1:]), np.abs(self.command[:-1]))
+        largest = np.maximum(np.abs(issued[1:]), np.abs(issued[:-1]))
         self.fair = measured[1:] & measured[:-1] & (largest < NEAR_LIMIT * limit)
         self.fair[:late // m + 1] = False
         if record.logged is not None:
@@ -146,12 +147,14 @@ class Backwards:
 
     def __init__(self, record: Record, seen: Seen, late: int) -> None:
         self.kp, self.kd, self.tau, self.period, self.limit, own_late = on_board(record)
-        self.late, self.commands = late, record.commands
+        self.late = late
         late += own_late
+        self.commands = record.commands - test_issued(record, late)
         self.error = shifted(errors_seen(record, seen.attitude), late)
         measured = np.zeros(len(self.error), bool)
         measured[::2] = np.isfinite(record.z[:, THETA])
         self.measured = shifted(measured, late)
+        self.logged = (np.arange(len(self.error)) % 2 == 0) & (np.abs(record.commands) < self.limit)
         self.fair = np.abs(record.commands[::2]) < NEAR_LIMIT * self.limit
         self.fair[:late + SETTLING] = False
         if record.logged is not None:
@@ -162,8 +165,8 @@ class Backwards:
         """(rows,) [rad] of the errors that a controller of these numbers must have seen less the predicted ones, times
         what it makes of them: of the commands, so that no gain is the better for answering less."""
         error = self.error.copy()
-        run_backwards(x[0] * self.kp, x[1] * self.kd, self.tau * math.exp(x[2]), self.period, self.limit,
-                      math.inf, np.arange(len(error)) % 2 == 0, self.measured, error, self.commands.copy())
+        run_backwards(x[0] * self.kp, x[1] * self.kd, self.tau * math.exp(x[2]), self.period, math.inf,
+                      math.inf, self.logged, self.measured, error, self.commands.copy())
         gain = x[0] * self.kp + x[1] * self.kd / (self.tau * math.exp(x[2]) + self.period)
         rest = gain * (error - self.error)[::2][self.fair]
         return rest - self.known @ (self.known.T @ rest)
@@ -191,7 +194,7 @@ def gaps_of(record: Record, seen: Seen, late: int) -> "Gaps | Backwards":
 
 def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
     """None where it cannot be told; without a rate the predicted errors are too poor to judge gains by."""
-    if seen is None or "theta_dot" not in record.channels or record.nominal.test_input is not None:
+    if seen is None or "theta_dot" not in record.channels:
         return None
     own, ticks = on_board(record), record.every // record.tick
     if own.kd == 0.0 or own.kp == 0.0 or own.tau == 0.0 or (own.late % ticks and ticks > 2):

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...flight import excitation
 from ..data.record import Record
 from .asked import of_noise, unsure
-from .fill import OnBoard, on_board, run_backwards, shifted
+from .fill import OnBoard, on_board, run_backwards, shifted, test_of
 from .gaps import BY_CHANCE, CLEARLY, GAINS, LATEST, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
 from .numbers import FREE_NUMBER, RIDGE
@@ -41,13 +40,20 @@ LARGE = 0.9  # quantile beyond which an error is cut, as at a step of the refere
 
 @dataclass(frozen=True, eq=False)
 class _Heard:
-    """A controller at its ticks: errors that a model predicts and commands that the log has, (ticks,) [rad], NaN: it
-    has not, or the nozzle's limit cut them; and the most [rad] that noise makes of an error."""
+    """A controller at its ticks: errors that a model predicts, commands that the log has without the test input, NaN:
+    it has not, or the nozzle's limit cut them, and the test input, (ticks,) [rad]; and the most [rad] that noise makes
+    of an error."""
 
     own: OnBoard
     error: np.ndarray
     logged: np.ndarray
+    test: np.ndarray
     most: float
+
+    def late(self, by: int) -> "_Heard":
+        """With so many more periods of computing time."""
+        test = shifted(self.test, by)
+        return replace(self, error=shifted(self.error, by), logged=self.logged + self.test - test, test=test)
 
     @property
     def tells(self) -> np.ndarray:
@@ -102,7 +108,7 @@ class _Heard:
         made = replace(self, logged=np.full(len(self.error), math.nan)).run()[1]
         asks, index = lined(made - self.logged), np.arange(len(made))
         start = asks / self.own.kp if self.own.kp != 0.0 else np.zeros(len(asks))
-        rough = _Heard(self.own, start, asks, math.inf).run()[0][self.tells]
+        rough = replace(self, error=start, logged=asks, most=math.inf).run()[0][self.tells]
         padded = np.pad(rough, ROWS // 2, mode="edge")
         return np.interp(index, index[self.tells],
                          np.median(np.lib.stride_tricks.sliding_window_view(padded, ROWS), axis=1))
@@ -123,19 +129,19 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
         return record, None
     at = ticks.phase + ticks.period * np.arange(len(logged))
     first = round((record.first_step + ticks.phase) / ticks.period)
-    test = excitation(record.nominal, first + len(at), own.period)[first:]
+    test = test_of(record, first - own.late, len(at))
     told, seen = np.isfinite(record.reference), ticks.of(record.at)
     asked = np.interp(record.at, record.at[told], record.reference[told]) if told.any() else np.zeros(record.rows)
     theta = np.interp(at, record.tick * np.arange(len(attitude)), attitude)
     error = theta - np.interp(at, record.at, asked)
-    heard = _Heard(own, shifted(error, own.late), np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test,
-                                                           math.nan), MOST * max(noise_std(record), ROUNDING))
+    free = np.where(np.abs(logged) < NEAR_LIMIT * own.limit, logged - test, math.nan)
+    heard = _Heard(own, shifted(error, own.late), free, test, MOST * max(noise_std(record), ROUNDING))
     steps = _jumps(asked, record)
     check, is_told = None, told.any()
     if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
         if is_told:
-            tries = [_placed(replace(heard, error=shifted(error, own.late + late)), asked, np.flatnonzero(steps),
-                             seen + own.late + late) for late in range(LATEST + 1)]
+            tries = [_placed(heard.late(late), asked, np.flatnonzero(steps), seen + own.late + late)
+                     for late in range(LATEST + 1)]
             heard, check, is_told = _checked(tries)
         if known.all():
             return record, check
@@ -148,7 +154,7 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     elif known.all() or not is_told:
         return record, None
     of = UNTOLD if not is_told else HEARD if known.any() else UNHEARD
-    commands = np.where(known, logged, np.clip(heard.run()[1] + test, -own.limit, own.limit))
+    commands = np.where(known, logged, np.clip(heard.run()[1] + heard.test, -own.limit, own.limit))
     if known.any():  # between two rows at the same limit it is there
         sides = lined(np.where(np.abs(logged) < NEAR_LIMIT * own.limit, 0.0, np.sign(logged)))
         commands = np.where(np.abs(sides) == 1.0, own.limit * sides, commands)
