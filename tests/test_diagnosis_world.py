@@ -174,6 +174,25 @@ def test_a_cause_in_declared_wind_is_named_with_its_size():
     assert has_size(result["causes"][0], "delay", 0.02, 0.15)
 
 
+SLOW = tuple(each for each in SOUGHT if each.cause in (
+    "lateral_drift", "aero_damping", "attitude_bias", "thrust_misalignment", "steady_wind", "moment_step"))
+
+
+@pytest.mark.parametrize("end", [0.01, pytest.param(-0.03, marks=pytest.mark.campaign)])
+def test_a_moment_that_grows_from_the_start_is_no_flight_path_that_drifts(end):
+    """Two forces on the path together make any moment that grows: so does a wind [rad] that nobody declared."""
+    grows = Forecast(np.array([0.0, WHOLE.simulation.duration]), np.array([0.0, end]))
+    log = flown(dataclasses.replace(WHOLE, wind=Wind(profile=grows)))
+    made = diagnose(log, WHOLE, hypotheses=SLOW)
+    assert (made.verdict, made.where) == ("unexplained", "plant")
+    assert any("straight line in time" in doubt for doubt in made.doubts)
+
+
+def test_a_flight_path_that_drifts_is_no_moment_that_grows():
+    made = diagnose(flown(NOMINAL, "lateral_drift:z_alpha=0.05,z_beta=0.03"), NOMINAL, hypotheses=SLOW)
+    assert (made.verdict, [cause.cause for cause in made.causes]) == ("explained", ["lateral_drift"])
+
+
 # ---- the flight path
 
 

@@ -5,7 +5,8 @@ Of what is no cause of the catalogue (a gyro that saturates, a bent characterist
 leaves little; but the generic shape that it is like (`shapes`) explains more in the place of that cause, or as much as
 the log can tell and something beside it.  A line that one sensor alone sees (a gyro that vibrates with the engine) is
 no moment: the attitude does not follow it.  An a6 or k1 that swings (buffeting, uneven burning), or a tone that comes
-and goes, is no mode and no line, though a few of them together imitate it.
+and goes, is no mode and no line, though a few of them together imitate it.  And a moment that grows steadily from the
+start (fuel that is burnt unevenly) is imitated by any two causes that nearly cancel each other.
 """
 
 import math
@@ -16,11 +17,12 @@ from ..search.fit import fit
 from ..search.profile import Model
 from ..search.selection import Selection, in_a_block, strongest
 from .leftover import LINE, PLACE_OF, SHAPE_LIMIT, Leftover
-from .shapes import line_gain, shape_gains, swell_gain, swing_gain
+from .shapes import line_gain, ramp_gain, shape_gains, swell_gain, swing_gain
 
 ODDS = math.log(5.0)   # nats: a cause of the catalogue is so many times as common as its one twin that is none
 RARE = math.log(1e4)  # nats
 PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
+RAMP_NUMBERS = 2  # that a straight line in time has
 UNLIKE = 0.1    # of what a cause explains: a shape that leaves more is another thing, if it is of another place and the
 KEPT = 0.5      # cause keeps so much of what it explains beside it; else the cause's own part does something else
 
@@ -65,9 +67,9 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
         gain, frequency = line_gain(problem, base, place, cause.values[1]), cause.values[1]
         if gain > own + SHAPE_LIMIT:
             return Rival(cause.hypothesis.cause, place, f"{LINE}({frequency:.4g} t)", gain / own)
-    swing = _swinging(problem, model)
-    if swing is not None:
-        return swing
+    rival = _swinging(problem, model) or _ramping(problem, model)
+    if rival is not None:
+        return rival
     remaining = {(each.disturbance.place, each.shape): each.gain for each in left if each.gain > each.limit}
     for place, shape, _, gain in shape_gains(problem, base):
         margin = ODDS if cause.hypothesis.imitated == (place, shape) else SHAPE_LIMIT
@@ -99,6 +101,18 @@ def _swinging(problem: Problem, model: Model) -> Rival | None:
     if gain > own + _chance(2 * knots):
         return rival(gain, f"{LINE}({frequency:.4g} t) that comes and goes")
     return None
+
+
+def _ramping(problem: Problem, model: Model) -> Rival | None:
+    """A moment on a straight line in time that explains more than all causes together, of as many numbers or more."""
+    if sum(len(cause.values) for cause in model.causes) < RAMP_NUMBERS:
+        return None
+    base = fit(problem, (), model.fit.delta)
+    own, gain = max(base.cost - model.fit.cost, 0.0), ramp_gain(problem, base)
+    if gain <= own:
+        return None
+    named = " and ".join(dict.fromkeys(cause.hypothesis.cause for cause in model.causes))
+    return Rival(named, "plant", "a straight line in time", gain / own if own > 0.0 else math.inf)
 
 
 def _chance(numbers: int) -> float:

@@ -91,13 +91,25 @@ def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times
 
     times  (n,) or (k, n), what the sine is multiplied by, each with its own amplitude and phase; None: 1
     """
-    record, project = problem.record, Projector(problem, fitted)
-    turned = frequency * record.t
-    changes = []
-    for factor in np.ones((1, record.rows)) if times is None else np.atleast_2d(times):
-        size = PIECE / max(float(np.sqrt(np.mean(factor**2))), NO_ENERGY)
-        changes += [project.out(_moved(problem, fitted, record, place, size * factor * wave) - project.residual) / size
-                    for wave in (np.sin(turned), np.cos(turned))]
+    turned = frequency * problem.record.t
+    return _gain_of(problem, fitted, place, [
+        factor * wave for factor in (np.ones((1, problem.record.rows)) if times is None else np.atleast_2d(times))
+        for wave in (np.sin(turned), np.cos(turned))])
+
+
+def ramp_gain(problem: Problem, fitted: Fit) -> float:
+    """[nats] that a moment on a straight line in time gains."""
+    rows = problem.record.rows
+    return _gain_of(problem, fitted, "plant", [np.ones(rows), np.linspace(-1.0, 1.0, rows)])
+
+
+def _gain_of(problem: Problem, fitted: Fit, place: str, signals: list[np.ndarray]) -> float:
+    """[nats] of signals (n,) at a place together, each of any amplitude."""
+    project, changes = Projector(problem, fitted), []
+    for signal in signals:
+        size = PIECE / max(float(np.sqrt(np.mean(signal**2))), NO_ENERGY)
+        changes.append(project.out(_moved(problem, fitted, problem.record, place, size * signal) - project.residual)
+                       / size)
     slopes = np.column_stack(changes)
     found, *_ = np.linalg.lstsq(slopes, project.rest, rcond=NO_ENERGY)
     explained = slopes @ found
