@@ -149,6 +149,9 @@ def test_the_share_is_of_what_is_beyond_noise_and_of_nothing_there_is_none():
     assert gained(excess=OUTSIDE * LEAST_EXCESS).share is not None
     assert gained(excess=INSIDE * LEAST_EXCESS).share is None
     assert measure.of_gain(gained(excess=INSIDE * LEAST_EXCESS, share=0.9), EXPLAINED) == []
+    chance = CHANCE * math.sqrt(2.0 / 50.0)   # of 50 horizons: less is no error to take away
+    assert gained(excess=OUTSIDE * chance, horizons=50.0).share is not None
+    assert gained(excess=INSIDE * chance, horizons=50.0).share is None
     two = replace(gained(), squared={"theta": (11.0, 1.0, 1.0, 1.0), "theta_dot": (31.0, 11.0, 1.0, 1.0)})
     assert two.excess == (40.0, 10.0) and two.share == 0.25
     own = replace(gained(), squared={"theta": (11.0, 3.0, 1.0, 2.0)})   # each model beside its own noise
@@ -186,6 +189,14 @@ def test_a_log_too_short_for_predictions_may_lose_by_chance(nats, numbers, squar
     """1 + 1.645 5^1/2 nats of one number."""
     gain = Gain((0.0, 0.0), nats, {1.0: {}}, squared, None, "", numbers=numbers)
     assert bool(measure.of_gain(gain, DOMINANT)) == lost
+
+
+@pytest.mark.parametrize(("nats", "fitted", "hollow"), [
+    (5.0, 88.0, True), (50.0, 290.0, True), (80.0, 88.0, False), (1.0, 14.0, False), (1.0, 0.0, False)])
+def test_a_cause_gains_on_rows_left_out_about_what_it_gains_on_all(nats, fitted, hollow):
+    """A third of it at least, but for chance: 1.645 (2 88)^1/2 are 22 nats."""
+    gain = Gain((0.0, 0.0), nats, {1.0: {}}, {}, None, "", fitted=fitted)
+    assert bool(measure.of_gain(gain, DOMINANT)) == hollow
 
 
 @pytest.mark.parametrize(("scale", "apart", "doubted"), [

@@ -255,6 +255,14 @@ def test_stamps_that_jitter_are_the_true_ones():
     assert has_size(result["causes"][0], "delay", 0.01, 0.15)
 
 
+@pytest.mark.parametrize("scale", [1.002, pytest.param(0.997, marks=pytest.mark.campaign)])
+def test_stamps_of_another_clock_are_no_late_actuator_where_the_commands_keep_to_the_rows(scale):
+    """Two rows a command all along: the clock of rows and controller is one, and off by 0.2 %."""
+    log = flown(NOMINAL, period=0.005)
+    made = diagnose(dataclasses.replace(log, t=scale * log.t), NOMINAL, hypotheses=FEW)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
 @pytest.mark.parametrize("missing", [("theta", "beta", "theta_ref"), pytest.param(
     ("beta", "theta_ref"), marks=pytest.mark.campaign)])
 def test_gyro_and_command_alone_name_a_late_actuator(missing):

@@ -36,6 +36,7 @@ from .judge.measure import (
     too_noisy,
     weather_words,
 )
+from .judge.mistimed import mistimed
 from .judge.named import aged, clocked, idle_of, mismatch, named_causes, named_weather, with_removed
 from .judge.outdone import outdone
 from .judge.place import place
@@ -284,9 +285,9 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         strict.append(noisy)
     if not made.nearest:
         return strict
-    rival = outdone(selection, made.left) if not found and selection.model.causes else None
-    if rival is not None:
-        found.append(rival.words)
+    if not found and selection.model.causes:
+        better = outdone(selection, made.left) or mistimed(selection)
+        found += [better.words] if better is not None else []
     if selection.instead is not None and any(each.where in FREE for each in made.nearest if not each.is_weather):
         found.append("weather alone explains nearly as much as these causes in weather do")
     if found:
@@ -298,7 +299,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
 
 
 def _pushed_by_chance(r: Record) -> str:
-    """The level that stands for commands which nothing tells, neither log nor nozzle; "" where there are none."""
+    """The level of commands that nothing tells, neither log nor nozzle; "" where there are none."""
     return LEVELS[ACCELERATION] if r.unsure > 0.0 and "beta" not in r.channels else ""
 
 
@@ -386,8 +387,10 @@ def _only_strongest(selection: Selection) -> tuple[float, ...]:
 def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
     selection = made.selection
     assert selection is not None
-    made.verdict, made.doubts = "unexplained", tuple(found)
-    made.where = place(made)
+    other = mistimed(selection) if selection.model.causes else None
+    made.verdict = "unexplained"
+    made.doubts = tuple(dict.fromkeys([*found, *([other.words] if other is not None else [])]))
+    made.where = "sensor" if other is not None and other.is_all else place(made)
     made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
     if made.gain is None and made.nearest:
         made.gain = measure(selection)

@@ -45,6 +45,7 @@ ROUNDING_SLACK = 0.02    # of the last one, beyond half of which either way no s
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
+FEWEST_CHANGES = 20      # of the command, that tell whether rows and controller have one clock
 LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 
 
@@ -206,7 +207,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     t = log.t[usable]
     period = _period(t, nominal)
     shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
-    index, off = _places(t, period)
+    index, off = _places(t, _period_of_rows(t, log.beta_cmd[usable], period, nominal))
     if _is_printed(t, index):
         off = np.zeros(len(t))
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
@@ -249,6 +250,19 @@ def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     place = (t - t[0]) / period
     index = np.round(place).astype(np.int64)
     return index, place - index
+
+
+def _period_of_rows(t: np.ndarray, command: np.ndarray, period: float, nominal: Nominal) -> float:
+    """[s] by which stamps t (n,) [s] are placed on the grid: `period`, or their own, where they are a little longer or
+    shorter and the commands (n,) [rad] change after every so many rows all along: rows and controller have one clock,
+    and it is not the one that the nominal believes."""
+    steps, rows = np.diff(t), nominal.controller.period / period if nominal.controller is not None else 1.0
+    changes = np.flatnonzero(np.diff(command) != 0.0)
+    held = round(rows)
+    if held < 2 or len(changes) < FEWEST_CHANGES or np.any(np.abs(steps / period - 1.0) > JITTER):
+        return period
+    at_one = np.bincount(changes % held, minlength=held).max()
+    return float(np.mean(steps)) if at_one == len(changes) else period
 
 
 def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:

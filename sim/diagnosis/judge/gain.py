@@ -29,6 +29,7 @@ FOLDS_SEED = 11
 REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
 CONFIDENCE = 1.645     # standard deviations: one side, 95 %
+LEAST_HELD = 1.0 / 3.0  # of the nats that a fit gains: a true cause gains them (0.5 to 1.1) on rows left out, too
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -48,6 +49,7 @@ class Gain:
                     less stable: a loop that is closed tells its future in its commands, so that a model that leaves the
                     instability out is not punished for it;  1 where nothing is said
     numbers         that the extended model has more
+    fitted          [nats] by which it is more likely where all rows were fitted to; 0: not compared
     """
 
     log_likelihood: tuple[float, float]
@@ -59,6 +61,7 @@ class Gain:
     horizons: dict[str, float] = field(default_factory=dict)
     grown: dict[str, float] = field(default_factory=dict)
     numbers: int = 0
+    fitted: float = 0.0
 
     @property
     def longest(self) -> float:
@@ -71,6 +74,12 @@ class Gain:
         halves tell nothing of but their noise costs 1 nat, with a variance of 5."""
         chance = self.numbers + CONFIDENCE * math.sqrt(5.0 * self.numbers) if not self.squared else 0.0
         return not self.nats > -chance
+
+    @property
+    def is_hollow(self) -> bool:
+        """Of the likelihood that the fit to all rows gains most is lost on rows left out, by more than chance, a
+        variance of twice the nats: the numbers are of no cause that acts all along."""
+        return self.fitted > 0.0 and self.nats < LEAST_HELD * self.fitted - CONFIDENCE * math.sqrt(2.0 * self.fitted)
 
     @property
     def is_left(self) -> bool:
@@ -98,9 +107,11 @@ class Gain:
 
     @property
     def share(self) -> float | None:
-        """Of the nominal's excess that the extended model leaves, 0 to 1; None where there is none to speak of."""
+        """Of the nominal's excess that the extended model leaves, 0 to 1; None where there is none to speak of, or no
+        more than chance makes of so many horizons."""
         before, after = self.excess
-        return min(1.0, after / before) if before > LEAST_EXCESS * len(self.squared) else None
+        chance = CHANCE * math.sqrt(sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared))
+        return min(1.0, after / before) if before > max(LEAST_EXCESS * len(self.squared), chance) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +219,8 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
-    return replace(_gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown)), numbers=numbers)
+    return replace(_gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown)), numbers=numbers,
+                   fitted=model.log_likelihood - nominal.log_likelihood)
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:

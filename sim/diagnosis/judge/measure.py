@@ -27,6 +27,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     named.UNLIKE_NONE   standard deviations of a size from that of no cause            meaning only: 95 %
     named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
     named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
+    gain.LEAST_HELD     share of the fit's nats that rows left out must gain           hostile logs: true ones 0.5
     gain.CONFIDENCE     of chance in a log too short for predictions                   meaning only: 95 %
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
     weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
@@ -133,6 +134,9 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     """Why the held-out gain does not keep the bounds."""
     if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
+    if gain.is_hollow:
+        return [f"on data left out of the fit the causes gain {gain.nats:.0f} of the {gain.fitted:.0f} nats that they "
+                "gain on all of it"]
     if gain.is_worse:
         return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
