@@ -241,6 +241,15 @@ def test_several_runs_are_one_fault_with_their_count(channel):
     assert found.faults[0].rows == 60 and "3 runs" in messages(found)
 
 
+def test_a_sensor_at_the_end_of_its_range_is_not_said_to_have_frozen_only():
+    log = flown("constant", 100)
+    cut = dataclasses.replace(log, beta=np.minimum(log.beta, 0.5 * np.max(log.beta)))
+    stuck = with_rows(log, "beta", 1000, 40, None)
+    for each, said in ((cut, "at an end of its range, or froze"), (stuck, "or its link froze")):
+        found = check(each, nominal("constant"))
+        assert kinds(found) == [("stale", "beta")] and said in messages(found)
+
+
 @pytest.mark.parametrize("channel", sorted(STD))
 def test_a_long_stale_run_of_a_quantised_channel_shows_by_its_jump(channel):
     """Ten seconds of a manoeuvre: the value it comes back to is many quanta away."""

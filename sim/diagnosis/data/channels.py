@@ -161,6 +161,8 @@ def _frozen_faults(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, ro
         first, last = rows[runs[0][0]], rows[runs[-1][1] - 1]
         what = "is exactly zero" if kind == "dropout" else f"repeats its value ({x[first]:.4g})"
         why = "the sensor or its link was off" if kind == "dropout" else "the sensor or its link froze"
+        if kind == "stale" and x[first] in (np.min(x[rows]), np.max(x[rows])):
+            why = "the sensor is at an end of its range, or froze"
         yield Fault(kind, name, float(t[first]), float(t[last]), count,
                     f"{name} {what} for {_plural(count, 'row')} ({_plural(len(runs), 'run')}), first at "
                     f"t = {t[first]:.6g} s: {why}; these rows are left out")
