@@ -29,7 +29,8 @@ CAUSES = (
                "the gyro reads {rate} too much (an attitude reference that drifts by as much looks the same)",
                visible=_gyro, imitated=("theta", "time"),  # told apart by a6 times the drift, if at all
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
-    Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0, "the gyro's scale factor is {scale}",
+    Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0,
+               "the gyro's scale factor is {scale} (an attitude read at the inverse of it looks much the same)",
                visible=_gyro, is_of_clock=True,  # it scales, then adds its bias
                corrections=(Correction("theta_dot", lambda x, of: x / of["scale"], is_outer=True),)),
     Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late", visible=_gyro,
