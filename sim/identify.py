@@ -13,7 +13,7 @@ from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, St
 
 from .believed import MODELLED, onboard_model
 from .errors import InputError, UsageError
-from .identify_fit import SURE, delay, judge, near_all
+from .identify_fit import SURE, delay, judge, near_all, withdrawn
 from .log import Log
 from .nominal import Nominal
 from .sections import Offsets
@@ -150,9 +150,13 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
     """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
 
     log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
+
+    Of `filtered` also those are refused that a contradiction of the model follows within 20 s.
     """
     counts = estimator.counts
     lead: dict[str, Any] = {}
+    if estimator.config.formulation == "filtered":
+        estimates = withdrawn(estimates)
     if log is None:
         windows = [window_json(estimate) for estimate in estimates]
     else:

@@ -40,6 +40,7 @@ SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a p
 SURE = 3.0           # standard deviations by which beta must follow its effect, beyond
 WEAK = 1.5           # of the least squares: coefficients that leave more are drawn towards 0
 SAME_TIME = 2.0      # sample periods that stamps may be off, before no window is believed
+WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
 LEAST_ALONE = 5      # increments in a window that is judged for itself too; shorter ones by the log's sum alone
 MOST_DELAY = 0.3     # s either way
 MOVING = ("tau*theta", "tau*beta")   # what a6 and k1 that drift look like in a piece, which is no trim
@@ -306,6 +307,23 @@ def refused(estimate: Estimate) -> Estimate:
     return dataclasses.replace(estimate, valid=False, status=EstimateStatus.MODEL, xi=xi, support=support, absent={},
                                a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
                                a6_bound=nan, k1_bound=nan, condition=nan)
+
+
+def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
+    """The estimates, without those that a contradiction of the model follows within WITHDRAWN s: what contradicts it
+    was there before it was told, and the estimator could not know; a log that is whole can."""
+    told = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
+    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in told) for e in estimates]
+    return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
+
+
+def _without_air(estimate: Estimate) -> Estimate:
+    """Without wind, offsets and tracked estimate, as while the model is contradicted."""
+    nan = math.nan
+    tracked = estimate.tracked
+    if tracked is not None:
+        tracked = tracked._replace(valid=False, **dict.fromkeys(tracked._fields[1:], nan))
+    return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, tracked=tracked)
 
 
 def judge(log: Log, config: Config, estimates: list[Estimate],

@@ -17,7 +17,8 @@ from launchid_core.assembly import allocate
 from launchid_core.guard import CARRIED, seal_of
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
-from sim.identify import next_step, onboard_model, run
+from sim.identify import next_step, onboard_model, report, run
+from sim.identify_fit import withdrawn
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
@@ -248,6 +249,36 @@ def test_a_loss_of_control_is_one_and_stays_one(name, fraction):
     estimator = sudden(name, f"control_loss:fraction={fraction},time=33")
     assert any(change.parameter == "k1" and abs(change.t - 33.0) < 0.2 for change in estimator.changes())
     assert estimator.counts["CHANGE_WITHDRAWN"] == 0
+
+
+def test_what_a_contradiction_follows_within_20_s_is_withdrawn():
+    """Not what it follows later, nor what comes after it; a window without a number keeps its own reason."""
+    windows, _, _ = flown("constant")
+    given = [dataclasses.replace(w, status=EstimateStatus.MODEL, valid=False) if k == 8 else w
+             for k, w in enumerate(windows)]
+    given[6] = dataclasses.replace(given[6], status=EstimateStatus.GAP, valid=False)
+    made = withdrawn(given)
+    refused = [k for k, w in enumerate(made) if w.status is EstimateStatus.MODEL]
+    assert given[8].t_end - given[4].t_end == pytest.approx(20.0) and refused == [4, 5, 7, 8]
+    assert made[6].status is EstimateStatus.GAP
+    for k in (4, 5, 6, 7):
+        assert not made[k].valid and not made[k].tracked.valid and math.isnan(made[k].tracked.a6)
+        assert made[k].offsets == {} and math.isnan(made[k].wind)
+    assert math.isnan(made[5].a6) and math.isnan(made[5].k1_std) and made[5].t_end == given[5].t_end
+    assert all(made[k] is given[k] for k in range(len(given)) if k not in (4, 5, 6, 7))
+
+
+@pytest.mark.parametrize("effect", ["", "thrust_misalignment:angle=0.003", "steady_wind:angle=0.0087"])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_identify_gives_no_number_that_a_contradiction_follows(name, effect):
+    """On board a wind or misalignment that nobody declared is told after some windows, which then are believed."""
+    windows, _, lies = flown(name, effect)
+    told = [w.t_end for w in windows if w.status is EstimateStatus.MODEL]
+    made = report(windows, run(config(load_nominal(name)), ())[1], tracked=True)
+    assert [w["valid"] for w in made["windows"]] == [
+        w.valid and not any(0.0 < t - w.t_end <= 20.0 for t in told) for w in windows]
+    assert bool(effect) == bool(told)
+    assert sum(lie and w["valid"] for lie, w in zip(lies, made["windows"], strict=True)) <= 1
 
 
 def test_identify_says_what_a_contradicted_nominal_lacks():
