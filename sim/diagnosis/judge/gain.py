@@ -49,7 +49,7 @@ class Gain:
                     less stable: a loop that is closed tells its future in its commands, so that a model that leaves the
                     instability out is not punished for it;  1 where nothing is said
     numbers         that the extended model has more
-    fitted          [nats] by which it is more likely where all rows were fitted to; 0: not compared
+    fitted          [nats] by which it is more likely on the rows judged where all were fitted to; 0: not compared
     """
 
     log_likelihood: tuple[float, float]
@@ -219,8 +219,11 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
+    judged = np.arange(record.rows) * record.period >= settling(record)
+    before, after = (log_likelihood(of, Trained(each.fit.point, each.fit.filter), judged)
+                     for of, each in ((record, nominal), (own, model)))
     return replace(_gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown)), numbers=numbers,
-                   fitted=model.log_likelihood - nominal.log_likelihood)
+                   fitted=after - before)
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
