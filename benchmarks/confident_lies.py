@@ -152,7 +152,8 @@ def main() -> int:
         missed |= bad
         print(f"pooled, {declared} declared: windows {share(lies, valid)}, tracked {share(tracked_lies, tracked)} "
               f"(demanded {DEMAND[declared]:g}){'  MISSED' if bad else ''}; sudden changes {changes}; identify: "
-              f"windows {share(whole[1], whole[0])}, tracked {share(whole[3], whole[2])}, of {share(whole[0], valid)} as many")
+              f"windows {share(whole[1], whole[0])}, tracked {share(whole[3], whole[2])}, "
+              f"of {share(whole[0], valid)} as many")
     return int(missed)
 
 

@@ -372,4 +372,5 @@ def test_a_test_input_is_no_gain_and_no_computing_time_by_another_clock_either(e
     if not effect:
         assert found is None or found.kind == "none"
     else:
-        assert found.delay == pytest.approx(late) and found.kp_scale == pytest.approx(0.9 if late == 0.0 else 1.0, abs=0.01)
+        kp = 0.9 if late == 0.0 else 1.0
+        assert found.delay == pytest.approx(late) and found.kp_scale == pytest.approx(kp, abs=0.01)

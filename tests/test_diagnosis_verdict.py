@@ -377,6 +377,18 @@ def test_a_foreign_controller_beside_causes_is_what_remains(judged, kind):
     assert (doubted.made.verdict, doubted.made.where, doubted.asked) == ("unexplained", "controller", 0)
 
 
+def test_what_a_nozzle_did_between_commands_that_nobody_knows_is_no_fault_of_its_own(judged):
+    play = cause("actuator_backlash")
+    made = judged(Found(play), controlled(UNKNOWN), slow=True).made
+    assert (made.verdict, made.where) == ("unexplained", "controller")
+    assert "commands between the rows are not known" in made.doubts[0]
+    for kind, slow in ((UNKNOWN, False), (FILTER, True), (GAIN, True)):
+        named = judged(Found(play), controlled(kind), slow=slow).made.causes
+        assert "actuator_backlash" in [each.cause for each in named]
+    sensor = judged(Found(cause("gyro_bias")), controlled(UNKNOWN), slow=True).made
+    assert [each.cause for each in sensor.causes] == ["gyro_bias"]
+
+
 @pytest.mark.parametrize("kind", [GAIN, DELAY, f"{GAIN} and {DELAY} and {FILTER}"])
 def test_other_gains_and_computing_time_are_a_cause_beside_the_others(judged, kind):
     each = judged(Found(cause("gyro_bias")), controlled(kind, kp_scale=1.1))

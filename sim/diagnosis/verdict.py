@@ -39,7 +39,7 @@ from .judge.measure import (
 from .judge.mistimed import mistimed
 from .judge.named import aged, clocked, idle_of, mismatch, named_causes, named_weather, with_removed
 from .judge.outdone import outdone
-from .judge.place import place
+from .judge.place import place, unheard
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
@@ -273,7 +273,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     feigned, span = max(PER_ROW, made.record.unsure) * made.record.rows, _span(made.record)
     found = doubts(made.nearest, made.left, feigned, span, DOMINANT, same_place=False)
     t = made.log.t[made.data.usable]
-    found += [words for each in made.nearest for words in (*aged(each, made.record), *clocked(each, made.record, t))]
+    found += unheard(made) + [words for each in made.nearest
+                              for words in (*aged(each, made.record), *clocked(each, made.record, t))]
     strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
     weather = selection.weather

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...sections import Multisine
 from ..data.record import THETA, Record
 from .command import controller_gains, later, recomputed, without_limit
 from .gaps import Seen, check_gaps
@@ -171,13 +172,16 @@ class _Told:
         """The parts of the commands logged."""
         record, controller = self.record, self.record.nominal.controller
         assert controller is not None
-        record, test, made = without_limit(record), self.record.nominal.test_input, []
-        for kp, kd, given in ((controller.kp, 0.0, None), (0.0, controller.kd, None), (0.0, 0.0, test)):
-            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), test_input=given)
+        record = without_limit(record)
+
+        def made(kp: float, kd: float, test: Multisine | None) -> np.ndarray:
+            nominal = replace(record.nominal, controller=replace(controller, kp=kp, kd=kd), test_input=test)
             command = recomputed(replace(record, nominal=nominal))[record.held_phase::record.held]
-            made.append(_own_part(record, command, self.forgets))
-        return _Parts(*made, logged=_own_part(record, self.logged, self.forgets),
-                      remembered=_remembered(record, len(self.logged), self.free))
+            return _own_part(record, command, self.forgets)
+
+        return _Parts(made(controller.kp, 0.0, None), made(0.0, controller.kd, None),
+                      made(0.0, 0.0, record.nominal.test_input), _own_part(record, self.logged, self.forgets),
+                      _remembered(record, len(self.logged), self.free))
 
     def _lags(self, parts: "_Parts") -> list[float]:
         """Computing times [periods] worth a fit: whole ones, and the best of a grid, refined."""

@@ -26,6 +26,7 @@ from .numbers import FREE_NUMBER, NEUTRAL, lowest, newton, simplest
 
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same
 NOISE = 4.0            # times what the attitude's noise between rows makes: more is no difference of gains
+EXPLAINS = 2.0         # times it, that other numbers may leave: true ones leave 0.95 to 1.2, an integral part 2.9
 CLEARLY = 30.0         # nats that a mismatch must gain; and gains and filter together over either
 GAINS: tuple[tuple[int, ...], ...] = ((0,), (1,), (0, 1))  # which may be free
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
@@ -211,7 +212,7 @@ def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
                             (float(best.std[0]), float(best.std[1]), 0.0), tau, best.over(believed))
     if found.evidence < CLEARLY and is_noise(record, gaps, believed.rest):
         return ControllerCheck(NONE, believed.rms, believed.rms)
-    if not is_noise(record, gaps, best.rest):
+    if not is_noise(record, gaps, best.rest, EXPLAINS):
         return _late(record, seen, replace(found, kind=UNKNOWN))
     return found.of_kind(SAME_PREDICTED, gaps.period)
 
@@ -229,7 +230,7 @@ def _late(record: Record, seen: Seen, found: ControllerCheck, first: int = 1) ->
         after = rms(rest)
         information = information / after**2
         evidence = record.rows * math.log(found.before / after) - simplest(x, information, CLEARLY, late=True).cost
-        if evidence > least and is_noise(record, gaps, rest):
+        if evidence > least and is_noise(record, gaps, rest, EXPLAINS):
             least = evidence
             found = with_numbers(replace(found, after=after, delay=late * gaps.period, evidence=evidence), gaps, x,
                                  information)
@@ -247,17 +248,17 @@ def with_numbers(found: ControllerCheck, gaps: "Gaps | Backwards", x: np.ndarray
                        SAME_PREDICTED, gaps.period)
 
 
-def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
-    """Whether what is left is no larger than noise."""
+def _is_small(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray, most: float) -> bool:
+    """Whether what is left is at most so many times noise."""
     sensors = record.nominal.sensors
     attitude = max(math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5), ROUNDING)
-    return rms(rest) <= NOISE * gaps.noise_of(attitude)
+    return rms(rest) <= most * gaps.noise_of(attitude)
 
 
-def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray) -> bool:
-    """Whether what is left is no larger than noise, and white."""
+def is_noise(record: Record, gaps: "Gaps | Backwards", rest: np.ndarray, most: float = NOISE) -> bool:
+    """Whether what is left is no larger than so many times noise, and white."""
     colour = float(np.mean(rest[1:] * rest[:-1])) / rms(rest)**2
-    return _is_small(record, gaps, rest) and abs(colour) <= max(COLOURED, BY_CHANCE / math.sqrt(len(rest)))
+    return _is_small(record, gaps, rest, most) and abs(colour) <= max(COLOURED, BY_CHANCE / math.sqrt(len(rest)))
 
 
 def _explained(gaps: Gaps) -> Left:

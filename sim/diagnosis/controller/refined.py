@@ -15,7 +15,7 @@ import numpy as np
 
 from ..data.record import BETA, Record
 from .fill import Controller, as_believed, filled, on_board
-from .gaps import LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, rms, with_numbers
+from .gaps import EXPLAINS, LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, rms, with_numbers
 from .kind import NONE, UNKNOWN, ControllerCheck
 from .numbers import NEUTRAL, newton, simplest
 
@@ -71,7 +71,7 @@ def _fitted(record: Record, seen: Seen, found: ControllerCheck,
     confirmed = evidence.of_nozzle(as_believed(record)) - evidence.of_nozzle(_controller(x, gaps))
     if not np.isfinite(record.z[:, BETA]).any():
         confirmed = math.inf if found.evidence > UNCONFIRMED else -math.inf
-    if not is_noise(record, gaps, gaps.rest(x)):
+    if not is_noise(record, gaps, gaps.rest(x), EXPLAINS):
         found = replace(found, kind=UNKNOWN)
     named = found if found.kind == UNKNOWN else with_numbers(found, gaps, x, information, GAINS_AND_FILTER)
     return cost, confirmed, named, _controller(simplest(x, information, 0.0).x, gaps)

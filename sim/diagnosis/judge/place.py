@@ -1,7 +1,18 @@
 """Where the misfit is."""
 
 from ..controller.issued import is_slow
+from ..controller.kind import UNKNOWN
 from .diagnosis import Diagnosis
+
+
+def unheard(made: Diagnosis) -> list[str]:
+    """What makes the actuator's causes doubtful in a log slower than a controller that is not known, a line each: what
+    the nozzle did between the rows it may have been told to."""
+    assert made.record is not None
+    if made.controller is None or made.controller.kind != UNKNOWN or not is_slow(made.record):
+        return []
+    return [f"{each.cause}: the commands between the rows are not known, since no gains make the logged ones"
+            for each in made.nearest if each.where == "actuator"]
 
 
 def place(made: Diagnosis) -> str:
