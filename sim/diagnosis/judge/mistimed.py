@@ -103,7 +103,7 @@ def moved(record: Record, channel: str, rows: float) -> Record:
 
 
 def _all_pass(x: np.ndarray, delay: float) -> np.ndarray:
-    """x (n,) so many places later, 0.5 to 1.5."""
+    """x (n,) so many places later, up to 1.5."""
     a, made = (1.0 - delay) / (1.0 + delay), np.empty_like(x)
     before = y = float(x[0])
     for k, now in enumerate(x.tolist()):
