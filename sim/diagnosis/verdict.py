@@ -12,7 +12,6 @@ from ..nominal import Nominal
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
-from .controller.kind import FILTER, ControllerCheck
 from .data import clock
 from .data.check import check
 from .data.record import THETA_DOT, Record
@@ -228,7 +227,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
         found = _with_fewer(made, measure, _with_rivals(made, measure, found, say), say)
     if foreign and not made.nearest:
         assert controller is not None
-        found = [*found, f"the logged command is not the nominal controller's ({_controller_words(controller)})"]
+        found = [*found, f"the logged command is not the nominal controller's ({controller.words})"]
     if found:
         _unexplained(made, found, measure)
         return
@@ -395,9 +394,3 @@ def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
     made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
     if made.gain is None and made.nearest:
         made.gain = measure(selection)
-
-
-def _controller_words(controller: ControllerCheck) -> str:
-    if controller.kind == FILTER and controller.time_constant is not None:
-        return f"a derivative time constant of {controller.time_constant:.4g} s would explain it"
-    return f"{controller.before:.2g} rad rms apart, {controller.after:.2g} after the best gains and delay"

@@ -39,6 +39,13 @@ class ControllerCheck:
         """The command is not the nominal controller's, and no gains and no computing time make it so."""
         return self.kind in (UNKNOWN, FILTER)
 
+    @property
+    def words(self) -> str:
+        """How far apart, or what filter would explain it."""
+        if self.kind == FILTER and self.time_constant is not None:
+            return f"a derivative time constant of {self.time_constant:.4g} s would explain it"
+        return f"{self.before:.2g} rad rms apart, {self.after:.2g} after the best gains and delay"
+
     def late(self, period: float) -> int:
         """Computing time in whole controller periods [s]."""
         return round(self.delay / period)
