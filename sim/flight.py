@@ -72,12 +72,17 @@ class Flight:
         return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
 
+def is_whole(value: float, unit: float) -> bool:
+    """Whether value/unit is an integer >= 1."""
+    ratio = value / unit
+    return math.isfinite(ratio) and round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-6
+
+
 def whole(value: float, unit: float, name: str) -> int:
     """value/unit as an integer >= 1; UsageError if it is none."""
-    ratio = value / unit
-    if not math.isfinite(ratio) or round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+    if not is_whole(value, unit):
         raise UsageError(f"{name} {value!r}: expected a whole number of simulation steps ({unit} s)")
-    return round(ratio)
+    return round(value / unit)
 
 
 def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from ...effects import Effect
 from ...errors import InputError
-from ...flight import fly_whole
+from ...flight import Flight, fly_whole, is_whole
 from ...nominal import Nominal
 from ...sections import Guidance
 from ..controller.kind import ControllerCheck
@@ -56,10 +56,25 @@ def as_flown(record: Record) -> Nominal | None:
                    simulation=replace(nominal.simulation, duration=duration))
 
 
+def flown_along(record: Record, flown: Nominal, seed: int, effects: Sequence[Effect] = (), a6_factor: float = 1.0,
+                k1_factor: float = 1.0) -> Flight:
+    """A flight of `flown` with the log's rows; InputError where it cannot fly.  The log's period need be no whole
+    number of simulation steps (a logger's clock is not ours): each row is then the nearest step's."""
+    assert flown.simulation is not None
+    step = flown.simulation.step
+    if is_whole(record.period, step):
+        return fly_whole(flown, seed, "flight", record.period, a6_factor, k1_factor, effects)
+    flight = fly_whole(flown, seed, "flight", step, a6_factor, k1_factor, effects)
+    at = np.round(record.period / step * np.arange(record.rows)).astype(np.int64)
+    at = at[at < len(flight.t)]
+    columns = {each.name: getattr(flight, each.name)[at] for each in fields(flight)
+               if isinstance(getattr(flight, each.name), np.ndarray)}
+    return replace(flight, period=record.period, **columns)
+
+
 def simulated(record: Record, flown: Nominal, effects: Sequence[Effect], seed: int) -> np.ndarray:
-    """Attitude [rad] of one closed-loop flight, at the log's period."""
+    """Attitude [rad] of one closed-loop flight at the log's rows; none where it cannot fly."""
     try:
-        flight = fly_whole(flown, seed, "flight", record.period, effects=effects)
+        return flown_along(record, flown, seed, effects).theta
     except InputError:
         return np.zeros(0)
-    return flight.theta

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files import write_text
-from ...flight import Flight, fly_whole
+from ...flight import Flight
 from ...log import OPTIONAL, REQUIRED, Log
 from ...nominal import Nominal, write_nominal
 from ..causes import SOUGHT
@@ -29,7 +29,7 @@ from ..data.record import Record
 from ..model.noise import LEVELS, WRONG_NOISE
 from ..search.profile import as_simulated
 from ..search.selection import Say, ranking_of
-from .closed_loop import as_flown
+from .closed_loop import as_flown, flown_along
 
 LOWEST = 8.0           # nats
 QUANTILE = 0.99
@@ -83,7 +83,7 @@ def clean_scores(flown: Nominal, r: Record, flights: int, say: Say) -> Iterator[
         rng = np.random.default_rng((407, seed))
         factors = np.exp(rng.uniform(-math.log(WRONG_NOISE), math.log(WRONG_NOISE), len(LEVELS)))
         a6, k1 = 1.0 + flown.diagnosis.tolerance * rng.standard_normal(2)
-        flight = fly_whole(noisier(flown, factors), seed, "flight", r.period, float(a6), float(k1))
+        flight = flown_along(r, noisier(flown, factors), seed, (), float(a6), float(k1))
         log = log_of(flight, r)
         made = record(log, r.nominal, check(log, r.nominal))
         best = ranking_of(made, as_simulated(made), SOUGHT)

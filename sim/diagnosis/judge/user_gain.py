@@ -29,7 +29,8 @@ INTERVAL = 1.96       # standard deviations, 95 %
 @dataclass(frozen=True)
 class UserGain:
     """Of a6 and k1 over all windows that gave an answer: RMS relative error and share of 95 % intervals that hold the
-    truth, (nominal, extended) each."""
+    truth, (nominal, extended) each.  NaN where there is nothing to tell: no error is relative to a truth of zero, and
+    what the nominal has at zero (a lander's a6) is held there, rightly and without a standard deviation."""
 
     error: dict[str, tuple[float, float]]
     coverage: dict[str, tuple[float, float]]
@@ -60,13 +61,21 @@ def user_gain(nominal: Nominal, extension: Nominal) -> UserGain | None:
     before, after = results
 
     def of(column: int) -> tuple[float, float]:
-        return float(np.sqrt(np.mean(before[:, column]**2))), float(np.sqrt(np.mean(after[:, column]**2)))
+        first, second = (math.sqrt(_mean(each[:, column]**2)) for each in (before, after))
+        return first, second
 
     def held(column: int) -> tuple[float, float]:
-        first, second = (float(np.mean(np.abs(each[:, column]) <= INTERVAL)) for each in (before, after))
+        first, second = (_mean(np.where(np.isnan(each[:, column]), math.nan, np.abs(each[:, column]) <= INTERVAL))
+                         for each in (before, after))
         return first, second
 
     return UserGain({"a6": of(0), "k1": of(1)}, {"a6": held(2), "k1": held(3)}, (len(before), len(after)))
+
+
+def _mean(x: np.ndarray) -> float:
+    """Of what is no NaN; NaN if nothing is left."""
+    x = x[~np.isnan(x)]
+    return float(np.mean(x)) if len(x) else math.nan
 
 
 def _modelled(extension: Nominal) -> Nominal:
@@ -75,13 +84,15 @@ def _modelled(extension: Nominal) -> Nominal:
 
 
 def _judged(extension: Nominal, estimate: Estimate) -> tuple[float, float, float, float]:
-    """Relative errors of a6 and k1 at the window's centre, and the same in standard deviations."""
+    """Relative errors of a6 and k1 at the window's centre, and the same in standard deviations; NaN where there is
+    none, see `UserGain`."""
     middle = np.array([0.5 * (estimate.t_start + estimate.t_end)])
     a6, k1 = (float(x[0]) for x in parameters(extension, middle))
     found = [(getattr(estimate, name), getattr(estimate, f"{name}_std"), true)
              for name, true in (("a6", a6), ("k1", k1))]
     relative = [(value - true) / abs(true) if true else math.nan for value, _, true in found]
-    scaled = [(value - true) / std for value, std, true in found]
+    scaled = [(value - true) / std if std > 0.0 else math.nan if value == true else math.inf
+              for value, std, true in found]
     return relative[0], relative[1], scaled[0], scaled[1]
 
 

@@ -16,10 +16,10 @@ from matplotlib.ticker import NullFormatter
 from ...canvas import save
 from ...effects import Effect
 from ...errors import InputError
-from ...flight import Flight, fly_whole
+from ...flight import Flight
 from ..data.record import BETA, CHANNELS, THETA, Record
 from ..data.world import CALM
-from ..judge.closed_loop import as_flown
+from ..judge.closed_loop import as_flown, flown_along
 from ..judge.constancy import CONSTANCY_LIMIT
 from ..judge.diagnosis import Diagnosis
 from ..judge.user_gain import INTERVAL
@@ -76,7 +76,7 @@ def _flown(record: Record, effects: Sequence[Effect]) -> Flight | None:
                     actuator=replace(flown.actuator, command_noise_std=0.0),
                     simulation=replace(flown.simulation, acceleration_noise_std=0.0))
     try:
-        return fly_whole(quiet, 0, "flight", record.period, effects=effects)
+        return flown_along(record, quiet, 0, effects)
     except InputError:
         return None
 

@@ -183,7 +183,7 @@ def _gain_lines(made: Diagnosis) -> list[str]:
         said.append("  a6, k1 by the on-board estimator, flights of the extension, RMS error (95 % intervals hold): "
                     + ", ".join(f"{name} {100 * made.user.error[name][0]:.2g} % ({made.user.coverage[name][0]:.2f}) -> "
                                 f"{100 * made.user.error[name][1]:.2g} % ({made.user.coverage[name][1]:.2f})"
-                                for name in ("a6", "k1")))
+                                for name in ("a6", "k1") if math.isfinite(made.user.error[name][1])))
     if gain.closed_loop is not None:
         said.append(f"  closed loop simulated again: attitude error {gain.closed_loop[0]:.3g} -> "
                     f"{gain.closed_loop[1]:.3g} rad rms")
