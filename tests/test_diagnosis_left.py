@@ -24,7 +24,7 @@ from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, constancy
 from sim.diagnosis.judge.leftover import Leftover, is_harmonic, leftovers
 from sim.diagnosis.judge.measure import DOMINANT, doubts
 from sim.diagnosis.judge.named import Named
-from sim.diagnosis.judge.outdone import KEPT, PARALLEL, UNLIKE, outdone
+from sim.diagnosis.judge.outdone import KEPT, PARALLEL, UNLIKE, outdone, outdone_beside
 from sim.diagnosis.judge.shapes import _shapes
 from sim.diagnosis.model.noise import LEVELS, Disturbance
 from sim.diagnosis.model.point import DEVIATIONS
@@ -88,6 +88,22 @@ def test_a_shape_left_elsewhere_is_no_rival_of_a_cause_that_keeps_half_beside_it
     found = SimpleNamespace(model=model, evidence=[own])
     rival = outdone(found, (left(beside * own, place, "u*abs(u)"),))
     assert (rival is not None) == told
+
+
+@pytest.mark.parametrize(("alone", "beside", "told"), [
+    (PARALLEL + 0.01, 30.0, True), (PARALLEL - 0.01, 30.0, False), (PARALLEL + 0.01, 0.0, False), (1.2, 0.0, True)])
+def test_a_weaker_cause_has_a_rival_too_and_the_strongest_is_not_asked_again(monkeypatch, alone, beside, told):
+    own, asked = 1000.0, []
+    model = SimpleNamespace(causes=tuple(Cause(RECORDS[name], (0.03, 2.0, 1.0)[:size])
+                                         for name, size in (("aero_cubic", 1), ("gust", 3))),
+                            fit=SimpleNamespace(record=SimpleNamespace(channels=()), filter=None, delta=None, cost=0.0))
+    monkeypatch.setattr(outdone_module, "Problem", lambda *given: None)
+    monkeypatch.setattr(outdone_module, "fit", lambda problem, causes, delta: asked.append(
+        [each.hypothesis.cause for each in causes]) or SimpleNamespace(cost=own))
+    monkeypatch.setattr(outdone_module, "shape_gains", lambda *given: [("plant", "theta^2", 1.0, alone * own)])
+    rival = outdone_beside(SimpleNamespace(model=model, evidence=[900.0, 100.0]), (left(beside, "plant", "theta^2"),))
+    assert asked == [["aero_cubic"]]
+    assert (rival is not None) == told and (not told or (rival.cause, rival.place) == ("gust", "plant"))
 
 
 @pytest.mark.parametrize(("cause", "swings", "effect"), [

@@ -32,16 +32,18 @@ class Found:
 
     shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
     rival   what explains as much as the strongest;  others  the same with one cause replaced
-    late    the same of a column that is of another time
+    late    the same of a column that is of another time;  beside  what explains as much as a weaker cause
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=(), late=None):
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=(), late=None,
+                 beside=None):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
         self.rival, self.instead, self.others, self.late = rival, instead, others, late
+        self.beside = beside
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
@@ -60,6 +62,7 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "named_causes", lambda found: found.named)
     monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
     monkeypatch.setattr(verdict, "outdone", lambda found, left: found.rival)
+    monkeypatch.setattr(verdict, "outdone_beside", lambda found, left: found.beside)
     monkeypatch.setattr(verdict, "mistimed", lambda found: found.late)
     monkeypatch.setattr(verdict, "noise_of", lambda model: model.of.noise)
     monkeypatch.setattr(verdict, "removed", lambda model, gain: model.of.shares)
@@ -160,6 +163,17 @@ def test_a_cause_that_a_shape_explains_as_well_as_is_not_believed(judged):
                                 "110 % of what it does",)
 
 
+def test_a_weaker_cause_that_a_shape_explains_as_well_as_is_left_out_where_something_remains(judged):
+    """A launcher that stalls had a gust beside its cubic: what a kink explains as well.  Where nothing remains, the
+    weaker one is as good as any."""
+    named, rival = (cause("aero_cubic", 90.0), cause("gust", 30.0)), Rival("gust", "plant", "theta*abs(theta)", 0.96)
+    alone = Found(named[0], left=[left(11.0)])
+    made = judged(Found(*named, left=[left(11.0)], beside=rival, fewer=alone)).made
+    assert (made.verdict, [each.cause for each in made.causes]) == ("dominant", ["aero_cubic"])
+    assert len(judged(Found(*named, left=[left(11.0)])).made.causes) == 2
+    assert judged(Found(*named, beside=rival)).made.verdict == "explained"
+
+
 @pytest.mark.parametrize("nats", [0.0, -3.0, math.nan, -math.inf])
 def test_causes_that_gain_nothing_on_data_left_out_are_not_believed(judged, nats):
     each = judged(Found(cause("gyro_bias"), nats=nats))
@@ -229,6 +243,19 @@ def test_wind_that_nobody_declared_is_a_cause_of_its_own(judged):
 def test_weather_beside_which_something_is_left_does_not_name_itself(judged):
     made = judged(Found(weather=weather(), left=[left(11.0, "beta")])).made
     assert (made.verdict, made.causes) == ("unexplained", ()) and any("turbulence" in said for said in made.doubts)
+
+
+def test_weather_of_a_level_that_is_not_told_from_none_is_none_that_has_a_name(judged):
+    """0.0001 +- 0.0001 rad beside an engine out, whose search had ended early."""
+    for level, verdict_of in ((1.9, "dominant"), (2.1, "explained")):
+        sky = replace(weather(), level=level * weather().std)
+        assert judged(Found(cause(), weather=sky)).made.verdict == verdict_of
+
+
+def test_weather_is_not_named_by_a_search_that_ended_before_all_causes_were_tried(judged):
+    made = judged(Found(cause(), weather=weather()), late=True).made
+    assert (made.verdict, [each.cause for each in made.causes]) == ("dominant", ["slosh"])
+    assert "turbulence" in made.remainder.words
 
 
 def test_small_weather_beside_causes_is_not_worth_a_word(judged):
@@ -432,7 +459,7 @@ def test_missing_terms_that_pass_every_test_stand_for_doubted_causes(judged):
 
 
 @pytest.mark.parametrize("terms", [
-    None, term(nats=-1.0), term(varies=0.9), term(left=[left(31.0)]),
+    None, term(nats=-1.0), term(varies=0.9), term(left=[left(31.0)]), term(weather=weather()),
     term(log_likelihood=-verdict.TERM_MARGIN - 0.1)])
 def test_missing_terms_with_a_doubt_of_their_own_or_far_behind_are_no_cause(judged, terms):
     each = judged(DOUBTED, terms=terms)

@@ -37,7 +37,7 @@ from .judge.measure import (
 )
 from .judge.mistimed import mistimed
 from .judge.named import aged, clocked, idle_of, mismatch, named_causes, named_weather, with_removed
-from .judge.outdone import outdone
+from .judge.outdone import outdone, outdone_beside
 from .judge.place import place, unheard
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
@@ -189,7 +189,8 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     once, when it is first asked for."""
     nominal = made.nominal
     if holdout is None:
-        return lambda selection: held_out(selection.model, _before(selection), made.controller, _is_named(selection))
+        return lambda selection: held_out(selection.model, _before(selection), made.controller,
+                                          _is_named(made, selection))
 
     @functools.cache
     def second() -> Record:
@@ -199,12 +200,13 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
         return used(with_commands(r, NominalFollower())[0], holdout.t)[0]
 
     return lambda selection: on_another(second(), selection.model, _before(selection), made.controller,
-                                         _is_named(selection))
+                                         _is_named(made, selection))
 
 
-def _is_named(selection: Selection) -> bool:
-    """Of the weather that nobody declared there is none, or it is told."""
-    return selection.weather is None or selection.weather.is_wind
+def _is_named(made: Diagnosis, selection: Selection) -> bool:
+    """Of the weather that nobody declared there is none, or it is told: not where the search ended before all causes
+    had been tried in its place."""
+    return selection.weather is None or (selection.weather.is_wind and not made.is_cut_short)
 
 
 def _before(selection: Selection) -> Model:
@@ -277,7 +279,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
     weather = selection.weather
-    if weather is not None and weather.is_wind and not strict and noisy is None:
+    if weather is not None and _is_named(made, selection) and not strict and noisy is None:
         made.nearest = (*made.nearest, named_weather(weather))
     elif weather is not None and not small(weather, made.nearest):
         strict.append(f"{weather_words(selection)} remains")
@@ -286,7 +288,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     if not made.nearest:
         return strict
     if not found and selection.model.causes:
-        better = outdone(selection, made.left) or mistimed(selection)
+        better = outdone(selection, made.left) or mistimed(selection) or \
+            (outdone_beside(selection, made.left) if strict else None)
         found += [better.words] if better is not None else []
     if selection.instead is not None and any(each.where in FREE for each in made.nearest if not each.is_weather):
         found.append("weather alone explains nearly as much as these causes in weather do")
@@ -310,7 +313,7 @@ def _span(r: Record) -> tuple[float, float]:
 
 def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
     """Missing terms in the place of the catalogue's causes: kept where they explain everything (a term that leaves
-    something may stand for anything), else a proposal."""
+    something, be it called weather, may stand for anything), else a proposal."""
     assert made.selection is not None
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
     terms = propose(made.selection, made.threshold, say)
@@ -319,7 +322,7 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     made.proposal, selection = terms
     again = _tested(made, selection, measure, say)
     behind = made.selection.model.log_likelihood - selection.model.log_likelihood
-    if not again and not made.remaining and behind < TERM_MARGIN:
+    if not again and not made.remaining and selection.weather is None and behind < TERM_MARGIN:
         made.selection = selection
         return []
     own = made.gain or measure(selection)

@@ -24,7 +24,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     outdone.KEPT        share of it that must be its own beside a shape elsewhere      meaning only: more than half
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
     unseen.HEARD and others  the same where rows fall between the controller's ticks  clean flights; a foreign simulator
-    named.UNLIKE_NONE   standard deviations of a size from that of no cause            meaning only: 95 %
+    selection.UNLIKE_NONE  standard deviations of a size from that of no cause         meaning only: 95 %
     named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
     named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
     gain.LEAST_HELD     share of the fit's nats that rows left out must gain           hostile logs: true ones 0.5

@@ -14,12 +14,11 @@ from ..model.nuisance import Problem
 from ..search.fit import Fit, point_of
 from ..search.foresight import LEAST_REMOVED
 from ..search.profile import TOLD_APART, Model, penalty, profile
-from ..search.selection import Ranked, Selection, Weather
+from ..search.selection import UNLIKE_NONE, Ranked, Selection, Weather
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
-UNLIKE_NONE = 2.0      # of a size from that of no cause: evidence for less is for something else
 SCALE = "scale"        # of what is multiplied
 SAME_CLOCK = 2e-4      # relative: quartzes differ by less
 STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs

@@ -36,6 +36,7 @@ PROMISING = 3.0       # nats after the penalty that a scan must promise
 OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
+UNLIKE_NONE = 2.0     # standard deviations of a size from that of no cause: evidence for less is for something else
 
 Say = Callable[[str], None]
 
@@ -65,8 +66,8 @@ class Weather:
 
     @property
     def is_wind(self) -> bool:
-        """It can be called so: it enters as wind does, all along the log."""
-        return self.source.name in (TURBULENCE, WALK) and self.is_steady
+        """It can be called so: it enters as wind does, all along the log, at a level told from none."""
+        return self.source.name in (TURBULENCE, WALK) and self.is_steady and self.level > UNLIKE_NONE * self.std
 
 
 @dataclass(eq=False)
