@@ -15,6 +15,7 @@ from .controller.issued import with_commands
 from .data import clock
 from .data.check import check
 from .data.record import THETA_DOT, Record
+from .data.turns import unwrapped
 from .data.used import shortened, sparser, used
 from .data.vehicle import plant_faults
 from .judge.diagnosis import Diagnosis
@@ -78,8 +79,10 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     """
     say("data check")
     until = clock.now() + SEARCHED * nominal.diagnosis.time_limit
+    log, turns = unwrapped(log)
     data = check(log, nominal)
-    made = Diagnosis(log, nominal, data, threshold=threshold, catalogue=hypotheses is None)
+    made = Diagnosis(log, nominal, replace(data, faults=(*turns, *data.faults)), threshold=threshold,
+                     catalogue=hypotheses is None)
     if not all(fault.kind in MASKED for fault in data.faults):
         made.where = "data"
         return made
@@ -189,23 +192,21 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     once, when it is first asked for."""
     nominal = made.nominal
     if holdout is None:
-        return lambda selection: held_out(selection.model, _before(selection), made.controller,
-                                          _is_named(made, selection))
+        return lambda each: held_out(each.model, _before(each), made.controller, _is_named(made, each))
 
     @functools.cache
     def second() -> Record:
         assert holdout is not None
-        data = sparser(check(holdout, nominal), holdout.t, nominal)
-        r = shortened(record(holdout, nominal, data))
-        return used(with_commands(r, NominalFollower())[0], holdout.t)[0]
+        log = unwrapped(holdout)[0]
+        data = sparser(check(log, nominal), log.t, nominal)
+        r = shortened(record(log, nominal, data))
+        return used(with_commands(r, NominalFollower())[0], log.t)[0]
 
-    return lambda selection: on_another(second(), selection.model, _before(selection), made.controller,
-                                         _is_named(made, selection))
+    return lambda each: on_another(second(), each.model, _before(each), made.controller, _is_named(made, each))
 
 
 def _is_named(made: Diagnosis, selection: Selection) -> bool:
-    """Of the weather that nobody declared there is none, or it is told: not where the search ended before all causes
-    had been tried in its place."""
+    """Of undeclared weather there is none, or it is told, which needs a search that tried all causes in its place."""
     return selection.weather is None or (selection.weather.is_wind and not made.is_cut_short)
 
 

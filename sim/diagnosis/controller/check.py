@@ -199,7 +199,7 @@ class _Told:
         values, *_ = np.linalg.lstsq(design, wanted, rcond=None)
         values[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
         after = float(np.sqrt(np.mean((wanted - design @ values)**2)))
-        spread = max(after, ROUNDING) * np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
+        spread = max(after, ROUNDING) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(design.T @ design)), 0.0))
         slope = np.gradient(design @ values + later(parts.test, lag)[self.fair])
         lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
         tick = _period(self.record)

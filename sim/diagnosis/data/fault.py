@@ -7,10 +7,10 @@ from dataclasses import dataclass
 class Fault:
     """One sort of bad data in one place.
 
-    kind     stamps, range, stale, dropout, spike, unit, sign, swapped
+    kind     stamps, wrapped, range, stale, dropout, spike, unit, sign, swapped
     channel  the column at fault; None: several, or the rows themselves
     t_start, t_end  [s] first and last place, as stamped; NaN if the stamp itself is no number
-    rows     how many rows it spoils
+    rows     how many rows it spoils; 0: none, it was mended
     message  one line: what, where, how many rows, the likely repair
     """
 

@@ -30,6 +30,7 @@ REACH = 2.0            # standard deviations of a deviation that the nominal may
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
 CONFIDENCE = 1.645     # standard deviations: one side, 95 %
 LEAST_HELD = 1.0 / 3.0  # of the nats that a fit gains: a true cause gains them (0.5 to 1.1) on rows left out, too
+LARGEST = 1e100        # error of a prediction, by an unstable model: its square is still a number
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -299,7 +300,7 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
     settled, and the channels' changes (s, h, 3)."""
     over = spans(records[0])
     made = np.stack([prediction_errors(of, each.filter, each.point, over, SPACING)
-                     for of, each in zip(records, models, strict=True)])
+                     for of, each in zip(records, models, strict=True)]).clip(-LARGEST, LARGEST)
     record = records[0]
     spacing = max(1, round(SPACING / record.period))
     starts = spacing * np.arange(made.shape[1])
