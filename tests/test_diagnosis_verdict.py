@@ -497,6 +497,7 @@ def checked(monkeypatch):
                 raise InputError("no grid holds it")
             return SimpleNamespace()
 
+        monkeypatch.setattr(verdict, "unwrapped", lambda log: (log, ()))
         monkeypatch.setattr(verdict, "check", lambda *given: data)
         monkeypatch.setattr(verdict, "record", recorded)
         monkeypatch.setattr(verdict, "replace", lambda r, **changes: SimpleNamespace(**changes))
@@ -569,6 +570,7 @@ def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
 
 def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
     read = []
+    monkeypatch.setattr(verdict, "unwrapped", lambda log: (log, ()))
     monkeypatch.setattr(verdict, "check", lambda log, nominal: read.append(log))
     monkeypatch.setattr(verdict, "record", lambda *given: "record")
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))

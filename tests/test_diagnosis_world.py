@@ -226,10 +226,10 @@ def test_a_first_order_servo_is_diagnosed():
 
 
 def test_a_rate_law_is_diagnosed():
-    """Its command is taken as logged: it is not recomputed."""
+    """Its command is the nominal's own."""
     result = judged(flown(RATE, LATE, seed=6), RATE)
     assert (result["verdict"], names(result)) == ("explained", ["actuator_delay"]), result["doubts"]
-    assert has_size(result["causes"][0], "delay", 0.02, 0.1) and result["controller"] is None
+    assert has_size(result["causes"][0], "delay", 0.02, 0.1) and result["controller"]["mismatch"] == "none"
 
 
 # ---- what was measured

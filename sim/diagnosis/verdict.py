@@ -81,8 +81,8 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     until = clock.now() + SEARCHED * nominal.diagnosis.time_limit
     log, turns = unwrapped(log)
     data = check(log, nominal)
-    made = Diagnosis(log, nominal, replace(data, faults=(*turns, *data.faults)), threshold=threshold,
-                     catalogue=hypotheses is None)
+    told = replace(data, faults=(*turns, *data.faults)) if turns else data
+    made = Diagnosis(log, nominal, told, threshold=threshold, catalogue=hypotheses is None)
     if not all(fault.kind in MASKED for fault in data.faults):
         made.where = "data"
         return made

@@ -19,6 +19,7 @@ from .command import recomputed
 from .fill import Controller, as_believed, filled
 from .gaps import Seen
 from .kind import NONE, UNKNOWN, ControllerCheck
+from .rates import check_rate
 from .refined import Vehicle, refined
 from .ticks import SLOWER
 from .unseen import with_unseen
@@ -38,6 +39,8 @@ class Follower(Protocol):
 
 def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
     """The controller's check; and of a log slower than the controller the missing commands, where the check allows."""
+    if record.law is not None and record.law.is_rate_law:
+        return record, check_rate(record)
     if record.law is not None:
         flown = replace(record, nominal=replace(record.nominal, controller=record.law))
         return record, check_controller(flown) if record.every == record.tick else None

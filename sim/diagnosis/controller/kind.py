@@ -17,6 +17,7 @@ class ControllerCheck:
     std          of kp_scale, kd_scale, delay
     evidence     nats, as if the difference were white noise
     time_constant  [s] of the derivative, where that is part of the explanation
+    integral_scale  of a rate's law, where another gain of the integral is the explanation
     """
 
     kind: str
@@ -28,6 +29,7 @@ class ControllerCheck:
     std: tuple[float, float, float] = (0.0, 0.0, 0.0)
     time_constant: float | None = None
     evidence: float = 0.0
+    integral_scale: float | None = None
 
     @property
     def is_named(self) -> bool:
@@ -44,6 +46,9 @@ class ControllerCheck:
         """How far apart, or what filter would explain it."""
         if self.kind == FILTER and self.time_constant is not None:
             return f"a derivative time constant of {self.time_constant:.4g} s would explain it"
+        if self.integral_scale is not None:
+            return f"{self.integral_scale:.4g} times the nominal's ki and {self.kp_scale:.4g} times its kp " \
+                   "would explain it"
         return f"{self.before:.2g} rad rms apart, {self.after:.2g} after the best gains and delay"
 
     def late(self, period: float) -> int:

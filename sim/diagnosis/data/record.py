@@ -74,7 +74,7 @@ class Record:
     between     [rad] one sigma by which its commands between rows are off beside that
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
     issued      (n,) [rad] the rows' commands, NaN where there are none, where rows fall between the controller's ticks
-    law         of the nominal, with filters: only whether the log's commands are its own is asked
+    law         of the nominal, of a rate or with filters: only whether the log's commands are its own is asked
     age         [s] by which what the logger read may be older than its stamp: more is a delay
     shift       [s] log's clock = grid's clock + shift
     """
@@ -100,6 +100,7 @@ class Record:
     issued: np.ndarray | None = None
     age: float = 0.0
     law: Controller | None = None
+    rate_reference: np.ndarray = field(default_factory=lambda: np.zeros(0))   # (n,) rad/s, NaN where not known
     logged: np.ndarray | None = None
     lost: np.ndarray | None = None   # none is
     unknown: float = 0.0
@@ -241,7 +242,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
                    first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
                    wind=wind, path_is_known=bool(np.isfinite(path).any()), fastest=fastest_servo(period),
-                   law=own if own is not None and own.filters and not own.is_rate_law else None)
+                   law=own if own is not None and (own.filters or own.is_rate_law) else None,
+                   rate_reference=column("rate_ref"))
     return draft, command
 
 
