@@ -138,6 +138,9 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     if gain.is_hollow:
         return [f"on data left out of the fit the causes gain {gain.nats:.0f} of the {gain.fitted:.0f} nats that they "
                 "gain on all of it"]
+    if gain.is_of_the_pickup:
+        return ["on data left out of the fit the nozzle's angle is predicted far better and the attitude worse: the "
+                "nozzle's sensor may be wrong, the nozzle is not"]
     if gain.is_worse:
         return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
