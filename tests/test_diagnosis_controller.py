@@ -36,6 +36,17 @@ def test_the_controllers_mismatch_is_named_exactly(effect, expected):
     assert values == pytest.approx(expected, abs=1e-6)
 
 
+def test_commands_that_cannot_be_of_this_attitude_and_reference_are_another_s():
+    """An attitude 3 rad from its reference would have held the command at its limit: that no command told gains was no
+    reason to say nothing."""
+    log = flown()
+    far = dataclasses.replace(log, theta=log.theta + 3.0)
+    made = check_controller(record(far, NOMINAL, check(log, NOMINAL)))
+    assert made is not None and made.is_foreign and made.before > 0.1
+    both = dataclasses.replace(far, theta_ref=log.theta_ref + 3.0)
+    assert check_controller(record(both, NOMINAL, check(log, NOMINAL))).kind == NONE
+
+
 FEW = tuple(each for each in NEAR if each.cause in ("gyro_bias", "control_effectiveness"))
 SLOW = 0.02  # s: a log of every other command
 

@@ -73,7 +73,7 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
     elif forgets:
         fair &= _so_long(whole, round(LONGEST_LAG) + 2) & np.concatenate([[False], fair[:-1]])
     if fair.sum() < FEWEST:
-        return None
+        return _always_limited(record, logged, expected)
     free = not (begins or forgets or forgotten > 0)
     before = _rms(_own_part(record, logged - expected, forgets), fair, _remembered(record, len(fair), free))
     if before < max(ROUNDING, record.nominal.diagnosis.command):
@@ -87,6 +87,17 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
                    evidence=float(fair.sum() * math.log(before / max(best.after, ROUNDING))))
     most = ROUNDING if best.time_constant is not None and best.kind != FILTER else max(EXPLAINED * before, ROUNDING)
     return replace(best, kind=UNKNOWN) if best.kind == NONE or best.after > most else best
+
+
+def _always_limited(record: Record, logged: np.ndarray, expected: np.ndarray) -> ControllerCheck | None:
+    """Of commands (periods,) [rad] hardly any of which tells gains: another's, if the nominal's would be at their limit
+    where most of those logged are not (an attitude that is far from the logged reference); else None."""
+    own, limit = record.nominal.controller, controller_gains(record.nominal)[4]
+    differ = (np.abs(expected) >= NEAR_LIMIT * limit) & (np.abs(logged) < NEAR_LIMIT * limit)
+    if own is None or own.filters or differ.sum() < max(FEWEST, 0.5 * len(differ)):
+        return None
+    apart = float(np.sqrt(np.mean((logged - expected)[differ]**2)))
+    return ControllerCheck(UNKNOWN, apart, apart)
 
 
 def _forgotten(record: Record) -> int:
