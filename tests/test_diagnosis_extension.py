@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from launchid_core import ring
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
-from sim.diagnosis.data.turns import unwrapped
+from sim.diagnosis.data.turns import SEAM, unwrapped
 from sim.diagnosis.judge import gain
 from sim.diagnosis.judge.closed_loop import closed_loop_errors, flown_along
 from sim.diagnosis.judge.user_gain import user_gain
@@ -96,6 +97,7 @@ def test_what_does_not_cross_the_seam_is_left_as_it_is_to_the_bit():
     log = turned(quiet)
     again, faults = unwrapped(log)
     assert again is log and faults == ()
+    assert SEAM == ring.SEAM   # on board the same is undone
 
 
 def test_a_reference_is_turned_with_the_attitude_and_the_verdict_says_so():

@@ -13,7 +13,7 @@ from sim.diagnosis.data.world import CALM, MOMENT, SLOW_MOMENT, TURBULENCE, WIND
 from sim.diagnosis.judge import measure
 from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, Constancy
 from sim.diagnosis.judge.extend import extended
-from sim.diagnosis.judge.gain import FAR, LEAST_EXCESS, Gain
+from sim.diagnosis.judge.gain import LEAST_EXCESS, PICKUP, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
 from sim.diagnosis.judge.named import SAME_CLOCK, Named, _groups, _rivals, clocked, idle_of, undetermined
@@ -132,8 +132,8 @@ def gained(nats=50.0, share=0.05, noise=1.0, excess=10.0, horizons=math.inf):
 
 
 @pytest.mark.parametrize(("beta", "theta", "told"), [
-    (INSIDE * FAR, 4.0, True), (OUTSIDE * FAR, 4.0, False), (INSIDE * FAR, 1.0, False),
-    (INSIDE * FAR, INSIDE * FAR, False)])
+    (INSIDE * PICKUP, 4.0, True), (OUTSIDE * PICKUP, 4.0, False), (INSIDE * PICKUP, 1.0, False),
+    (INSIDE * PICKUP, INSIDE * PICKUP, False)])
 def test_a_nozzle_s_sensor_is_said_where_its_angle_alone_is_predicted_better(beta, theta, told):
     """A pickup that read 1.15 times the angle was a servo of that gain, of 51,000 nats, and worse predictions."""
     horizons = dict.fromkeys(("beta", "theta"), 100.0)

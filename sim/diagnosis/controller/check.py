@@ -73,7 +73,7 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
     elif forgets:
         fair &= _so_long(whole, round(LONGEST_LAG) + 2) & np.concatenate([[False], fair[:-1]])
     if fair.sum() < FEWEST:
-        return _always_limited(record, logged, expected)
+        return None if forgets else _always_limited(record, logged, expected)
     free = not (begins or forgets or forgotten > 0)
     before = _rms(_own_part(record, logged - expected, forgets), fair, _remembered(record, len(fair), free))
     if before < max(ROUNDING, record.nominal.diagnosis.command):

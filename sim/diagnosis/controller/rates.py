@@ -13,14 +13,11 @@ import numpy as np
 from ...effects import controller as effects
 from ...flight import excitation, packed
 from ..data.record import THETA_DOT, Record
+from .check import EXPLAINED, LAG_STEP, LONGEST_LAG, SAME_RECOMPUTED
 from .command import later
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 
-SAME = 2.0e-3        # relative, of a gain; of the period for a delay: closer is the same
-EXPLAINED = 0.05     # of the rms difference that may be left for a mismatch to be named
-LONGEST_LAG = 6.0    # periods of computing time searched
-LAG_STEP = 0.05      # periods
-FINE = 41            # of a step to either side of the best
+FINE = 41            # computing times from a step before the best to one behind it
 
 
 def check_rate(record: Record) -> ControllerCheck | None:
@@ -28,7 +25,7 @@ def check_rate(record: Record) -> ControllerCheck | None:
     filters beside the law."""
     own = record.law
     if own is None or own.filters or record.input != "beta_cmd" or record.every != record.tick or record.fine > 1 or \
-            abs(record.period / own.period - 1.0) > SAME:
+            abs(record.period / own.period - 1.0) > SAME_RECOMPUTED:
         return None
     error = record.z[:, THETA_DOT] - record.rate_reference
     logged = record.commands if record.logged is None else np.where(record.logged, record.commands, math.nan)
@@ -72,7 +69,7 @@ def check_rate(record: Record) -> ControllerCheck | None:
     found = ControllerCheck("", before, after, float(scale[0]), delay=lag * own.period,
                             std=(float(spread[0]), 0.0, 2.0 * LAG_STEP / (FINE - 1) * own.period / math.sqrt(12.0)),
                             evidence=float(fair.sum() * math.log(before / max(after, ROUNDING))))
-    found = found.of_kind(SAME, own.period)
+    found = found.of_kind(SAME_RECOMPUTED, own.period)
     if found.kind != NONE and after <= max(EXPLAINED * before, ROUNDING):
         return found
     with_ki, scales, _ = fitted(0.0, True)

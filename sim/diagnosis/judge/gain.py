@@ -31,7 +31,7 @@ LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is no
 CONFIDENCE = 1.645     # standard deviations: one side, 95 %
 LEAST_HELD = 1.0 / 3.0  # of the nats that a fit gains: a true cause gains them (0.5 to 1.1) on rows left out, too
 LARGEST = 1e100        # error of a prediction, by an unstable model: its square is still a number
-FAR = 0.25             # of a squared error: what leaves no more has found something
+PICKUP = 0.25          # of a squared error: what leaves no more has found something
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -103,7 +103,7 @@ class Gain:
     def is_of_the_pickup(self) -> bool:
         """What makes the nozzle's measured angle far more like the predicted makes the attitude less so: what is wrong
         is in the nozzle's sensor, which turns no vehicle."""
-        better = [name for name, (nominal, extended, _, _) in self.squared.items() if extended < FAR * nominal]
+        better = [name for name, (nominal, extended, _, _) in self.squared.items() if extended < PICKUP * nominal]
         return self.is_worse and better == ["beta"]
 
     @property

@@ -28,7 +28,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
     named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
     gain.LEAST_HELD     share of the fit's nats that rows left out must gain           hostile logs: true ones 0.5
-    gain.FAR            of a squared error, below which the nozzle's sensor has been found  meaning only
+    gain.PICKUP         of a squared error, below which the nozzle's sensor has been found  meaning only
     gaps.EXPLAINS       times what noise leaves, that other gains may in a slow log    own flights: 1.2 at most
     gain.CONFIDENCE     of chance in a log too short for predictions                   meaning only: 95 %
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
