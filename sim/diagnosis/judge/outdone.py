@@ -48,28 +48,6 @@ class Rival:
                 f"{100 * self.share:.0f} % of what {whose}")
 
 
-def outdone_beside(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
-    """The same of the causes beside the strongest, where something remains: what a generic shape makes as well, and is
-    still left beside them, is no further cause but the strongest one's own misfit; None: of none of them."""
-    model = selection.model
-    first = strongest(selection)
-    problem, remaining = Problem(model.fit.record, model.fit.filter), _remaining(left)
-    for k, cause in enumerate(model.causes):
-        if k == first or in_a_block(model.causes, k):
-            continue
-        base = fit(problem, (*model.causes[:k], *model.causes[k + 1:]), model.fit.delta)
-        own = base.cost - model.fit.cost
-        for place, shape, _, gain in shape_gains(problem, base):
-            if gain > own + SHAPE_LIMIT or ((place, shape) in remaining and gain > PARALLEL * own):
-                return Rival(cause.hypothesis.cause, place, shape, gain / own if own > 0.0 else math.inf)
-    return None
-
-
-def _remaining(left: tuple[Leftover, ...]) -> dict[tuple[str, str], float]:
-    """(place, shape) -> [nats], of what is left beyond chance."""
-    return {(each.disturbance.place, each.shape): each.gain for each in left if each.gain > each.limit}
-
-
 def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     """What explains more than the strongest cause (or the block that it is part of) in its place, by more than the best
     of so many shapes does by chance, or nearly as much and is left beside it; None: nothing.
@@ -102,6 +80,28 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)
     return None
+
+
+def outdone_beside(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
+    """`outdone` of the causes beside the strongest, for where something remains: what a generic shape makes as well, and
+    is still left beside them, is no further cause but the strongest one's own misfit; None: of none of them."""
+    model = selection.model
+    first = strongest(selection)
+    problem, remaining = Problem(model.fit.record, model.fit.filter), _remaining(left)
+    for k, cause in enumerate(model.causes):
+        if k == first or in_a_block(model.causes, k):
+            continue
+        base = fit(problem, (*model.causes[:k], *model.causes[k + 1:]), model.fit.delta)
+        own = base.cost - model.fit.cost
+        for place, shape, _, gain in shape_gains(problem, base):
+            if gain > own + SHAPE_LIMIT or ((place, shape) in remaining and gain > PARALLEL * own):
+                return Rival(cause.hypothesis.cause, place, shape, gain / own if own > 0.0 else math.inf)
+    return None
+
+
+def _remaining(left: tuple[Leftover, ...]) -> dict[tuple[str, str], float]:
+    """(place, shape) -> [nats], of what is left beyond chance."""
+    return {(each.disturbance.place, each.shape): each.gain for each in left if each.gain > each.limit}
 
 
 def _swinging(problem: Problem, model: Model) -> Rival | None:
