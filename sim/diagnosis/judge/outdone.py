@@ -83,8 +83,8 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
 
 
 def outdone_beside(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
-    """`outdone` of the causes beside the strongest, for where something remains: what a generic shape makes as well, and
-    is still left beside them, is no further cause but the strongest one's own misfit; None: of none of them."""
+    """`outdone` of the causes beside the strongest, for where something remains: what a generic shape makes as well,
+    and is still left beside them, is no further cause but the strongest one's own misfit; None: of none of them."""
     model = selection.model
     first = strongest(selection)
     problem, remaining = Problem(model.fit.record, model.fit.filter), _remaining(left)
