@@ -8,6 +8,7 @@ from . import ring as rb
 from .kernels import shared
 from .library import CODE_LENGTH, N_VARIABLES
 from .memory import take, take2
+from .records import store
 from .sparse import SparseWork, Whole, view_sparse, view_whole
 from .stuck import N_LEARNED, N_WATCHED
 from .window import EQUATIONS, Outcome, view_outcome
@@ -19,6 +20,7 @@ N_PLAN = 8
 PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
 
 
+@store
 class Fixed(NamedTuple):
     """Never changes in flight."""
 
@@ -30,6 +32,7 @@ class Fixed(NamedTuple):
     saturation: np.ndarray  # (7,) end stops by ring column
 
 
+@store
 class State(NamedTuple):
     """What persists between samples."""
 
@@ -43,6 +46,7 @@ class State(NamedTuple):
     repeats: np.ndarray     # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
 
 
+@store
 class Work(NamedTuple):
     """Scratch of a window's close."""
 

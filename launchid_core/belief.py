@@ -7,6 +7,7 @@ import numpy as np
 from .kernels import inner, shared
 from .library import CODE_LENGTH
 from .memory import take, take2
+from .records import store
 
 # constant (f8)
 (FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN, GYRO_SCALE,
@@ -26,6 +27,7 @@ N_AIR = 4
 NONE = -1
 
 
+@store
 class Belief(NamedTuple):
     """Fixed at construction; r nuisances, L noise levels."""
 

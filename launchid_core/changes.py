@@ -23,6 +23,7 @@ from .belief import A6, K1
 from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2, take3
+from .records import store
 from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
 
 ONSETS = 24         # blocks looked back: 2.4 s at 0.1 s
@@ -48,6 +49,7 @@ NEXT, KEPT, EVENTS, SINCE = range(4)
 N_COUNTS = 4
 
 
+@store
 class Watch(NamedTuple):
     """State of the detector."""
 

@@ -20,6 +20,7 @@ from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
 from .model import N_NOISES
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
+from .records import store
 from .ring import BETA_CMD, GAMMA, THETA, T
 from .states import LEVEL_CLAMPS, N_STATES, N_TESTS, RESTARTS, RUNNING
 from .tracker import N_BELIEF
@@ -40,6 +41,7 @@ LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over min
 ROWS, SAMPLES, GAPS = range(3)
 
 
+@store
 class Accumulator(NamedTuple):
     """Square-root information and the rows on their way into it.  c = n + q + N_TESTS + 1 columns,
     right-hand side last.
@@ -58,6 +60,7 @@ class Accumulator(NamedTuple):
     level_information: np.ndarray  # (L, L) over the flight, prior included
 
 
+@store
 class AccumulatorWork(NamedTuple):
     """Scratch of a block and of a window's close."""
 

@@ -23,6 +23,7 @@ from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import WALK
+from .records import store
 from .states import N_STATES
 from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
@@ -36,6 +37,7 @@ WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tr
 SHARE = 0
 
 
+@store
 class Gust(NamedTuple):
     """State of the hypothesis; g = n + 2 for n states, or 0 of a model without nuisances."""
 

@@ -11,6 +11,7 @@ Not part of what flies, as `kernel_cache`.  It uses what is no public part of nu
 it expects it does without, which costs time and nothing else.
 """
 
+import contextlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,7 +30,8 @@ KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
          and all(hasattr(codegen.JITCodeLibrary, name)
                  for name in ("finalize", "_get_module_for_linking", "get_pointer_to_function", "codegen",
                               "serialize_using_object_code", "_optimize_functions", "_optimize_final_module"))
-         and all(hasattr(compiler, name) for name in ("Compiler", "CompileResult", "CR_FIELDS")))
+         and all(hasattr(compiler, name) for name in ("Compiler", "CompileResult", "CR_FIELDS"))
+         and hasattr(types, "BaseFunction") and hasattr(types.BaseFunction, "get_call_type"))
 
 
 def _sweep(library: Any, module: Any) -> None:
@@ -161,7 +163,38 @@ if KNOWN:
             """As numba's."""
             self.state.library = Entry(self.state.targetctx.codegen(), function.__qualname__)
             self.state.library.enable_object_caching()
-            return super().compile_extra(function)
+            with remembering():
+                return super().compile_extra(function)
+
+
+
+_PLAIN = (types.Number, types.Boolean, types.Array, types.SliceType, types.UniTuple)
+
+
+@contextlib.contextmanager
+def remembering() -> Iterator[None]:
+    """Meanwhile what an operator makes of numbers and arrays is asked once.
+
+    numba tries every meaning that an operator has (of strings, dates, sets ..) each time that it stands in a kernel: a
+    fifth of a compilation.  It compiles one function at a time, whoever asks, and what calls this is within its lock.
+    """
+    functions: Any = types.BaseFunction
+    usual, known = functions.get_call_type, {}
+
+    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        if getattr(self.typing_key, "__module__", None) != "_operator" \
+                or kws or not all(isinstance(each, _PLAIN) for each in args):
+            return usual(self, context, args, kws)
+        if (self, args) not in known:
+            known[self, args] = usual(self, context, args, kws)
+        return known[self, args]
+
+    functions.get_call_type = get_call_type
+    try:
+        yield
+    finally:
+        functions.get_call_type = usual
+
 
 OF_A_PART: dict[str, Any] = {"pipeline_class": PartCompiler} if KNOWN else {}
 OF_AN_ENTRY: dict[str, Any] = {"pipeline_class": EntryCompiler} if KNOWN else {}

@@ -24,6 +24,7 @@ from .changes import (
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import MISALIGNMENT, OFFSETS, TURBULENCE, WALK
+from .records import store
 from .states import LAST, N_STATES
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .uncertainty import OUT, RAISED
@@ -47,6 +48,7 @@ C_PARAMETER, C_FINAL = range(2)
 N_CHANGED = 2
 
 
+@store
 class Report(NamedTuple):
     """What leaves beside the outcome, as of now."""
 

@@ -20,6 +20,7 @@ from .kernels import inner, once, shared
 from .lanes import dot, subtract
 from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
 from .memory import take, take2
+from .records import store
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -29,6 +30,7 @@ SR3_ITERATIONS = 60
 SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: results vary little over decades)
 
 
+@store
 class SparseWork(NamedTuple):
     """Scratch of the solvers for q terms; of use after `solve_active` and `invert_active` alone."""
 
@@ -62,6 +64,7 @@ def view_sparse(f, at, i, m, q):
     return SparseWork(columns, order, tau, norms, right, solution, places, scaled, weight, auxiliary, inverse), at, m
 
 
+@store
 class Whole(NamedTuple):
     """Factor of all columns of M, scaled."""
 

@@ -7,6 +7,7 @@ import numpy as np
 from .kernels import shared
 from .library import MAX_POWER, N_VARIABLES
 from .memory import take, take2, take3
+from .records import store
 from .servo import N_STEP
 
 N_STATES = 4    # of the vehicle
@@ -31,6 +32,7 @@ GAMMA_NOW = 0
 COMMAND_NOISE, ACCELERATION_NOISE = 3, 4
 
 
+@store
 class Filter(NamedTuple):
     """State of the predictor: n states, L noise levels."""
 
@@ -50,6 +52,7 @@ class Filter(NamedTuple):
     note: np.ndarray       # (N_NOTES,) int64 counters
 
 
+@store
 class FilterWork(NamedTuple):
     """Scratch of the predictor."""
 

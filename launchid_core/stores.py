@@ -11,6 +11,7 @@ from .filtered import Accumulator, AccumulatorWork, start_window, view_accumulat
 from .gusts import Gust, gust_size, view_gust
 from .kernels import shared
 from .memory import take, take2
+from .records import store
 from .states import Filter, FilterWork, view_filter, view_filter_work
 from .structure import PRIOR, Learner
 from .stuck import N_LEARNED, N_WATCHED
@@ -24,6 +25,7 @@ ESTIMATE_LEVELS, ENOUGH = range(2)  # follow the noise levels; samples below whi
 N_OPTIONS = 2
 
 
+@store
 class Fixed(NamedTuple):
     """Never changes in flight."""
 
@@ -32,6 +34,7 @@ class Fixed(NamedTuple):
     option: np.ndarray  # (N_OPTIONS,) int64
 
 
+@store
 class State(NamedTuple):
     """What persists between samples."""
 
@@ -52,6 +55,7 @@ class State(NamedTuple):
     repeats: np.ndarray  # (3, 2) learned of theta, theta_dot and beta: share of repeats, smallest step
 
 
+@store
 class Work(NamedTuple):
     """Meaningless between samples."""
 

@@ -15,6 +15,7 @@ from .elementary import exp_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows
 from .memory import take, take2
+from .records import store
 from .sparse import SparseWork, covariance_entry, invert_active, solve_active, view_sparse
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
@@ -24,12 +25,14 @@ MEMORY = 9.5      # s: forgetting of 0.9 per second
 PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
 
 
+@store
 class Learner(NamedTuple):
     """Structure over many windows: what persists."""
 
     r: np.ndarray       # (q+1, q+1) square-root information, right-hand side last
 
 
+@store
 class Learning(NamedTuple):
     """Its scratch."""
 

@@ -20,6 +20,7 @@ from .belief import A6, K1
 from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2, take3
+from .records import store
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
@@ -36,6 +37,7 @@ MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
 N_BELIEF = 5
 
 
+@store
 class Bank(NamedTuple):
     """State of the tracker with b members; a member's state is (a6, k1, slope of a6, slope of k1), relative."""
 
@@ -46,6 +48,7 @@ class Bank(NamedTuple):
     weight: np.ndarray      # (b,)
 
 
+@store
 class BankWork(NamedTuple):
     """Scratch of the tracker."""
 

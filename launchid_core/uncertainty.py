@@ -24,6 +24,7 @@ from .changes import E_TIME, EVENTS, MAX_EVENTS
 from .elementary import erfc_of
 from .kernels import inner, once, shared
 from .memory import take, take2
+from .records import store
 from .tracker import MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 BANDS = ("0-30", "30-60", "60-100", "out")  # per cent of |sigma|
@@ -40,6 +41,7 @@ RAISED, KNOWN_INSIDE = range(2)
 N_FLAGS = 2
 
 
+@store
 class Sigma(NamedTuple):
     """The range sigma, fixed at construction."""
 
@@ -48,6 +50,7 @@ class Sigma(NamedTuple):
     k1: np.ndarray           # (n,)
 
 
+@store
 class Gauge(NamedTuple):
     """State; rows and pairs are (a6, k1)."""
 

@@ -28,6 +28,7 @@ from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows
 from .memory import take, take2, take3
+from .records import store
 from .states import MOMENT_TEST, N_STATES, N_TESTS
 from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
 from .whiteness import KEEPS_CHANGING, NOTHING, quietest_share
@@ -51,6 +52,7 @@ RISEN = 0.4                # of a sensor's log noise level
 GONE = 9.0                 # below it the model may be believed again
 
 
+@store
 class Undeclared(NamedTuple):
     """State of the filters; u = SIZE, or 0 of a model with nuisances of its own, which knows better."""
 
@@ -61,6 +63,7 @@ class Undeclared(NamedTuple):
     flag: np.ndarray        # (N_FLAGS,) int64
 
 
+@store
 class UndeclaredWork(NamedTuple):
     """Its scratch."""
 

@@ -31,6 +31,7 @@ from .elementary import erfc_of, exp_of, log_of
 from .kernels import inner, once, shared
 from .memory import take, take2
 from .model import N_NOISES
+from .records import store
 from .states import ACCELERATION_NOISE, N_CHANNELS
 from .tracker import COV, VAR_A6, VAR_K1
 
@@ -68,6 +69,7 @@ NOTHING, BLOCKS, KEEPS_CHANGING = range(3)
 INNOVATION, FOR_A6, FOR_K1 = range(3)
 
 
+@store
 class Check(NamedTuple):
     """State of the test."""
 

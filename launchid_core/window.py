@@ -6,6 +6,7 @@ import numpy as np
 
 from .kernels import shared
 from .memory import take, take2
+from .records import store
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 ATTITUDE = 1   # the equation that a6 and k1 live in
@@ -19,6 +20,7 @@ STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3
 
 
+@store
 class Outcome(NamedTuple):
     """Result of the last window."""
 
