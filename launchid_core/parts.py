@@ -12,6 +12,7 @@ it expects it does without, which costs time and nothing else.
 """
 
 import contextlib
+import gc
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,6 +24,7 @@ from numba.core.typing import templates
 codegen: Any = numba.core.codegen
 compiler: Any = numba.core.compiler
 
+GARBAGE = (100_000, 20, 20)  # new objects, and rounds of the young, between two looks
 KIND = "part"  # of what is kept on disk, beside numba's "object"
 
 KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
@@ -163,7 +165,7 @@ if KNOWN:
             """As numba's."""
             self.state.library = Entry(self.state.targetctx.codegen(), function.__qualname__)
             self.state.library.enable_object_caching()
-            with remembering():
+            with remembering(), collecting_seldom():
                 return super().compile_extra(function)
 
 
@@ -194,6 +196,21 @@ def remembering() -> Iterator[None]:
         yield
     finally:
         functions.get_call_type = usual
+
+
+@contextlib.contextmanager
+def collecting_seldom() -> Iterator[None]:
+    """Meanwhile Python looks for garbage after a hundred times as many new objects as usual.
+
+    A compilation makes millions that stay; looking through them all, again and again, takes a tenth of its time, and
+    seldom frees more than some megabytes.
+    """
+    usual = gc.get_threshold()
+    gc.set_threshold(*(GARBAGE if usual[0] else usual))  # 0: switched off by the host
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
 
 
 OF_A_PART: dict[str, Any] = {"pipeline_class": PartCompiler} if KNOWN else {}

@@ -1,5 +1,6 @@
 """Stores in compiled code: a named tuple of arrays goes in, through and out as it is in plain Python."""
 
+import gc
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from launchid_core.kernels import inner, shared
 from launchid_core.memory import take, take2, take3
-from launchid_core.parts import remembering
+from launchid_core.parts import GARBAGE, collecting_seldom, remembering
 from launchid_core.records import store
 
 
@@ -107,3 +108,16 @@ def test_operators_mean_afterwards_what_they_meant_before():
         assert types.BaseFunction.get_call_type is not before
         raise KeyError
     assert types.BaseFunction.get_call_type is before
+
+
+@pytest.mark.parametrize("usual", [(700, 10, 10), (0, 10, 10)])
+def test_garbage_is_collected_afterwards_as_before(usual):
+    before = gc.get_threshold()
+    try:
+        gc.set_threshold(*usual)
+        with pytest.raises(KeyError), collecting_seldom():
+            assert gc.get_threshold() == (GARBAGE if usual[0] else usual)
+            raise KeyError
+        assert gc.get_threshold() == usual
+    finally:
+        gc.set_threshold(*before)
