@@ -56,8 +56,15 @@ class Source(NamedTuple):
         """Nobody declared it."""
         return self.unsought is not None
 
-    def keep(self, period: float) -> float:
-        """What is left of it after a period [s]."""
+    def keep(self, period: float, z_alpha: float = 0.0) -> float:
+        """What is left of it after a period [s], of a flight path that turns by z_alpha [1/s] of the angle of attack.
+
+        The path turns with a wind that wanders, so that less of it is left in the angle of attack (more, where
+        z_alpha < 0): of w and the gamma that it makes, gamma' = z_alpha (w - gamma), the state is w - gamma.  A gust is
+        over before the path has turned.
+        """
+        if self.entry == WIND and math.isinf(self.time_constant):
+            return math.exp(-z_alpha * period)
         return math.exp(-period / self.time_constant)
 
     def fresh(self, period: float) -> float:
@@ -80,9 +87,9 @@ class World:
         """Those with a level, in the order of the levels behind the vehicle's own five."""
         return tuple(each for each in self.sources if each.is_stochastic)
 
-    def table(self, period: float) -> np.ndarray:
-        """(states, 2) entry, and what is left after a row of this period [s]."""
-        return np.array([[each.entry, each.keep(period)] for each in self.sources]).reshape(-1, 2)
+    def table(self, period: float, z_alpha: float) -> np.ndarray:
+        """(states, 2) entry, and what is left after a row of this period [s] (`Source.keep`)."""
+        return np.array([[each.entry, each.keep(period, z_alpha)] for each in self.sources]).reshape(-1, 2)
 
     def with_weather(self, source: Source) -> "World":
         """With one source of any level in the place of the one of its name."""

@@ -22,7 +22,7 @@ from .ahead import horizon_variances
 from .lanes import LANES, likelihoods
 from .likelihood import likelihood, whiten
 from .linear import Modes, matched, modes_of, state_matrix
-from .point import Point, begins_at_rest, vehicle
+from .point import Point, begins_at_rest, path_slope, vehicle
 from .predictor import N_RIGID, made_good
 
 LEVELS = ("theta", "theta_dot", "beta", "command", "acceleration")
@@ -122,7 +122,7 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     command_q, acceleration_q, between_q = (x[:, kept, kept].copy() for x in q)
     own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, record.fill_gain**2 * between_q,
                    record.between**2 * between_q, entry, float(made_good(scale)), np.arange(m)[kept], (), ())
-    return _with_lost(record, _in_the_world(record, own, record.a6[half], v.k1[half]))
+    return _with_lost(record, _in_the_world(record, own, record.a6[half], v.k1[half], path_slope(v)))
 
 
 def _with_lost(record: Record, own: Dynamics) -> Dynamics:
@@ -137,15 +137,16 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
                    entry=entry, block=np.where(record.lost, own.block + len(own.f), own.block))
 
 
-def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray) -> Dynamics:
-    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks."""
+def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray, z_alpha: float) -> Dynamics:
+    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks, z_alpha [1/s]
+    of the flight path."""
     sources, period = record.world.sources, record.period
     (b, m, _), w = own.f.shape, len(sources)
     f, entry, c = np.zeros((b, m + w, m + w)), np.zeros((b, m + w, 2)), np.zeros((3, m + w))
     f[:, :m, :m], entry[:, :m], c[:, :m] = own.f, own.entry, own.c
     fresh, first = [], []
     for j, source in enumerate(sources, start=m):
-        f[:, j, j] = source.keep(period)
+        f[:, j, j] = source.keep(period, z_alpha)
         if source.entry in SENSOR_OF:
             c[SENSOR_OF[source.entry], j] = 1.0
         else:
