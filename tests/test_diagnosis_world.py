@@ -14,7 +14,7 @@ from sim.diagnosis.causes import SOUGHT
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.data.record import Record
-from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WALK, WIND
+from sim.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WALK, WIND, Source, World
 from sim.diagnosis.judge.absorbed import Absorbing
 from sim.diagnosis.model.level_fit import fit_levels
 from sim.diagnosis.model.noise import Refilter, bounds, declared, dynamics, first_filter, run_filter
@@ -194,6 +194,35 @@ def test_a_flight_path_that_drifts_is_no_moment_that_grows():
 
 
 # ---- the flight path
+
+
+@pytest.mark.parametrize("z_alpha", [-0.1, 0.05])
+def test_what_is_left_of_a_wind_that_the_path_turns_with(z_alpha):
+    """w - gamma of gamma' = z_alpha (w - gamma), w constant, in small steps."""
+    walk = Source(WALK, WIND, 0.002, 0.05)
+    gamma, step = 0.0, 1e-4
+    for _ in range(round(2.0 / step)):
+        gamma += step * z_alpha * (1.0 - gamma)
+    assert walk.keep(2.0, z_alpha) == pytest.approx(1.0 - gamma, rel=1e-4)
+    assert walk.keep(2.0) == 1.0 and walk.fresh(2.0) == 2.0
+    for other in (Source(TURBULENCE, WIND, 0.005, 0.005, 1.0), Source(SLOW_MOMENT, MOMENT, 0.1, 0.1, 20.0)):
+        assert other.keep(2.0, z_alpha) == other.keep(2.0)
+    table = World((walk,)).table(2.0, z_alpha)
+    assert table.tolist() == [[WIND, walk.keep(2.0, z_alpha)]]
+
+
+@pytest.mark.parametrize(("z_alpha", "z_beta", "seed"), [
+    (-0.09, 0.0, 1), pytest.param(0.06, 0.0, 2, marks=pytest.mark.campaign),
+    pytest.param(-0.03, -0.1, 3, marks=pytest.mark.campaign)])
+def test_a_flight_path_that_drifts_turns_with_the_wind(z_alpha, z_beta, seed):
+    """In declared wind its numbers are within three of their standard deviations, and it is no wind."""
+    whole = dataclasses.replace(WHOLE, wind=WINDY.wind)
+    effect = f"lateral_drift:z_alpha={z_alpha},z_beta={z_beta}"
+    result = judged(flown(whole, effect, seed=seed), whole, SLOW)
+    assert (result["verdict"], names(result)) == ("explained", ["lateral_drift"]), result["doubts"]
+    found = result["causes"][0]["parameters"]
+    for name, true in (("z_alpha", z_alpha), ("z_beta", z_beta)):
+        assert abs(found[name]["value"] - true) < 3.0 * found[name]["std"], found
 
 
 def test_a_measured_flight_path_is_known_wind():

@@ -138,8 +138,8 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray, z_alpha: float) -> Dynamics:
-    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks, z_alpha [1/s]
-    of the flight path."""
+    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks; z_alpha
+    [1/s] of the flight path."""
     sources, period = record.world.sources, record.period
     (b, m, _), w = own.f.shape, len(sources)
     f, entry, c = np.zeros((b, m + w, m + w)), np.zeros((b, m + w, 2)), np.zeros((3, m + w))

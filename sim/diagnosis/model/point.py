@@ -129,12 +129,17 @@ def path_slope(v: st.Vehicle) -> float:
     return own + float(np.sum(v.plant[v.plant[:, CODE] == plant.LATERAL_DRIFT, P0]))
 
 
+def world_of(record: Record, v: st.Vehicle) -> np.ndarray:
+    """(states, 2) of the world about this vehicle (`World.table`)."""
+    return record.world.table(record.period, path_slope(v))
+
+
 def innovations(record: Record, of: Gains, point: Point, extra: np.ndarray | None = None) \
         -> tuple[np.ndarray, np.ndarray, bool]:
     """(innovations (n, 3), corrected states (n, 4), whether the model stayed with the log)."""
     e, states = np.empty_like(record.z), np.empty((record.rows, 4))
     v = vehicle(record, point, extra)
-    stayed = follow(v, slots_of(v, of.modes), record.world.table(record.period, path_slope(v)), record.a6, record.at, record.z,
+    stayed = follow(v, slots_of(v, of.modes), world_of(record, v), record.a6, record.at, record.z,
                     of.gains, record.held, record.held_phase, e, states)
     return e, states, bool(stayed)
 
@@ -143,7 +148,7 @@ def predicted_attitude(record: Record, of: Gains) -> np.ndarray:
     """(ticks,) [rad] what the attitude sensor would have read at every controller tick, under the nominal."""
     attitudes = np.zeros(len(record.commands))
     v = vehicle(record, Point())
-    tick_attitudes(v, slots_of(v, of.modes), record.world.table(record.period, path_slope(v)), record.a6, record.at, record.z,
+    tick_attitudes(v, slots_of(v, of.modes), world_of(record, v), record.a6, record.at, record.z,
                    of.gains, attitudes)
     return attitudes
 
@@ -155,6 +160,6 @@ def prediction_errors(record: Record, of: Gains, point: Point, horizons: Sequenc
     ahead = np.array([max(1, round(h / record.period)) for h in horizons], np.int64)
     errors = np.full((-(-record.rows // rows), len(ahead), 3), math.nan)
     v = vehicle(record, point)
-    horizon_errors(v, slots_of(v, of.modes), record.world.table(record.period, path_slope(v)), record.a6, record.at, record.z,
+    horizon_errors(v, slots_of(v, of.modes), world_of(record, v), record.a6, record.at, record.z,
                    of.gains, record.held, record.held_phase, rows, ahead, errors)
     return errors

@@ -34,7 +34,6 @@ HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
-NEARBY = 0.01         # of a size that a scan promises in a straight line, from where that line goes too far
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
 UNLIKE_NONE = 2.0     # standard deviations of a size from that of no cause: evidence for less is for something else
@@ -261,15 +260,8 @@ def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit
 
 
 def _joined(problem: Problem, base: Fit, candidate: Candidate) -> Fit:
-    """The base with the candidate, from where the scan says; where that leads to what the log asks for less than for
-    the base, which it nests, from near the base."""
-    of, values = candidate.hypothesis, candidate.values
-    near = tuple(of.neutral + NEARBY * (value - of.neutral) for value in values[:of.amounts])
-    joined = fit(problem, (*base.causes, Cause(of, values)), base.delta)
-    if joined.cost < base.cost:
-        return joined
-    again = fit(problem, (*base.causes, Cause(of, (*near, *values[of.amounts:]))), base.delta)
-    return min(joined, again, key=lambda each: each.cost)
+    causes = (*base.causes, Cause(candidate.hypothesis, candidate.values))
+    return fit(problem, causes, base.delta)
 
 
 def _in_steps(problem: Problem, base: Fit, allowed: list[Hypothesis]) -> Iterator[Fit]:
