@@ -346,6 +346,18 @@ def test_the_strongest_alone_stands_where_several_together_are_in_doubt(judged):
     assert (made.verdict, made.nearest) == ("unexplained", (weak, strong)) and "gyro_scale" in made.doubts[0]
 
 
+def test_what_makes_sense_together_only_stands_together_where_a_further_cause_is_in_doubt(judged, monkeypatch):
+    """A pendulum's sine in the place of theta is two terms, and its friction a third cause that a shape makes as
+    well."""
+    sine, linear = cause("missing_term", 90.0), cause("missing_term", 80.0)
+    doubtful = cause("friction", 30.0, varies=0.9)
+    monkeypatch.setattr(verdict, "in_a_block", lambda causes, k: causes[k].cause == "missing_term")
+    made = judged(Found(linear, sine, doubtful)).made
+    assert (made.verdict, made.causes) == ("explained", (sine, linear))
+    found = Found(linear, sine, nats=-1.0)   # nothing is beside the block: none is taken from it
+    assert len(judged(found).measured) == 1 and judged(found).made.nearest == (linear, sine)
+
+
 def test_weather_alone_stands_where_causes_in_it_explain_hardly_more(judged):
     """A shear was a drift in turbulence.  A sensor's cause is told from weather, and stays."""
     sky = Found(weather=weather(430.0))

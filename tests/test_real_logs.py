@@ -152,3 +152,11 @@ def test_names_are_right_beside_or_wrong(suite):
     assert suite.found({"verdict": "dominant", "causes": [named("attitude_bias")]}, robot) == "some"
     assert suite.found({"verdict": "dominant", "causes": [named("friction", None, ("steady_wind",)),
                                                           named("actuator_delay")]}, robot) == "all"
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", sorted(log for log in measured_logs() if log != "bam_xl330_kp400_lift_and_drop"))
+def test_the_main_defect_of_every_open_log_is_named_and_nothing_else(suite, name):
+    [(_, path, known)] = suite.logs(MEASURED, [name], True)
+    result = suite.diagnosed(read_log(path, ("t",)), known)
+    assert (suite.found(result, known), suite.wrong_names(result, known)) == ("all", [])

@@ -334,10 +334,12 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 
 def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """The strongest cause alone, where several together are in doubt; the weather alone, where causes in it are."""
+    """The strongest cause alone (with what makes sense together with it only), where several together are in doubt; the
+    weather alone, where causes in it are."""
     assert made.selection is not None
-    if len(made.selection.model.causes) > 1:
-        found = _instead(made, fewer(made.selection, [strongest(made.selection)]), measure, found, say)
+    kept = [k for k, share in enumerate(_only_strongest(made.selection)) if share]
+    if len(kept) < len(made.selection.model.causes):
+        found = _instead(made, fewer(made.selection, kept), measure, found, say)
     if found and made.selection.instead is not None:
         found = _instead(made, made.selection.instead, measure, found, say)
     return found
