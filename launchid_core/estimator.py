@@ -123,7 +123,10 @@ class Estimator:
             at, code = loop(*self._block, *self._options, table, at)
             if code == rb.RECOVERED:
                 self._begin_anew(Sample(*table[at - 1].tolist()))
-            elif code == rb.WINDOW_COMPLETE:
+            elif code == rb.ACCEPTED and at < len(table):
+                code = self.update(Sample(*table[at].tolist()))
+                at += 1
+            if code == rb.WINDOW_COMPLETE:
                 estimate = self.estimate()
                 assert estimate is not None
                 estimates.append(estimate)

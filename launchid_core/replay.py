@@ -1,4 +1,4 @@
-"""Whole logs in one call: a compiled loop over what `step` does, which hands back to Python where a window has closed.
+"""Whole logs in one call: a compiled loop over what `step` does, which hands back to Python where a window closes.
 
 The same kernels with the same arguments, so the same bits as sample by sample; memory is cut once a call.
 """
@@ -17,40 +17,29 @@ from .sample import Sample
 
 
 @kernel
-def replay_pointwise(f, i, samples, at):
-    """Take rows of samples (n, 7) from `at` on until one answers WINDOW_COMPLETE or RECOVERED.
+def take_within(f, i, samples, at):
+    """Take rows of samples (n, 7) from `at` on until one may close a window or answers RECOVERED: a regression's.
 
     f, i  inout  of a `memory.Block`
-    Returns (the row after it, its status); (n, ACCEPTED) at the end.
+    Returns (the row after the last taken, ACCEPTED); (that after the damage, RECOVERED).
     """
     fixed, state, _, _ = st.cut_sample(f, i)
     for k in range(at, samples.shape[0]):
         s = samples[k]
-        code = take_sample(fixed, state, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
-        if code == rb.WINDOW_COMPLETE:
-            code = st.finish_pointwise(f, i)
-        if code == rb.WINDOW_COMPLETE or code == rb.RECOVERED:
-            return k + 1, code
-    return samples.shape[0], rb.ACCEPTED
-
-
-@kernel
-def replay_integral(f, i, samples, at):
-    """As `replay_pointwise`."""
-    fixed, state, _, _ = st.cut_sample(f, i)
-    for k in range(at, samples.shape[0]):
-        s = samples[k]
-        code = take_sample(fixed, state, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
-        if code == rb.WINDOW_COMPLETE:
-            code = st.finish_integral(f, i)
-        if code == rb.WINDOW_COMPLETE or code == rb.RECOVERED:
-            return k + 1, code
+        if not rb.stays_within(fixed.limits, state.clock, state.counts, s[0]):
+            return k, rb.ACCEPTED
+        if take_sample(fixed, state, s[0], s[1], s[2], s[3], s[4], s[5], s[6]) == rb.RECOVERED:
+            return k + 1, rb.RECOVERED
     return samples.shape[0], rb.ACCEPTED
 
 
 @kernel
 def replay_filtered(f, i, structured, ranged, samples, at):
-    """As `replay_pointwise`; structured, ranged as of `step_filtered`."""
+    """Take rows of samples (n, 7) from `at` on until one answers WINDOW_COMPLETE or RECOVERED: the filter's.
+
+    structured, ranged  in  as of `step_filtered`
+    Returns (the row after it, its status); (n, ACCEPTED) at the end.
+    """
     fixed, state, work, learner, learning, sigma, gauge = st.cut_whole(f, i, structured, ranged)
     for k in range(at, samples.shape[0]):
         s = samples[k]
@@ -62,10 +51,11 @@ def replay_filtered(f, i, structured, ranged, samples, at):
 
 
 def loop_of(formulation: str) -> Callable[..., Any]:
-    """The compiled loop of a formulation."""
-    if formulation == "filtered":
-        return replay_filtered
-    return replay_integral if formulation == "integral" else replay_pointwise
+    """The compiled loop of a formulation.
+
+    A regression's ends before what may close a window, which is for its `step`: the close is not compiled again.
+    """
+    return replay_filtered if formulation == "filtered" else take_within
 
 
 def table_of(samples: Any) -> np.ndarray:

@@ -136,6 +136,13 @@ def seek_window(limits, clock, count, t):
     return closed
 
 
+@inner
+def stays_within(limits, clock, count, t):
+    """Whether a sample at t surely closes no window: a later one than the last, and not the window's last."""
+    t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
+    return count[STARTED] == 1 and clock[T_LAST] < t and t + LAST_SAMPLE * limits[PERIOD] <= t_start + limits[WINDOW]
+
+
 @once
 def unwrap(clock, count, theta, anew):
     """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""

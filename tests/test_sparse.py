@@ -51,7 +51,7 @@ def solve_reduced(solver, mt, y, threshold):
 def solve(solver, a, y, threshold):
     """The same from a tall problem, reduced by numpy's QR."""
     q, r = np.linalg.qr(a)
-    return solve_reduced(solver, r.T, q.T @ y, threshold)
+    return solve_reduced(solver, r.T.copy(), q.T @ y, threshold)
 
 
 def tall_least_squares(a, y):

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..vehicle.kernels import kernel
 from .step import N_STATES, add_noise, fill, transition
-from .world import ATTITUDE_BIAS, PATH, World, calm
+from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
 
 N_UNKNOWN = 6      # four initial states, relative a6, relative k1
 DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
@@ -200,5 +200,5 @@ def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarr
     k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
     world                 in   what else is not known; None: nothing
     """
-    information_in(calm(len(t)) if world is None else world, t, z, u, a6, k1, actuator, noises, window_of,
+    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, a6, k1, actuator, noises, window_of,
                    information, k1_information)

@@ -1,7 +1,7 @@
 """What is not known but the vehicle: wind, offsets and flight path, as states beside its own."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,6 +69,13 @@ def world_of(nominal: Nominal, flight: Flight, restarts: bool = True, path_known
                  np.stack(drift.at(t + 0.5 * h)) if drift is not None and unseen else world.drift,
                  flight.true_gamma if unseen else world.gamma, gamma_variance, restarts and len(states) > 0,
                  levels_known)
+
+
+def contiguous(world: World) -> World:
+    """The same with arrays that lie in one piece, for which alone the kernels are compiled."""
+    whole: dict[str, Any] = {name: np.ascontiguousarray(each) for name, each in world._asdict().items()
+                             if isinstance(each, np.ndarray)}
+    return world._replace(**whole)
 
 
 def over_steps(value: np.ndarray) -> np.ndarray:

@@ -87,10 +87,14 @@ def thinned(record: Record, every: int) -> Record:
     at = record.at[kept] - begin
     ticks = len(at) * (record.every * every // (record.tick * merged))  # as many as the last row would hold, too
     commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
-    return replace(record, z=record.z[kept], reference=record.reference[kept], at=at,
+
+    def some(column: np.ndarray) -> np.ndarray:  # in one piece, for which alone the kernels are compiled
+        return np.ascontiguousarray(column[kept])
+
+    return replace(record, z=some(record.z), reference=some(record.reference), at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
-                   commands=commands, logged=None if record.logged is None else record.logged[kept],
-                   issued=None if record.issued is None else record.issued[kept],
+                   commands=commands, logged=None if record.logged is None else some(record.logged),
+                   issued=None if record.issued is None else some(record.issued),
                    held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
                    held_phase=0, fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
 
