@@ -148,8 +148,9 @@ def test_identify_table_is_for_people(launchid, folder):
 
 
 @pytest.mark.parametrize("options", [
-    [], ["--library", "quadratic", "--solver", "ssr"], ["--library", "lpv", "--formulation", "difference"],
-    ["--library", "sin(theta),beta,sign(theta_dot)", "--compression", "3", "--seed", "9"], ["--window", "all"],
+    [], pytest.param(["--library", "quadratic", "--solver", "ssr"], marks=pytest.mark.campaign),
+    ["--library", "lpv", "--formulation", "difference"], pytest.param(["--window", "all"], marks=pytest.mark.campaign),
+    ["--library", "sin(theta),beta,sign(theta_dot)", "--compression", "3", "--seed", "9"],
     ["--nominal", "constant"]])
 def test_identify_gives_the_same_bytes_twice(launchid, folder, tmp_path, options):
     outputs = []

@@ -349,7 +349,9 @@ def test_a_log_that_changes_its_rate_has_no_gap():
 # ---- between channels
 
 
-@pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta", "beta_cmd", "theta_ref"])
+@pytest.mark.parametrize("channel", [
+    "theta", "theta_dot", "beta_cmd",
+    *(pytest.param(each, marks=pytest.mark.campaign) for each in ("beta", "theta_ref"))])
 @SOME
 @given(st.sampled_from(BUILT_IN), SEEDS, st.sampled_from((0.005, 0.01, 0.02)))
 def test_degrees(channel, name, seed, period):

@@ -30,6 +30,12 @@ WHOLE = load_nominal("constant")
 WHOLE = dataclasses.replace(WHOLE, diagnosis=dataclasses.replace(WHOLE.diagnosis, time_limit=PATIENT))
 
 
+def every_second(first, second):
+    """Every pair of the two lists; every second one in the default run: each member of both."""
+    return [pytest.param(a, b, marks=LONG if (i + j) % 2 else ()) for i, a in enumerate(first)
+            for j, b in enumerate(second)]
+
+
 def lasting(seconds):
     """The nominal with flights of that many seconds: a diagnosis takes as long as its log."""
     return dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=seconds))

@@ -89,7 +89,7 @@ def test_what_remembers_begins_as_the_nozzle_stands():
     assert mode[MEMORY] == pytest.approx(0.01 * 0.04) and play[MEMORY] == pytest.approx(0.04)
 
 
-@pytest.mark.parametrize("begin", [0.0, 12.0])
+@pytest.mark.parametrize("begin", [12.0, pytest.param(0.0, marks=pytest.mark.campaign)])
 def test_a_mode_is_named_wherever_its_log_begins(begin):
     made = diagnose(cut(flown("bending:gain=-0.002,frequency=26,damping_ratio=0.03"), begin), NOMINAL,
                     hypotheses=(RECORDS["bending"], RECORDS["slosh"]))

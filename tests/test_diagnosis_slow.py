@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hidden import Weather, draw_spec, fly
-from test_diagnosis import NEAR, WHOLE, log_of
+from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
 
 from sim.diagnosis.controller.asked import LINES, WITHOUT_NOZZLE, WITHOUT_RATE, asked, of_noise, unsure
 from sim.diagnosis.controller.command import record
@@ -41,15 +41,16 @@ def recorded(drop, period=SLOW):
     return record(log, NOMINAL, check(log, NOMINAL))
 
 
-@pytest.mark.parametrize("drop", ["theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"])
-@pytest.mark.parametrize("period", [SLOW, SLOWER])
+@pytest.mark.parametrize(("period", "drop"), every_second([SLOW, SLOWER], [
+    "theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"]))
 def test_a_clean_flight_is_consistent_without_reference_or_commands(drop, period):
     made = diagnose(without(drop, period=period), NOMINAL, hypotheses=NEAR)
     assert (made.verdict, made.doubts) == ("consistent", ())
 
 
 @pytest.mark.parametrize(("drop", "effect"), [
-    ("theta_ref", "control_effectiveness:scale=1.3"), ("beta_cmd", "control_effectiveness:scale=1.3"),
+    pytest.param("theta_ref", "control_effectiveness:scale=1.3", marks=LONG),
+    pytest.param("beta_cmd", "control_effectiveness:scale=1.3", marks=LONG),
     ("beta_cmd,beta", "control_effectiveness:scale=0.7"), ("theta_ref", "thrust_misalignment:angle=0.01")])
 def test_a_cause_larger_than_what_they_feign_is_named(drop, effect):
     among = tuple(each for each in NEAR if each.cause not in ("steady_wind", "attitude_bias", "actuator_gain"))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnosis import NEAR, WHOLE, log_of
+from test_diagnosis import NEAR, WHOLE, every_second, log_of
 from test_diagnosis_slow import by_another_generator
 
 from sim.diagnosis.causes import RECORDS, Cause
@@ -70,16 +70,15 @@ def recorded(clock, drop="", effect="", begin=0.0):
     return record(log, NOMINAL, check(log, NOMINAL))
 
 
-@pytest.mark.parametrize("drop", ["", "theta_ref", "beta_cmd", "beta_cmd,beta"])
-@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize(("clock", "drop"), every_second(CLOCKS, ["", "theta_ref", "beta_cmd", "beta_cmd,beta"]))
 def test_a_clean_flight_is_consistent_by_whatever_clock_it_is_logged(clock, drop):
     made = diagnose(logged(clock, drop), NOMINAL, hypotheses=NEAR)
     assert (made.verdict, made.doubts) == ("consistent", ())
 
 
-@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003)])
-@pytest.mark.parametrize("effect", [
-    "control_effectiveness:scale=1.3", "actuator_delay:delay=0.03", "gyro_bias:rate=0.005", "actuator_gain:scale=0.85"])
+@pytest.mark.parametrize(("effect", "clock"), every_second([
+    "control_effectiveness:scale=1.3", "actuator_delay:delay=0.03", "gyro_bias:rate=0.005",
+    "actuator_gain:scale=0.85"], [(0.025, 0.0), (0.02, 0.003)]))
 def test_a_cause_is_named_by_whatever_clock_it_is_logged(clock, effect):
     made = diagnose(logged(clock, effect=effect), NOMINAL, hypotheses=NEAR)
     name, value = effect.split(":")[0], float(effect.split("=")[1])

@@ -131,7 +131,7 @@ def test_too_few_rows(tmp_path, capsys):
     assert status == 3 and "50 usable rows" in words
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5])
+@pytest.mark.parametrize("share", [0.3, pytest.param(0.5, marks=pytest.mark.campaign)])
 def test_shifted_input_is_a_placebo(tmp_path, capsys, share):
     """Law: what another time's beta explains as well is no k1."""
     flight = flown(seed=5)

@@ -107,7 +107,7 @@ def test_what_nobody_listed_is_not_named(tmp_path, name):
     assert result["where"] in set().union(*label.places)
 
 
-@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("seed", [13, *(pytest.param(each, marks=pytest.mark.campaign) for each in (11, 12))])
 def test_an_integral_part_in_every_other_command_is_no_other_gain(tmp_path, seed):
     """Nor is what the nozzle did between them its own fault: gains that leave three times the noise explain nothing."""
     spec = draw_spec(seed, cause="pilot_integral", nominal="vega_like", factor=2.0, rate=50.0)

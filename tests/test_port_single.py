@@ -14,7 +14,7 @@ INTEGRAL = regression("integral", library="theta,beta")
 
 
 @needs_compiler
-@pytest.mark.parametrize("formulation", ["integral", "difference"])
+@pytest.mark.parametrize("formulation", ["difference", pytest.param("integral", marks=pytest.mark.campaign)])
 def test_its_error_is_small_beside_the_standard_deviation(formulation):
     total, differ, largest = compared(regression(formulation, library="theta,beta"), [as_text(flight()[:3000])])
     assert total >= 29 and differ == 0 and 0.0 < largest < ERROR
