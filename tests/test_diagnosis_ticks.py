@@ -170,8 +170,9 @@ def test_commands_of_every_row_are_the_loop_s_own_with_its_stamps():
     assert record(log, NOMINAL, check(log, NOMINAL)).issued is None
 
 
-@pytest.mark.parametrize(("begin", "between"), [(0.0, False), (0.004, True)])
-@pytest.mark.parametrize("drop", ["", "theta_ref"])
+@pytest.mark.parametrize(("begin", "between", "drop"), [
+    (0.0, False, ""), (0.0, False, "theta_ref"), (0.004, True, ""),
+    pytest.param(0.004, True, "theta_ref", marks=pytest.mark.campaign)])
 def test_rows_at_the_loop_s_rate_fall_between_its_ticks_where_their_attitudes_are_not_those_it_answered(
         begin, between, drop):
     r = recorded((TICK, 0.0), drop, begin=begin)
