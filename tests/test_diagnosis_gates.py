@@ -213,8 +213,8 @@ def test_a_cause_gains_on_rows_left_out_about_what_it_gains_on_all(nats, fitted,
 
 @pytest.mark.parametrize(("scale", "apart", "doubted"), [
     (1.003, 1.003, True), (0.997, 0.997, True), (1.003, 1.0, False), (1.003, 0.997, False), (1.1, 1.003, False),
-    (1.0001, 1.0 + 0.9 * SAME_CLOCK, False)])
-@pytest.mark.parametrize("every", [1, 3])
+    (1.0001, 1.0 + 0.9 * SAME_CLOCK, False), (1.04, 1.04, True), (1.06, 1.06, False), (0.9, 0.94, False)])
+@pytest.mark.parametrize("every", [1, 3, 0.5, 0.2])
 def test_stamps_that_run_fast_are_no_scale_of_a_gyro(scale, apart, doubted, every):
     """Rates against the slopes of attitudes are off by as much."""
     t = np.delete(every * 0.01 * apart * np.arange(500), slice(100, 120))
@@ -222,6 +222,15 @@ def test_stamps_that_run_fast_are_no_scale_of_a_gyro(scale, apart, doubted, ever
     record = SimpleNamespace(nominal=SimpleNamespace(sensors=SimpleNamespace(period=0.01)))
     assert bool(clocked(gyro, record, t)) == doubted
     assert not clocked(replace(gyro, cause="actuator_gain"), record, t)
+
+
+@pytest.mark.parametrize("period", [0.005, 0.004, 0.007, 0.012, 0.02, 0.025])
+@pytest.mark.parametrize("scale", [0.95, 1.05])
+def test_a_log_of_another_rate_has_no_wrong_clock(period, scale):
+    """Every gyro_scale below 1 of a log at 200 Hz was the stamps' of a nominal at 100 Hz, "off by 50 %"."""
+    gyro = Named("gyro_scale", {"scale": scale}, {"scale": 2e-4}, {"scale": "-"}, (), 50.0, None)
+    record = SimpleNamespace(nominal=SimpleNamespace(sensors=SimpleNamespace(period=0.01)))
+    assert not clocked(gyro, record, period * np.arange(500))
 
 
 def test_what_no_prediction_needs_is_no_name_beside_what_they_do():

@@ -480,6 +480,14 @@ def test_missing_terms_with_a_doubt_of_their_own_or_far_behind_are_no_cause(judg
     assert each.made.left == DOUBTED.model.left and each.made.gain.nats == DOUBTED.nats
 
 
+@pytest.mark.parametrize(("nats", "said"), [(0.3, "explained"), (-0.3, "unexplained")])
+def test_missing_terms_that_a_short_log_may_lose_by_chance_are_none(judged, monkeypatch, nats, said):
+    """A vehicle that a trim overturned within a second: "a constant", of -0.3 nats on rows left out."""
+    monkeypatch.setattr(verdict, "of_gain", lambda gain, bounds: [])
+    made = judged(DOUBTED, terms=term(nats=nats)).made
+    assert made.verdict == said and (made.proposal is None) == (said == "unexplained")
+
+
 def test_missing_terms_may_be_a_little_behind(judged):
     assert judged(DOUBTED, terms=term(log_likelihood=-verdict.TERM_MARGIN + 0.1)).made.verdict == "explained"
 

@@ -323,12 +323,12 @@ def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     made.proposal, selection = terms
     again = _tested(made, selection, measure, say)
     behind = made.selection.model.log_likelihood - selection.model.log_likelihood
-    if not again and not made.remaining and selection.weather is None and behind < TERM_MARGIN:
-        made.selection = selection
-        return []
     own = made.gain or measure(selection)
     if not (own.nats > 0.0 and (own.share is None or own.share < 1.0)):
-        made.proposal = None  # what does not predict better is no proposal
+        made.proposal = None  # what does not predict better is none, though a short log may lose by chance
+    elif not again and not made.remaining and selection.weather is None and behind < TERM_MARGIN:
+        made.selection = selection
+        return []
     made.nearest, made.left, made.gain, made.noise, made.remaining = before
     return found
 

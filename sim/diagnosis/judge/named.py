@@ -21,6 +21,7 @@ SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginni
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
 SCALE = "scale"        # of what is multiplied
 SAME_CLOCK = 2e-4      # relative: quartzes differ by less
+WORST_CLOCK = 0.05     # relative: rows further off the nominal's period, or a whole part or multiple, have another rate
 STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
@@ -278,14 +279,15 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
 
 def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
     """What may be the stamps', t (n,) [s]: a gyro's scale that is about as far off as the rows are further apart than
-    the nominal says."""
+    the nominal says, or than a whole part or multiple of that."""
     scale = each.values.get(SCALE)
     if not each.record.is_of_clock or not isinstance(scale, float):
         return []
     period, steps = record.nominal.sensors.period, np.diff(t)
     mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))
-    apart = mean / period / max(1, round(mean / period))
-    if abs(apart - 1.0) < SAME_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
+    ratio = mean / period
+    apart = ratio / round(ratio) if ratio > 1.0 else ratio * round(1.0 / ratio)
+    if not SAME_CLOCK <= abs(apart - 1.0) <= WORST_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
         return []
     return [f"{each.cause}: the log's rows are {100.0 * abs(apart - 1.0):.2g} % {'further' if apart > 1.0 else 'less'} "
             f"apart than [sensors] period = {period:g} s: stamps that are off by so much look the same"]
