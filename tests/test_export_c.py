@@ -163,7 +163,8 @@ def test_hostile_samples_give_the_same_bits_and_no_undefined_behaviour(name, tmp
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["filtered-range", "filtered-functions", "integral-lasso"])
+@pytest.mark.parametrize("name", [
+    "filtered-range", "integral-lasso", pytest.param("filtered-functions", marks=pytest.mark.campaign)])
 def test_the_port_needs_nothing_but_mathematics_and_memory_is_the_estimator_s(name, tmp_path):
     """No allocation, no file, no print: what the object asks of other libraries.  And all that persists is in the
     struct: a data segment that can be written holds nothing."""
