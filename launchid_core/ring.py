@@ -123,12 +123,18 @@ def close_window(limits, clock, count, back):
     count[ROWS] = 0
 
 
+@inner
+def is_past(limits, clock, count, t):
+    """Whether t lies past the current window's end."""
+    return t >= clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - SAME_INSTANT * limits[PERIOD]
+
+
 @once
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
-    slack = SAME_INSTANT * limits[PERIOD]
-    if t < clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - slack:
+    if not is_past(limits, clock, count, t):
         return False
+    slack = SAME_INSTANT * limits[PERIOD]
     closed = count[ROWS] > 0
     if closed:
         close_window(limits, clock, count, 1)
@@ -140,7 +146,8 @@ def seek_window(limits, clock, count, t):
 def stays_within(limits, clock, count, t):
     """Whether a sample at t surely closes no window: a later one than the last, and not the window's last."""
     t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
-    return count[STARTED] == 1 and clock[T_LAST] < t and t + LAST_SAMPLE * limits[PERIOD] <= t_start + limits[WINDOW]
+    return (count[STARTED] == 1 and clock[T_LAST] < t and t + LAST_SAMPLE * limits[PERIOD] <= t_start + limits[WINDOW]
+            and not is_past(limits, clock, count, t))
 
 
 @once

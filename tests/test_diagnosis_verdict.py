@@ -20,6 +20,7 @@ from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED
 from sim.diagnosis.judge.named import Named
 from sim.diagnosis.judge.outdone import Rival
 from sim.diagnosis.model.noise import Disturbance
+from sim.diagnosis.search import selection
 from sim.errors import InputError
 
 BEGAN, ENDED = 0.0, 45.0   # s
@@ -71,7 +72,7 @@ def judged(monkeypatch):
         if model.of.is_told else named)
     monkeypatch.setattr(verdict, "fewer", lambda found, kept: found.fewer or Found(*(found.named[k] for k in kept)))
     monkeypatch.setattr(verdict, "instead_of_each", lambda found: iter(found.others))
-    monkeypatch.setattr(verdict, "in_a_block", lambda causes, k: False)
+    monkeypatch.setattr(selection, "in_a_block", lambda causes, k: False)
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
@@ -284,9 +285,9 @@ def test_the_strongest_stays_with_what_makes_sense_with_it_only():
     causes = tuple(Cause(missing_term(term) if name == "missing_term" else RECORDS[name], (1.0,))
                    for name, term in zip(labels, ("", "theta", "sin(theta)"), strict=True))
     of = SimpleNamespace(model=SimpleNamespace(causes=causes), evidence=[30.0, 90.0, 40.0])
-    assert verdict._only_strongest(of) == (0.0, 1.0, 1.0)
+    assert selection.only_strongest(of) == (False, True, True)
     of.evidence[0] = 100.0
-    assert verdict._only_strongest(of) == (1.0, 0.0, 0.0)
+    assert selection.only_strongest(of) == (True, False, False)
 
 
 def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
@@ -351,11 +352,18 @@ def test_what_makes_sense_together_only_stands_together_where_a_further_cause_is
     well."""
     sine, linear = cause("missing_term", 90.0), cause("missing_term", 80.0)
     doubtful = cause("friction", 30.0, varies=0.9)
-    monkeypatch.setattr(verdict, "in_a_block", lambda causes, k: causes[k].cause == "missing_term")
+    monkeypatch.setattr(selection, "in_a_block", lambda causes, k: causes[k].cause == "missing_term")
     made = judged(Found(linear, sine, doubtful)).made
     assert (made.verdict, made.causes) == ("explained", (sine, linear))
     found = Found(linear, sine, nats=-1.0)   # nothing is beside the block: none is taken from it
     assert len(judged(found).measured) == 1 and judged(found).made.nearest == (linear, sine)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_weather_alone_that_is_in_doubt_ends_nothing(judged, late):
+    """There is no strongest cause."""
+    made = judged(Found(weather=weather(), nats=-1.0), late=late).made
+    assert (made.verdict, made.causes) == ("unexplained", ())
 
 
 def test_weather_alone_stands_where_causes_in_it_explain_hardly_more(judged):

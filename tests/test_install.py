@@ -62,7 +62,7 @@ class Environment:
         return self.run(self.bin / "python", *words, cwd=cwd)
 
 
-@pytest.mark.campaign  # `.ci/run` runs it: pip takes a quarter of a minute, and nothing of it is the project's
+@pytest.mark.campaign  # `.ci/run` runs it: five installations take a quarter of a minute
 def test_both_installations_in_either_order_twice_leave_a_working_command(tmp_path, sources):
     place = Environment(tmp_path)
     for turn, how in enumerate(ORDER):

@@ -35,7 +35,7 @@ def python_saved(config: Config, samples: list[Sample]) -> list[bytes]:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", some("terms", "lpv", of=CHOSEN))
+@pytest.mark.parametrize("name", some("range", "lpv", of=CHOSEN))
 def test_c_saves_the_bytes_of_python_and_goes_on_from_them(name, tmp_path):
     config, samples = CHOSEN[name], flight("constant", "ideal" if "measured" in name else "flight")[1950:2260]
     program = built_saving(tmp_path, config)

@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ported import hostile
 from replay.make import VECTORS, read, samples_of
 
-from launchid_core import Config, Estimator, Status
+from launchid_core import Config, Estimator, Sample, Status
 from launchid_core import ring as rb
 
 PERIOD = 0.01
@@ -32,16 +35,61 @@ def test_in_parts_and_as_samples_too():
     assert one.save() == two.save() and len(parts) == len(estimates)
 
 
-def test_memory_that_is_damaged_begins_anew_in_the_same_way():
+def set_back(state):
+    state.clock[rb.T_FIRST] -= 1.0
+
+
+def set_forward(state):
+    state.clock[rb.T_FIRST] += 1.0
+
+
+def late(state):
+    state.clock[rb.T_LAST] += 1.0
+
+
+def unbegun(state):
+    state.counts[rb.STARTED] = 0
+
+
+def row(state):
+    state.ring[state.counts[rb.HEAD] - 3, rb.THETA] += 1.0
+
+
+@pytest.mark.parametrize("damage", [set_back, set_forward, late, unbegun, row])
+def test_memory_that_is_damaged_begins_anew_in_the_same_way(damage):
+    """Seen by the loop, by the step of the sample that closes, or by the close."""
     samples = samples_of(read("integral"))
     one, two = (Estimator(VECTORS["integral"].config) for _ in range(2))
     for estimator in (one, two):
         for sample in samples[:120]:
             estimator.update(sample)
-        estimator._parts.state.clock[rb.T_FIRST] += 1.0
+        damage(estimator._parts.state)
     estimates = [one.estimate() for sample in samples[120:] if one.update(sample) is Status.WINDOW_COMPLETE]
     assert len(two.replay(samples[120:])) == len(estimates)
     assert one.save() == two.save() and two.counts["RECOVERED"] == 1
+
+
+@given(st.integers(0, 2**31), st.sampled_from(("integral", "difference", "measured")), st.sampled_from((0.07, 0.5)))
+def test_hostile_samples_give_the_same_bits(seed, formulation, window):
+    """Gaps, clocks set back, stamps repeated, infinities; windows of a few rows and of many."""
+    config = Config(window=window, sample_period=PERIOD, formulation=formulation)
+    samples = hostile(seed, 300)
+    one, two = Estimator(config), Estimator(config)
+    closed = sum(one.update(sample) is Status.WINDOW_COMPLETE for sample in samples)
+    assert len(two.replay(samples)) == closed and two.save() == one.save()
+
+
+@pytest.mark.parametrize(("begin", "period"), [(9.99e9, 1e-6), (1.7e9, 1e-3), (100.0, 0.01)])
+@pytest.mark.parametrize("seed", range(4))
+def test_stamps_near_the_end_of_what_numbers_resolve_close_the_same_windows(begin, period, seed):
+    """A window's end and a sample's time differ by a few units in the last place there."""
+    config = Config(window=32 * period, sample_period=period)
+    t = begin + np.cumsum(np.random.default_rng(seed).uniform(0.2, 1.8, 400)) * period
+    table = np.column_stack([t, 0.05 * np.sin(np.arange(400.0)), np.cos(np.arange(400.0)), np.sin(np.arange(400.0) / 7),
+                             np.full((400, 3), math.nan)])
+    one, two = Estimator(config), Estimator(config)
+    closed = sum(one.update(Sample(*each)) is Status.WINDOW_COMPLETE for each in table.tolist())
+    assert len(two.replay(table)) == closed and two.save() == one.save()
 
 
 @pytest.mark.parametrize("samples", [np.zeros((5, 6)), np.zeros(7), [(1.0, 2.0)], np.zeros((2, 7, 1))])

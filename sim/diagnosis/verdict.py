@@ -48,7 +48,7 @@ from .search.changed import instead_of_each, relevelled, with_time
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import propose
-from .search.selection import THRESHOLD, Say, Selection, fewer, in_a_block, strongest
+from .search.selection import THRESHOLD, Say, Selection, fewer, only_strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -235,7 +235,8 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
         _unexplained(made, found, measure)
         return
     if made.gain is not None and made.remaining and made.record.is_late:
-        _without_idle(made, _only_strongest(made.selection), measure, say)
+        shares = tuple(map(float, only_strongest(made.selection)))  # there was no time to see what the others do
+        _without_idle(made, shares, measure, say)
     elif made.gain is not None and not made.record.is_late:
         shares = removed(made.selection.model, made.gain)
         if (made.remaining or made.selection.weather is not None) and _without_idle(made, shares, measure, say):
@@ -337,7 +338,7 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
     """The strongest cause alone (with what makes sense together with it only), where several together are in doubt; the
     weather alone, where causes in it are."""
     assert made.selection is not None
-    kept = [k for k, share in enumerate(_only_strongest(made.selection)) if share]
+    kept = [k for k, stays in enumerate(only_strongest(made.selection)) if stays]
     if len(kept) < len(made.selection.model.causes):
         found = _instead(made, fewer(made.selection, kept), measure, found, say)
     if found and made.selection.instead is not None:
@@ -381,13 +382,6 @@ def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, 
         return False
     made.selection = without
     return True
-
-
-def _only_strongest(selection: Selection) -> tuple[float, ...]:
-    """1 for the strongest cause, and what makes sense with it only; 0 for the others: what they do for the predictions
-    there was no time to see."""
-    causes, first = selection.model.causes, strongest(selection)
-    return tuple(float(k == first or (in_a_block(causes, k) and in_a_block(causes, first))) for k in range(len(causes)))
 
 
 def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:

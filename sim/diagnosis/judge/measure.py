@@ -27,6 +27,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     selection.UNLIKE_NONE  standard deviations of a size from that of no cause         meaning only: 95 %
     named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
     named.WORST_CLOCK   relative, by which the stamps of a wrong clock are off         meaning only: no crystal, some %
+    named.OTHER_RATE    times the nominal's period, from which any period is near a multiple  meaning only
     named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
     gain.LEAST_HELD     share of the fit's nats that rows left out must gain           hostile logs: true ones 0.5
     gain.PICKUP         of a squared error, below which the nozzle's sensor has been found  meaning only

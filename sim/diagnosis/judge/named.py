@@ -22,6 +22,7 @@ OLDEST = 1.5           # times the age of a sample that a logger reads: the serv
 SCALE = "scale"        # of what is multiplied
 SAME_CLOCK = 2e-4      # relative: quartzes differ by less
 WORST_CLOCK = 0.05     # relative: rows further off the nominal's period, or a whole part or multiple, have another rate
+OTHER_RATE = 5.5       # times the nominal's period, or a part of it: beyond, any rate is near a whole multiple
 STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
@@ -287,7 +288,8 @@ def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
     mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))
     ratio = mean / period
     apart = ratio / round(ratio) if ratio > 1.0 else ratio * round(1.0 / ratio)
-    if not SAME_CLOCK <= abs(apart - 1.0) <= WORST_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
+    is_rate = not 1.0 / OTHER_RATE < ratio < OTHER_RATE or abs(apart - 1.0) > WORST_CLOCK
+    if is_rate or abs(apart - 1.0) < SAME_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
         return []
     return [f"{each.cause}: the log's rows are {100.0 * abs(apart - 1.0):.2g} % {'further' if apart > 1.0 else 'less'} "
             f"apart than [sensors] period = {period:g} s: stamps that are off by so much look the same"]

@@ -302,6 +302,15 @@ def strongest(of: Selection) -> int:
     return max(range(len(of.evidence)), key=lambda k: of.evidence[k])
 
 
+def only_strongest(of: Selection) -> tuple[bool, ...]:
+    """Of each cause, whether it is the strongest or makes sense together with that only; () where there is none."""
+    causes = of.model.causes
+    if not causes:
+        return ()
+    first = strongest(of)
+    return tuple(k == first or (in_a_block(causes, k) and in_a_block(causes, first)) for k in range(len(causes)))
+
+
 def fewer(of: Selection, kept: Sequence[int]) -> Selection:
     """The selection with some of its causes, all else fitted anew, one alone in the form that then explains most; what
     could stand in their places is kept."""
