@@ -57,7 +57,8 @@ def test_lost_rows_are_no_fault_of_the_vehicle_or_its_controller(lost):
 @pytest.mark.parametrize(("effect", "cause", "parameter", "true", "near"), [
     ("control_effectiveness:scale=0.8", "control_effectiveness", "scale", 0.8, 0.02),
     pytest.param("actuator_delay:delay=0.03", "actuator_delay", "delay", 0.03, 0.001, marks=pytest.mark.campaign),
-    ("controller_mismatch:kp_scale=1.1", "controller_mismatch", "kp_scale", 1.1, 1e-3),
+    pytest.param("controller_mismatch:kp_scale=1.1", "controller_mismatch", "kp_scale", 1.1, 1e-3,
+                 marks=pytest.mark.campaign),
     ("controller_mismatch:delay=0.013", "controller_mismatch", "delay", 0.013, 1e-4)])
 def test_a_fault_is_named_with_its_size_all_the_same(effect, cause, parameter, true, near):
     result = judged(holed(flown(effect), **SINGLE))

@@ -336,11 +336,13 @@ def test_command_noise_comes_after_the_logged_command():
 # ---- every effect
 
 
+ALIKE = [cause for cause in LISTED if cause not in {"actuator_rate_limit"} | CHANCE]  # whose forms do much the same
 CLEAN = {seed: fly(Spec(seed=seed))[0] for seed in (11,)}
 
 
 @pytest.mark.parametrize(("name", "variant"), [
-    *((name, variant) for name in LISTED for variant in (PLAIN, OTHER)), *((name, PLAIN) for name in UNLISTED)])
+    *((name, PLAIN) for name in (*LISTED, *UNLISTED)),
+    *(pytest.param(name, OTHER, marks=pytest.mark.campaign if name in ALIKE else ()) for name in LISTED)])
 def test_every_effect_flies_and_shows(name, variant):
     spec = dataclasses.replace(draw_spec(11, name, factor=1.0, variant=variant), noise=Noise(), dispersion=(0.0, 0.0),
                                rate=100.0)
@@ -357,7 +359,7 @@ SIMILAR = 0.9  # cosine of what two forms of a cause do to a noise-free flight; 
 SIZE_RANGE = 1.35  # and the ratio of their sizes, either way
 
 
-@pytest.mark.parametrize("cause", [cause for cause in LISTED if cause not in {"actuator_rate_limit"} | CHANCE])
+@pytest.mark.parametrize("cause", ALIKE)
 def test_other_form_does_much_the_same(cause):
     sign = -1.0 if cause == "actuator_bandwidth" else 1.0
     plain, other = (change(quiet(cause_at(cause, 1.0, sign, variant)), undisturbed()) for variant in (PLAIN, OTHER))
