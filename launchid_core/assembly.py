@@ -166,7 +166,7 @@ def _fill_nuisances(model: Model, belief: Belief) -> None:
         belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), NONE
         if role < MISALIGNMENT and WIND_NOISES[role] in levels:
             belief.level[k] = levels.index(WIND_NOISES[role])
-        if role >= ATTITUDE_BIAS:
+        if role > ATTITUDE_BIAS:
             belief.partner[role - ATTITUDE_BIAS] = N_STATES + k
 
 

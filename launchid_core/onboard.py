@@ -81,6 +81,7 @@ from .tracker import (
 from .uncertainty import close_range, watch_range
 from .undeclared import CONSTANT, FOUND, follow_undeclared, free_deviations
 from .whiteness import (
+    BEYOND_CHANCE,
     FORGOTTEN,
     IN_WINDOW,
     RAISED,
@@ -220,7 +221,7 @@ def close_block(fixed, state, work, learner, learning, period):
     if watch_model(state.check, fil.level, state.undeclared.flag[FOUND], t_end, dt):
         total = state.bank.total  # what was learned meanwhile is not to be trusted
         restart_bank(state.bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
-    if state.check.flag[RAISED] == 1:
+    if state.check.flag[BEYOND_CHANCE] == 1:
         fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - FORGOTTEN)
     acc.counts[ROWS] = 0
     begin_block(belief, fil, acc)
@@ -275,7 +276,7 @@ def close_filtered(fixed, state, work, learner, learning):
         contradict(state.check, state.filter.time[LAST])
     else:
         unexplained = solve_window(belief, acc, work.acc, state.active)
-        judge_window(state.check, state.filter.level, unexplained)
+        judge_window(state.check, state.filter.level, unexplained, state.filter.time[LAST])
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         out.flag[STATUS] = report_filtered(belief, state, work.acc, t_centre)
         limit_absent(belief, state, work.acc, t_centre, learner)

@@ -1,7 +1,8 @@
 """The innovations form: a Kalman predictor of the vehicle with its sensitivities.
 
 State x = (theta, theta_dot, beta, beta_dot) and r nuisances: the wind's random walk
-and turbulence, thrust misalignment, moment, sensor offsets (`model.WALK` and on).
+and turbulence, thrust misalignment, moment, sensor offsets (`model.WALK` and on);
+theta as measured where its bias is one of them (`disturbances`).
 Input is the actuator's command, process noise on the command and on the
 acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
 

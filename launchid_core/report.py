@@ -23,7 +23,7 @@ from .changes import (
 )
 from .kernels import inner, once, shared
 from .memory import take, take2
-from .model import MISALIGNMENT, OFFSETS, TURBULENCE, WALK
+from .model import ATTITUDE_BIAS, MISALIGNMENT, OFFSETS, TURBULENCE, WALK
 from .records import store
 from .states import LAST, N_STATES
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
@@ -135,6 +135,9 @@ def report_air(belief, fil, total, contradicted, rep):
             blows = True
         elif role == MISALIGNMENT:
             report_part(total, x / k, p / (k * k), fil.s[at, theta] / k, (fil.s[at, beta] - x / k) / k,
+                        rep.offset[role - MISALIGNMENT])
+        elif role == ATTITUDE_BIAS:
+            report_part(total, x / a, p / (a * a), (fil.s[at, theta] - x / a) / a, fil.s[at, beta] / a,
                         rep.offset[role - MISALIGNMENT])
         else:
             report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])

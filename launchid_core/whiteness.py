@@ -13,6 +13,10 @@ slopes: by how much it would reduce the sum of squares is a chi square for the t
 Camb. Phil. Soc. 44, 1948).  A window at rest cannot tell it from a6: what many windows know of it together is
 `undeclared`'s.
 
+One window's test alone fails by chance, of a true model once in 1,800: it makes the window `MODEL`, and no more.  What
+was learned before is given up, and sudden changes are taken back, where the contradiction is beyond chance: any other,
+a window that fails by far, or a second one within FORGOTTEN.
+
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
 level that had to be raised beyond HIGHEST_LEVEL of the declared.
@@ -44,6 +48,7 @@ FORGOTTEN = 20.0        # s after which whatever contradicted the model, however
 LARGEST_STATISTIC = BELIEVED * exp_of(2.0 * FORGOTTEN / CHECK_MEMORY)  # which has fallen to BELIEVED by then
 MERGED = 2.5            # s: alarms so soon after a first one are of the same change
 STEADY_WINDOW = 15.0    # 6e-4 a window
+FAR_WINDOW = 25.0       # 4e-6
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = log_of(10.0)  # of the sensors', the command's and the acceleration's noise levels
 MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
@@ -53,16 +58,17 @@ FREEDOM = 30.0          # of the chi square of that mean and of the statistic's 
 # sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
 MEAN = 0
 # number (f8)
-STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS, LOSSES, LAST_LOSS = range(6)
+STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS, LOSSES, LAST_LOSS, LAST_FAILED = range(7)
 # WEIGHT: sum of squared fading weights, the variance of each sum; LAST_CHANGE, RESTLESS [s]: alarm of a sudden change,
 # of one soon after another; LOSSES: fading count of restarts because the filter had lost the sensors, the last at
-# LAST_LOSS [s]
-N_NUMBERS = 6
+# LAST_LOSS [s]; LAST_FAILED: of a window's test [s]
+N_NUMBERS = 7
 # flag (i8)
-OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS = range(7)
-# place of the oldest block that waits; how many; 1: contradicted; or was so in the window; the window's test failed;
-# there was a sudden change; and another one soon after
-N_FLAGS = 7
+OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS, HAS_FAILED, BEYOND_CHANCE = range(9)
+# place of the oldest block that waits; how many; 1: contradicted; or was so in the window; what the window's test said;
+# there was a sudden change; and another one soon after; a window's test has failed before; contradicted beyond chance
+N_FLAGS = 9
+PASSED, FAILED, FAILED_BEYOND_CHANCE = range(3)  # a window's test
 # what contradicts the model of what is seen here: the statistic; changes that follow one another, a stuck sensor
 NOTHING, BLOCKS, KEEPS_CHANGING = range(3)
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
@@ -186,7 +192,7 @@ def take_block(check, dt):
 def contradict(check, t):
     """At t [s] something is wrong that no block shows: the model is contradicted for CHECK_MEMORY."""
     check.number[RESTLESS] = t
-    check.flag[IS_RESTLESS], check.flag[RAISED] = 1, 1
+    check.flag[IS_RESTLESS], check.flag[RAISED], check.flag[BEYOND_CHANCE] = 1, 1, 1
 
 
 @inner
@@ -209,38 +215,47 @@ def contradicted_by(check):
 
 @inner
 def judge_model(check, level, undeclared, t):
-    """Raise or clear the contradiction at t [s]; returns True where it clears.
+    """Raise or clear the contradiction at t [s]; returns True where one that was beyond chance clears.
 
     level (L,) in  log noise levels;  undeclared  in  1: wind or misalignment that no nominal declared
     """
     highest = 0.0
     for k in range(N_NOISES):
         highest = max(highest, level[k])
-    flag, before = check.flag, check.flag[RAISED]
+    flag = check.flag
     if not 0.0 <= t - check.number[RESTLESS] <= CHECK_MEMORY:  # it is over, or the clock was set back
         flag[IS_RESTLESS] = 0
-    persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == 1 or undeclared == 1
+    persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == FAILED_BEYOND_CHANCE or undeclared == 1
     if persists or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
+        flag[RAISED], flag[BEYOND_CHANCE] = 1, 1
+    elif flag[RAISED_BY_WINDOW] == FAILED:
         flag[RAISED] = 1
     elif check.number[STATISTIC] < BELIEVED:
         flag[RAISED] = 0
     flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[RAISED])
-    return before == 1 and flag[RAISED] == 0
+    cleared = flag[RAISED] == 0 and flag[BEYOND_CHANCE] == 1
+    flag[BEYOND_CHANCE] = min(flag[BEYOND_CHANCE], flag[RAISED])
+    return cleared
 
 
 @inner
-def judge_window(check, level, unexplained):
-    """A window closed, whose tests would reduce its sum of squares by `unexplained`.  level (L,) in"""
+def judge_window(check, level, unexplained, t):
+    """A window closed at t [s], whose tests would reduce its sum of squares by `unexplained`.  level (L,) in"""
     share = quietest_share(level)
     unexplained *= share * share
-    check.flag[RAISED_BY_WINDOW] = int(unexplained > STEADY_WINDOW)
-    if unexplained > STEADY_WINDOW:
-        check.flag[RAISED], check.flag[IN_WINDOW] = 1, 1
+    if not unexplained > STEADY_WINDOW:
+        check.flag[RAISED_BY_WINDOW] = PASSED
+        return
+    again = check.flag[HAS_FAILED] == 1 and 0.0 <= t - check.number[LAST_FAILED] <= FORGOTTEN
+    check.flag[RAISED_BY_WINDOW] = FAILED_BEYOND_CHANCE if again or unexplained > FAR_WINDOW else FAILED
+    check.number[LAST_FAILED] = t
+    check.flag[RAISED], check.flag[IN_WINDOW], check.flag[HAS_FAILED] = 1, 1, 1
 
 
 @inner
 def watch_model(check, level, undeclared, t, dt):
-    """After a block: take those that have waited, judge; returns True where the model is believed again."""
+    """After a block: take those that have waited, judge; returns True where the model is believed again after it was
+    contradicted beyond chance."""
     if check.flag[WAITING] >= ONSETS:
         take_block(check, dt)
     return judge_model(check, level, undeclared, t)
