@@ -6,7 +6,8 @@
 k1 at a time drawn after the first manoeuvre.  Staging: |k1| 8.4 -> 2.9 (the Atlas booster's, read off a figure).
 Floor: the time any test needs, even one that knows the size: when the expected log likelihood ratio reaches the
 alarm's threshold, in the air that is flown.  In time: found, and never withdrawn, within 1 s or twice that floor,
-whichever is longer.  The threshold was chosen on seeds below 100000; the hours here start there.
+whichever is longer, of the flights in which some test finds it within 4 s.  The threshold was chosen on seeds below
+100000; the hours here start there.
 Demanded: 90 % in time in wind, a median delay of at most 1 s elsewhere; one false alarm in 10 h.
 
 --air wind: the nominal declares wind (walk 0.005 rad/sqrt(s), turbulence 0.01 rad) and offsets, which are flown; losses
@@ -146,12 +147,13 @@ def losses(name: str, flights: int, seed: int, around: str) -> None:
     median = float(np.median(delay))
     coverage = float(np.mean(np.abs(z[final]) < INTERVAL))
     floors = np.array([r["floor"] for r in rows])
-    in_time = float(np.mean(delay <= np.maximum(SOON, 2.0 * floors)))
+    possible = np.isfinite(floors)
+    in_time = float(np.mean(delay[possible] <= np.maximum(SOON, 2.0 * floors[possible])))
     good = coverage >= 0.9 and (in_time >= IN_TIME if around == "wind" else median <= SOON)
     onset_error = np.nanmedian(np.abs([r["onset_error"] for r in rows]))
-    print(f"{name:16} loss: found {np.mean(np.isfinite(delay)):.3f} of {flights}, in time {in_time:.3f}, "
-          f"delay median {median:.2f} s, 90 % below {np.sort(delay)[math.ceil(0.9 * flights) - 1]:.2f} s, "
-          f"floor median {np.median(floors):.2f} s; "
+    print(f"{name:16} loss: found {np.mean(np.isfinite(delay)):.3f} of {flights}, "
+          f"in time {in_time:.3f} of {possible.sum()}, delay median {median:.2f} s, "
+          f"90 % below {np.sort(delay)[math.ceil(0.9 * flights) - 1]:.2f} s, floor median {np.median(floors):.2f} s; "
           f"onset error median {onset_error:.2f} s; size after 2 s: median error "
           f"{100 * np.median(np.abs(sized)):.1f} %, coverage {coverage:.3f} "
           f"({final.sum()}); lost {sum(r['lost'] for r in rows)}, alarms before {sum(r['false'] for r in rows):.0f}"

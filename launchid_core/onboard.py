@@ -79,7 +79,7 @@ from .tracker import (
     track,
 )
 from .uncertainty import close_range, watch_range
-from .undeclared import CONSTANT, FOUND, follow_undeclared, free_deviations
+from .undeclared import FOUND, follow_undeclared, go_back
 from .whiteness import (
     BEYOND_CHANCE,
     FORGOTTEN,
@@ -178,7 +178,7 @@ def watch_block(fixed, state, work, dt, t_end):
     jump(fixed.belief, fil, state.watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1],
          belief[MEAN_A6], belief[MEAN_K1])
     restart_bank(bank, belief[MEAN_A6], belief[MEAN_K1], belief[VAR_A6], belief[COV], belief[VAR_K1])
-    free_deviations(state.undeclared, CONSTANT)
+    go_back(state.undeclared, blocks)
     forget_gust(state.gust)
     return True
 

@@ -10,7 +10,8 @@ data say otherwise; that time passes which tells nothing of them is no reason to
 
 What begins or ends is found by a second filter, which forgets them over NEW_MEMORY: where it has predicted the blocks
 better by more than ANOTHER nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and the
-other way round.  A sudden change of a6 or k1 frees them in the first alone: so the second says whether it was not wind.
+other way round.  A sudden change of a6 or k1 frees them in the first alone, which forgets what the blocks since the
+onset told of w and d, for until it is found a loss passes for wind: so the second says whether it was not wind.
 Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
 afterwards; while changes follow one another (a gust) both wait, and begin anew.  So they do as often as a sensor turns
 out noisier than it was taken for.
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, K1, profile_at
+from .changes import ONSETS
 from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows
@@ -37,8 +39,9 @@ WIND, LEAN = 4, 5          # of a filter's state: a6, k1, their slopes, w, d
 SIZE = 6
 CONSTANT, NEW = 0, 1       # the filters
 FILTERS = 2
-FOUND, DOUBT = 0, 1        # flags: they are there; what else contradicts the model
-N_FLAGS = 2
+# flags: they are there; what else contradicts the model; the newer of what is remembered; blocks taken since
+FOUND, DOUBT, NEWER, AGE = range(4)
+N_FLAGS = 4
 NOISE, LASTED = 0, 1       # highest log noise level of a sensor when what is known was begun; [s] since beyond THERE
 N_NUMBERS = 2
 ROW = 4                    # columns of a block: a6, k1, acceleration, right-hand side
@@ -58,6 +61,8 @@ class Undeclared(NamedTuple):
 
     mean: np.ndarray        # (FILTERS, u)
     covariance: np.ndarray  # (FILTERS, u, u)
+    past: np.ndarray        # (2, u) the first filter's mean, ONSETS blocks apart, the newer at most ONSETS old
+    past_covariance: np.ndarray  # (2, u, u)
     better: np.ndarray      # (FILTERS,) nats by which each has predicted better since it last was no better
     number: np.ndarray      # (N_NUMBERS,)
     flag: np.ndarray        # (N_FLAGS,) int64
@@ -85,10 +90,12 @@ def view_undeclared(f, at, i, m, n):
     u = undeclared_size(n)
     mean, at = take2(f, at, FILTERS, u)
     covariance, at = take3(f, at, FILTERS, u, u)
+    past, at = take2(f, at, 2, u)
+    past_covariance, at = take3(f, at, 2, u, u)
     better, at = take(f, at, FILTERS)
     number, at = take(f, at, N_NUMBERS)
     flag, m = take(i, m, N_FLAGS)
-    return Undeclared(mean, covariance, better, number, flag), at, m
+    return Undeclared(mean, covariance, past, past_covariance, better, number, flag), at, m
 
 
 @shared
@@ -114,6 +121,15 @@ def forget_places(state, f, first, last):
 
 
 @shared
+def remember(state, slot):
+    """What the first filter knows now."""
+    for i in range(state.mean.shape[1]):
+        state.past[slot, i] = state.mean[CONSTANT, i]
+        for j in range(state.mean.shape[1]):
+            state.past_covariance[slot, i, j] = state.covariance[CONSTANT, i, j]
+
+
+@shared
 def restart_undeclared(state):
     """Nothing is known."""
     for f in range(FILTERS):
@@ -121,6 +137,8 @@ def restart_undeclared(state):
         state.better[f] = 0.0
     for k in range(N_FLAGS):
         state.flag[k] = 0
+    for slot in range(2):
+        remember(state, slot)
     state.number[LASTED] = 0.0
 
 
@@ -128,6 +146,27 @@ def restart_undeclared(state):
 def free_deviations(state, f):
     """a6 and k1 have likely changed: nothing is known of them to filter f."""
     forget_places(state, f, 0, WIND)
+
+
+@once
+def begin_block(state):
+    """What was known before it is remembered, once in ONSETS blocks."""
+    if state.flag[AGE] >= ONSETS:
+        state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
+        remember(state, state.flag[NEWER])
+    state.flag[AGE] += 1
+
+
+@once
+def go_back(state, blocks):
+    """a6 or k1 changed `blocks` (at most ONSETS) ago: the first filter knows what it knew of w and d before, and of a6
+    and k1 nothing."""
+    slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
+    for i in range(state.mean.shape[1]):
+        state.mean[CONSTANT, i] = state.past[slot, i]
+        for j in range(state.mean.shape[1]):
+            state.covariance[CONSTANT, i, j] = state.past_covariance[slot, i, j]
+    free_deviations(state, CONSTANT)
 
 
 @inner
@@ -260,6 +299,7 @@ def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
         restart_undeclared(state)
     if doubt == KEEPS_CHANGING:
         return
+    begin_block(state)
     reduce_moment(belief, work, triangle, quietest_share(fil.level))
     a6, k1 = profile_at(belief, fil.cell, t)
     walk, slope = pace(weight)

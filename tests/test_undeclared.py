@@ -30,6 +30,7 @@ SEED = 31
 take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
     compiled, (un.take_row, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
                un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
+begin_block, go_back = compiled(un.begin_block), compiled(un.go_back)
 
 
 def config(nominal) -> Config:
@@ -241,6 +242,36 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
     estimator = sudden(name, effect)
     assert estimator.changes() == ()
     assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
+
+
+@pytest.mark.parametrize("blocks", [1, 2, ch.ONSETS - 1, ch.ONSETS])
+def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_looks_back_more(state, blocks):
+    """After each number of blocks: the mean says in how many it was learned."""
+    restart(state)
+    for taken in range(1, 4 * ch.ONSETS):
+        begin_block(state)
+        state.mean[un.CONSTANT, 4], state.covariance[un.CONSTANT, 5, 5] = taken, 1.0 + taken
+        before = state.mean.copy(), state.covariance.copy(), state.past.copy()
+        go_back(state, blocks)
+        left = state.mean[un.CONSTANT, 4]
+        assert max(taken - 2 * ch.ONSETS, 0) <= left <= max(taken - blocks, 0)
+        assert left == 0.0 or state.covariance[un.CONSTANT, 5, 5] == 1.0 + left
+        assert state.covariance[un.CONSTANT, 0, 0] == tr.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
+        assert (state.mean[un.NEW] == before[0][un.NEW]).all() and (state.past == before[2]).all()
+        state.mean[...], state.covariance[...] = before[:2]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("constant", 300006), ("constant", 300100), ("vega_like", 300018)])
+def test_a_loss_that_passed_for_wind_until_it_was_found_is_not_taken_back(name, seed):
+    """What the tenth of a second before the alarm told of wind stood after it: `MODEL` followed two seconds later."""
+    nominal = load_nominal(name)
+    duration, rng = nominal.simulation.duration, np.random.default_rng((734, seed))
+    deviation, onset = 0.25 * rng.uniform(-1.0, 1.0, 2), rng.uniform(6.5, duration - 8.0)
+    flight = fly_whole(nominal, seed, a6_factor=1.0 + deviation[0],
+                       k1_factor=lambda t: (1.0 + deviation[1]) * np.where(t >= onset, 0.7, 1.0))
+    _, estimator = run(Config(formulation="filtered", model=onboard_model(nominal)), flight.samples())
+    assert [abs(change.t - onset) < 0.2 for change in estimator.changes() if change.parameter == "k1"] == [True]
+    assert estimator.counts["CHANGE_WITHDRAWN"] == 0
 
 
 @pytest.mark.parametrize("fraction", [0.15, 0.3, 0.7])
