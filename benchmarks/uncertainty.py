@@ -75,6 +75,7 @@ def judge_inside(name: str, results: list[tuple[np.ndarray, np.ndarray]]) -> int
         truth, decided = rows[:, -1], rows[:, first + BAND] >= 0
         right = rows[decided, first + BAND] == np.digitize(np.abs(truth[decided]), EDGES)
         z = (rows[:, first + DELTA] - truth) / rows[:, first + STD]
+        z = z[np.isfinite(z)]  # nothing is told while the model is contradicted, nor is a band decided
         share, correct, covered = float(np.mean(decided)), float(np.mean(right)), float(np.mean(np.abs(z) < INTERVAL))
         false = float(np.mean([not t[:, first + IN_RANGE].all() for _, t in results]))
         too_wide = 1.0 / math.sqrt(float(np.mean(z**2)))
