@@ -228,6 +228,7 @@ def seal_check(check):
 def seal_undeclared(undeclared):
     """Seal of the wind and misalignment that no nominal declared."""
     seal = xor_integer(fold_rows(undeclared.mean), fold_layers(undeclared.covariance))
+    seal = xor_integer(seal, xor_integer(fold_rows(undeclared.past), fold_layers(undeclared.past_covariance)))
     seal = xor_integer(seal, xor_integer(fold(undeclared.better), fold(undeclared.number)))
     return xor_integer(seal, fold_integers(undeclared.flag, undeclared.flag.shape[0]))
 

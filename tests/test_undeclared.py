@@ -13,7 +13,7 @@ from launchid_core import changes as ch
 from launchid_core import tracker as tr
 from launchid_core import undeclared as un
 from launchid_core import whiteness as wh
-from launchid_core.assembly import allocate
+from launchid_core.assembly import allocate, carried
 from launchid_core.guard import CARRIED, seal_of
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
@@ -21,6 +21,7 @@ from sim.identify import next_step, onboard_model, report, run
 from sim.identify_fit import withdrawn
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
+from sim.uncertainty.level import ranged_model
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
 WINDOW = 5.0
@@ -344,6 +345,19 @@ def test_drifting_a6_and_k1_are_none():
     for sample in flight.samples():
         estimator.update(sample)
         assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+
+
+@pytest.mark.parametrize("library", ["rigid-body", "quadratic"])
+@pytest.mark.parametrize("air", ["still", "wind"])
+def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
+    """What a kernel leaves out of its seal may flip unseen."""
+    nominal = load_nominal("constant")
+    if air == "wind":
+        nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005), offsets=Offsets(gyro_bias=1e-3))
+    estimator = Estimator(Config(formulation="filtered", library=library, model=ranged_model(nominal)))
+    for sample in list(fly_whole(nominal, SEED).samples())[:1500]:
+        estimator.update(sample)
+    assert estimator._parts.state.guard[CARRIED] == seal_of(carried(estimator._parts))
 
 
 def test_rounding_that_breaks_the_covariance_begins_it_anew():
