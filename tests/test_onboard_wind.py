@@ -683,9 +683,18 @@ def test_one_window_s_test_is_believed_for_that_window_and_two_within_20_s_or_on
         assert check.flag[wh.RAISED] == check.flag[wh.IN_WINDOW] == 1
         assert not judge_model(check, level, 0, t) and check.flag[wh.RAISED] == 1
         assert check.flag[wh.BEYOND_CHANCE] == beyond
+        check.number[wh.STATISTIC] = 0.0 if beyond else 1.01 * wh.BELIEVED  # which alone would not have raised it
         judge_window(check, level, 0.0, t)
         assert judge_model(check, level, 0, t) == beyond
+        check.number[wh.STATISTIC] = 0.0
         assert check.flag[wh.RAISED] == check.flag[wh.BEYOND_CHANCE] == 0
+    check.number[wh.STATISTIC] = 1.01 * wh.BELIEVED
+    judge_window(check, level, wh.FAR_WINDOW, 90.0)
+    assert not judge_model(check, level, 0, 90.0) and check.flag[wh.BEYOND_CHANCE] == 1
+    judge_window(check, level, 0.0, 91.0)
+    assert not judge_model(check, level, 0, 91.0) and check.flag[wh.RAISED] == 1
+    check.number[wh.STATISTIC] = 0.0
+    assert judge_model(check, level, 0, 92.0)
     contradict(check, 7.0)
     assert not judge_model(check, level, 0, 7.0) and judge_model(check, level, 0, 7.1 + wh.CHECK_MEMORY)
 
