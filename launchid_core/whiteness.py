@@ -15,8 +15,8 @@ Camb. Phil. Soc. 44, 1948).  A window at rest cannot tell it from a6: what many 
 
 One window's test alone fails by chance, of a true model once in 1,800 (windows of 1 s: once in 350 to 600, counted): it
 makes windows `MODEL` until one passes, and no more.  Sudden changes are taken back, and what was learned before is
-given up, where the contradiction is beyond chance: any other, a window that fails by far, while the statistic is beyond
-BELIEVED, or as a second one within FORGOTTEN.
+given up, where the contradiction is beyond chance: any other, a window that fails by far, or a second one within
+FORGOTTEN.
 
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
@@ -248,8 +248,7 @@ def judge_window(check, level, unexplained, t):
         check.flag[RAISED_BY_WINDOW] = PASSED
         return
     again = check.flag[HAS_FAILED] == 1 and 0.0 <= t - check.number[LAST_FAILED] <= FORGOTTEN
-    sure = again or unexplained > FAR_WINDOW or check.number[STATISTIC] > BELIEVED
-    check.flag[RAISED_BY_WINDOW] = FAILED_BEYOND_CHANCE if sure else FAILED
+    check.flag[RAISED_BY_WINDOW] = FAILED_BEYOND_CHANCE if again or unexplained > FAR_WINDOW else FAILED
     check.number[LAST_FAILED] = t
     check.flag[RAISED], check.flag[IN_WINDOW], check.flag[HAS_FAILED] = 1, 1, 1
 

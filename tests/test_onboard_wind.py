@@ -689,7 +689,7 @@ def test_one_window_s_test_is_believed_for_that_window_and_two_within_20_s_or_on
         check.number[wh.STATISTIC] = 0.0
         assert check.flag[wh.RAISED] == check.flag[wh.BEYOND_CHANCE] == 0
     check.number[wh.STATISTIC] = 1.01 * wh.BELIEVED
-    judge_window(check, level, wh.FAR_WINDOW, 90.0)
+    judge_window(check, level, 1.001 * wh.FAR_WINDOW, 90.0)
     assert not judge_model(check, level, 0, 90.0) and check.flag[wh.BEYOND_CHANCE] == 1
     judge_window(check, level, 0.0, 91.0)
     assert not judge_model(check, level, 0, 91.0) and check.flag[wh.RAISED] == 1
