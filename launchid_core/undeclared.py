@@ -121,12 +121,18 @@ def forget_places(state, f, first, last):
 
 
 @shared
+def copy_knowledge(mean, covariance, to_mean, to_covariance):
+    """mean (u,), covariance (u, u) in;  to_mean, to_covariance out"""
+    for i in range(mean.shape[0]):
+        to_mean[i] = mean[i]
+        for j in range(mean.shape[0]):
+            to_covariance[i, j] = covariance[i, j]
+
+
+@shared
 def remember(state, slot):
     """What the first filter knows now."""
-    for i in range(state.mean.shape[1]):
-        state.past[slot, i] = state.mean[CONSTANT, i]
-        for j in range(state.mean.shape[1]):
-            state.past_covariance[slot, i, j] = state.covariance[CONSTANT, i, j]
+    copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
 
 
 @shared
@@ -162,10 +168,7 @@ def go_back(state, blocks):
     """a6 or k1 changed `blocks` (at most ONSETS) ago: the first filter knows what it knew of w and d before, and of a6
     and k1 nothing."""
     slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
-    for i in range(state.mean.shape[1]):
-        state.mean[CONSTANT, i] = state.past[slot, i]
-        for j in range(state.mean.shape[1]):
-            state.covariance[CONSTANT, i, j] = state.past_covariance[slot, i, j]
+    copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
     free_deviations(state, CONSTANT)
 
 
@@ -251,10 +254,7 @@ def reduce_moment(belief, work, triangle, share):
 @once
 def go_on_from(state, f):
     """Both filters go on from what filter f knows."""
-    for i in range(SIZE):
-        state.mean[1 - f, i] = state.mean[f, i]
-        for j in range(SIZE):
-            state.covariance[1 - f, i, j] = state.covariance[f, i, j]
+    copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
     for k in range(FILTERS):
         state.better[k] = 0.0
 
