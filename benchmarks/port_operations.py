@@ -75,10 +75,10 @@ CALLS        }
 """
 
 FORMULAS = {  # of COUNTED without stores, for m numbers in each of q columns; qr_factor: 2 m loads more an exchange
-    "scale_columns": ("5 m q", "m q + 3 q", "m q + q", "2 m q", "q"),
+    "scale_columns": ("3 m q + q", "m q + 3 q", "2 m q", "q", "q"),
     "qr_factor": ("3 m q^2 - q^3 + q^2 + 6 q",
                   "3 m q^2/2 - m q/2 - q^3/2 + 4 q^2 + 3 q/2",
-                  "3 m q^2/2 + m q/2 - q^3/2 + q/2", "2 q", "q"),
+                  "3 m q^2/2 + m q/2 - q^3/2 + q^2/2 + q", "2 q", "q"),
     "apply_q_transposed": ("4 m q - 2 q^2 + q", "2 m q - q^2 + 4 q", "2 m q - q^2", "0", "0"),
     "solve_triangle": ("q^2 + q", "q^2/2 - q/2", "q^2/2 - q/2", "q", "0"),
     "invert_triangle": ("q^3/3 + q^2/2 + q/6", "q^3/6 - q/6", "q^3/6 - q/6", "q^2/2 + q/2", "0"),

@@ -16,7 +16,7 @@ from .config import Config
 from .filtered import LEVEL_PRIOR, WIND_PRIOR
 from .guard import CARRIED, seal_of
 from .library import centred_variables, term_codes
-from .memory import Block
+from .memory import Block, quads_of
 from .model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
 from .report import Report
 from .states import N_STATES
@@ -97,7 +97,7 @@ def allocate(config: Config) -> tuple[Block, Parts]:
     sizes = _sizes(config)
     floats, integers = np.zeros(1).view(_Endless), np.array(sizes).view(_Endless)
     _, at, m = cut(config, floats, integers)
-    block = Block(np.zeros(at), np.zeros(m, np.int64))
+    block = Block(quads_of(at), np.zeros(m, np.int64))
     block.integers[:st.N_SIZES] = sizes
     parts, _, _ = cut(config, *block)
     fill(config, parts)

@@ -7,7 +7,7 @@ import numpy as np
 from . import ring as rb
 from .kernels import shared
 from .library import CODE_LENGTH, N_VARIABLES
-from .memory import take, take2
+from .memory import at_quad, take, take2
 from .records import store
 from .sparse import SparseWork, Whole, view_sparse, view_whole
 from .stuck import N_LEARNED, N_WATCHED
@@ -79,7 +79,7 @@ class Work(NamedTuple):
     extended_norms: np.ndarray     # (q + 2,)
     extended_solution: np.ndarray  # (q + 2,)
     extended_inverse: np.ndarray   # (q + 2, q + 2)
-    series: np.ndarray      # (3*p,) residual, influences of a6 and k1, later times the residual
+    series: np.ndarray      # (4*p,) residual, influences of a6 and k1, later times it; residual of the active terms
     change: np.ndarray      # (2,) of a6 and k1 where they may drift
     covariance: np.ndarray  # (2, 2)
     trial: np.ndarray       # (q,)
@@ -117,8 +117,8 @@ def view_work(f, at, i, m, q, rows, p):
     segment, m = take(i, m, rows)
     usable, m = take(i, m, rows)
     kept, m = take(i, m, rows)
-    phi, at = take(f, at, q * p)
-    target, at = take(f, at, EQUATIONS * p)
+    phi, at = take(f, at_quad(at), q * p)
+    target, at = take(f, at_quad(at), EQUATIONS * p)
     centre, at = take(f, at, N_VARIABLES)
     scale, at = take(f, at, N_VARIABLES)
     raw, at = take2(f, at, N_VARIABLES, rows)
@@ -135,14 +135,14 @@ def view_work(f, at, i, m, q, rows, p):
     whole, at, m = view_whole(f, at, i, m, q)
     sparse, at, m = view_sparse(f, at, i, m, q)
     width = q + PAIR
-    drift, at = take(f, at, PAIR * p)
-    extended, at = take(f, at, width * p)
+    drift, at = take(f, at_quad(at), PAIR * p)
+    extended, at = take(f, at_quad(at), width * p)
     extended_order, m = take(i, m, width)
     extended_tau, at = take(f, at, width)
     extended_norms, at = take(f, at, width)
     extended_solution, at = take(f, at, width)
     extended_inverse, at = take2(f, at, width, width)
-    series, at = take(f, at, (1 + PAIR) * p)
+    series, at = take(f, at_quad(at), (2 + PAIR) * p)
     change, at = take(f, at, PAIR)
     covariance, at = take2(f, at, PAIR, PAIR)
     trial, at = take(f, at, q)

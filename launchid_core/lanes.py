@@ -36,6 +36,37 @@ def dot(a, b, start, stop):
     return (s0 + s1) + (s2 + s3)
 
 
+def dot_by_place(a, b, start, stop):
+    """As `dot`, number i in partial sum i mod 4, so that fours begin where memory is read fastest.
+
+    Where there is no whole four all are in the first, as is what is left behind the last.
+    """
+    s0 = 0.0
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    begin = start + 3 - (start + 3) % 4
+    if begin > stop:
+        begin = start
+    for i in range(start, begin):
+        if i % 4 == 1:
+            s1 += a[i] * b[i]
+        elif i % 4 == 2:
+            s2 += a[i] * b[i]
+        else:
+            s3 += a[i] * b[i]
+    quads = (stop - begin) // 4 if begin % 4 == 0 else 0
+    for k in range(quads):
+        i = begin + 4 * k
+        s0 += a[i] * b[i]
+        s1 += a[i + 1] * b[i + 1]
+        s2 += a[i + 2] * b[i + 2]
+        s3 += a[i + 3] * b[i + 3]
+    for i in range(begin + 4 * quads, stop):
+        s0 += a[i] * b[i]
+    return (s0 + s1) + (s2 + s3)
+
+
 def subtract(y, s, x, start, stop):
     """y[i] -= s*x[i]"""
     for i in range(start, stop):
@@ -74,7 +105,7 @@ def reflect(v, tau, columns, first, last, start, stop):
     """
     for j in range(first, last):
         column = columns[j]
-        s = tau * (column[start] + dot(v, column, start + 1, stop))
+        s = tau * (column[start] + dot_by_place(v, column, start + 1, stop))
         column[start] -= s
         subtract(column, s, v, start + 1, stop)
 
@@ -83,10 +114,10 @@ def reflect_sized(v, tau, columns, first, last, start, stop, squares):
     """As `reflect`; squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
     for j in range(first, last):
         column = columns[j]
-        s = tau * (column[start] + dot(v, column, start + 1, stop))
+        s = tau * (column[start] + dot_by_place(v, column, start + 1, stop))
         column[start] -= s
         subtract(column, s, v, start + 1, stop)
-        squares[j] = dot(column, column, start + 1, stop)
+        squares[j] = dot_by_place(column, column, start + 1, stop)
 
 
 def lagged(a, b, first, last, n, sums):
@@ -95,10 +126,10 @@ def lagged(a, b, first, last, n, sums):
         sums[k] = dot(a[k:], b, 0, n - k)
 
 
-def weigh(y, x, s, by, start, stop):
-    """y[i] *= (x[i] - s*y[i])/by"""
+def weigh(y, x, s, start, stop):
+    """y[i] *= x[i] - s*y[i]"""
     for i in range(start, stop):
-        y[i] *= (x[i] - s * y[i]) / by
+        y[i] *= x[i] - s * y[i]
 
 
 def largest_size(x, start, stop):
@@ -122,8 +153,7 @@ _scale_build = elementwise(lambda b, y, by: b.fmul(y, by), 1, 1, True)
 _divide_build = elementwise(lambda b, y, by: b.fdiv(y, by), 1, 1, True)
 _standard_build = elementwise(lambda b, x, centre, scale: b.fdiv(b.fsub(x, centre), scale), 2, 2, False)
 
-
-_weigh_build = elementwise(lambda b, y, x, s, by: b.fmul(y, b.fdiv(b.fsub(x, b.fmul(s, y)), by)), 2, 2, True)
+_weigh_build = elementwise(lambda b, y, x, s: b.fmul(y, b.fsub(x, b.fmul(s, y))), 2, 1, True)
 
 
 @_extending.intrinsic
@@ -147,8 +177,8 @@ def _scale(typing, y, by, start, stop):
 
 
 @_extending.intrinsic
-def _weigh(typing, y, x, s, by, start, stop):
-    return _typed((y, x), (s, by), start, stop), _weigh_build
+def _weigh(typing, y, x, s, start, stop):
+    return _typed((y, x), (s,), start, stop), _weigh_build
 
 
 @_extending.intrinsic
@@ -234,8 +264,8 @@ def _scale_compiled(y, by, start, stop):
 
 
 @_extending.overload(weigh, jit_options=_AS_WRITTEN)
-def _weigh_compiled(y, x, s, by, start, stop):
-    return lambda y, x, s, by, start, stop: _weigh(y, x, s, by, start, stop)  # noqa: PLW0108
+def _weigh_compiled(y, x, s, start, stop):
+    return lambda y, x, s, start, stop: _weigh(y, x, s, start, stop)  # noqa: PLW0108
 
 
 @_extending.overload(divide, jit_options=_AS_WRITTEN)

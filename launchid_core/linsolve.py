@@ -18,6 +18,8 @@ from .kernels import inner, once
 from .lanes import divide, dot, largest_size, reflect, reflect_sized, scale, subtract
 
 EPS = np.finfo(np.float64).eps
+LARGER = 1.0 + 1.0e-12  # so much is no rounding: of columns of one norm the first is the pivot, on any machine
+LEAST_SQUARE = 1.0e-200  # of a column: below it, and above its inverse, a number's own square may be 0 or inf
 
 
 @inner
@@ -30,6 +32,11 @@ def scale_columns(at, norms):
     n, m = at.shape
     for j in range(n):
         column = at[j]
+        square = dot(column, column, 0, m)
+        if LEAST_SQUARE < square < 1.0 / LEAST_SQUARE:
+            norms[j] = math.sqrt(square)
+            scale(column, 1.0 / norms[j], 0, m)
+            continue
         largest = largest_size(column, 0, m)
         norms[j] = 1.0
         if 0.0 < largest < np.inf:
@@ -74,7 +81,7 @@ def qr_factor(at, order, tau, tolerance):
         best = k
         square = -1.0
         for j in range(k, n):
-            if tau[j] > square:
+            if tau[j] > LARGER * square:
                 best, square = j, tau[j]
         norm = math.sqrt(max(square, 0.0))
         if k == 0:
@@ -115,11 +122,11 @@ def rotate_transposed(at, tau, rank, columns):
 
 
 @inner
-def rotate(at, tau, rank, columns, n):
-    """columns <- Q times its first n ones, for the factor made by `qr_factor`.  columns (>=n, m) inout."""
+def rotate(at, tau, rank, columns, first, last):
+    """columns[j] <- Q columns[j], j = first..last-1, for the factor made by `qr_factor`.  columns (>=last, m) inout."""
     for back in range(rank):
         k = rank - 1 - back
-        reflect(at[k], tau[k], columns, 0, n, k, at.shape[1])
+        reflect(at[k], tau[k], columns, first, last, k, at.shape[1])
 
 
 @inner

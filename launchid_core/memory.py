@@ -15,7 +15,7 @@ import numpy as np
 from numba import extending
 from numba.core import cgutils, types
 
-from .kernels import inner
+from .kernels import inner, shared
 from .parts import stand_in
 
 _extending: Any = extending  # typed by numba only in part
@@ -42,6 +42,22 @@ def _piece(typing, buffer, at, shape):
         return array._getvalue()
 
     return made(buffer, at, shape), build
+
+
+QUAD = 4  # doubles, of the vectors in which `lanes` are compiled
+
+
+def quads_of(n):
+    """Zeros (n,) whose first begins a whole four in memory."""
+    buffer = np.zeros(n + QUAD)
+    begin = (-buffer.ctypes.data // buffer.itemsize) % QUAD
+    return buffer[begin:begin + n]
+
+
+@shared
+def at_quad(at):
+    """Where the next whole four begins: columns that reflections run along are read fastest from there on."""
+    return at + QUAD - 1 - (at + QUAD - 1) % QUAD
 
 
 def take(buffer, at, n):

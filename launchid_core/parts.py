@@ -20,11 +20,18 @@ import numba.core.codegen
 import numba.core.compiler
 from numba.core import types
 from numba.core.typing import templates
+from numba.np import arrayobj
 
 codegen: Any = numba.core.codegen
 compiler: Any = numba.core.compiler
+arrays: Any = arrayobj
 
+# numba's passes that find nothing in a kernel without its run time: what they look for allocates, or is Python
+IDLE = frozenset({"WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
+                  "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass", "InlineOverloads",
+                  "NopythonRewrites", "NoPythonSupportedFeatureValidation", "DumpParforDiagnostics"})
 GARBAGE = (100_000, 20, 20)  # new objects, and rounds of the young, between two looks
+OWN = f"{len(__package__)}{__package__}"  # in the name of compiled code that comes from here
 KIND = "part"  # of what is kept on disk, beside numba's "object"
 
 KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
@@ -33,7 +40,8 @@ KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
                  for name in ("finalize", "_get_module_for_linking", "get_pointer_to_function", "codegen",
                               "serialize_using_object_code", "_optimize_functions", "_optimize_final_module"))
          and all(hasattr(compiler, name) for name in ("Compiler", "CompileResult", "CR_FIELDS"))
-         and hasattr(types, "BaseFunction") and hasattr(types.BaseFunction, "get_call_type"))
+         and hasattr(types, "BaseFunction") and hasattr(types.BaseFunction, "get_call_type")
+         and hasattr(arrays, "fix_integer_index"))
 
 
 def _sweep(library: Any, module: Any) -> None:
@@ -150,7 +158,19 @@ if KNOWN:
             passes, builder = self._codegen._module_pass_manager()
             passes.run(self._final_module, builder)
 
-    class PartCompiler(compiler.Compiler):  # type: ignore[misc]
+    class _Lean(compiler.Compiler):  # type: ignore[misc]
+        """numba's, without idle passes."""
+
+        def define_pipelines(self) -> Any:
+            """As numba's."""
+            pipelines = super().define_pipelines()
+            if not self.state.flags.nrt:
+                for each in pipelines:
+                    each.passes = [one for one in each.passes if one[0].__name__ not in IDLE]
+                    each.finalize()
+            return pipelines
+
+    class PartCompiler(_Lean):
         """numba's, for a part."""
 
         def compile_extra(self, function: Any) -> Any:
@@ -158,16 +178,15 @@ if KNOWN:
             self.state.library = Part(self.state.targetctx.codegen(), function.__qualname__)
             return super().compile_extra(function)
 
-    class EntryCompiler(compiler.Compiler):  # type: ignore[misc]
+    class EntryCompiler(_Lean):
         """numba's, for an entry."""
 
         def compile_extra(self, function: Any) -> Any:
             """As numba's."""
             self.state.library = Entry(self.state.targetctx.codegen(), function.__qualname__)
             self.state.library.enable_object_caching()
-            with remembering(), collecting_seldom():
+            with remembering(), counting_from_the_first(), collecting_seldom():
                 return super().compile_extra(function)
-
 
 
 _PLAIN = (types.Number, types.Boolean, types.Array, types.SliceType, types.UniTuple)
@@ -196,6 +215,27 @@ def remembering() -> Iterator[None]:
         yield
     finally:
         functions.get_call_type = usual
+
+
+@contextlib.contextmanager
+def counting_from_the_first() -> Iterator[None]:
+    """Meanwhile an index in a kernel of this package is taken as it is.
+
+    numba alone adds an array's length to an index that is negative, and asks that of each one.  None is here, as none
+    may be in C; a test that has every index asked un-jitted holds it, and numba's own checks of bounds see it.
+    """
+    usual = arrays.fix_integer_index
+
+    def fix_integer_index(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
+        if OWN not in builder.function.name:
+            return usual(context, builder, kind, index, size)
+        return context.cast(builder, index, kind, types.intp if kind.signed else types.uintp)
+
+    arrays.fix_integer_index = fix_integer_index
+    try:
+        yield
+    finally:
+        arrays.fix_integer_index = usual
 
 
 @contextlib.contextmanager

@@ -75,7 +75,7 @@ def _placed(context: Any, builder: Any, kind: Any, array: Any) -> Any:
 def _array(context: Any, builder: Any, kind: Any, place: Any) -> Any:
     """The array at a place."""
     whole, number = context.get_value_type(kind), context.get_value_type(types.intp)
-    size = ir.Constant(number, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    size = ir.Constant(number, kind.dtype.bitwidth // 8)
     data, shape = (builder.extract_value(place, k) for k in range(2))
     strides, count = [size], builder.extract_value(shape, kind.ndim - 1)
     for k in range(kind.ndim - 2, -1, -1):

@@ -28,8 +28,16 @@ from .guard import (
 )
 from .kernels import inner, once
 from .library import raw_from_standard
-from .linsolve import pivot_ratio, qr_factor, rotate_transposed, scale_columns
-from .residual import drift_integral, drift_pointwise, report_absent, report_spread
+from .linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
+from .residual import (
+    count_active,
+    drift_integral,
+    drift_pointwise,
+    report_absent,
+    report_spread,
+    solve_absent,
+    solve_extended,
+)
 from .ring import BETA, THETA, THETA_DOT
 from .rows import (
     centre_segments,
@@ -101,8 +109,16 @@ def report_attitude(plan, work, out, at, y, rows):
     out.number[O_K1] = coefficient(work, plan[TERM_K1])
     out.number[O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
     out.number[O_K1_DOT] = coefficient(work, plan[TERM_K1_DOT])
-    report_spread(plan, work, out, at, y, rows)
-    report_absent(plan, work, out, at, y, rows)
+    q, count = at.shape
+    size = count_active(work.active)
+    width = solve_extended(plan, work, out, y, count, rows)
+    known = solve_absent(work, y, size, rows)
+    series = work.series[:(2 + PAIR) * count].reshape((2 + PAIR, count))
+    rotate(at, work.tau, q, series, 0 if width > 0 else 1 + PAIR, 2 + PAIR if known else 1 + PAIR)  # in time
+    if width > 0:
+        report_spread(plan, work, out, count, rows - width)
+    if size < q:
+        report_absent(plan, work, out, at, size, known, rows)
 
 
 @once

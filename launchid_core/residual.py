@@ -204,12 +204,12 @@ def fill_influences(plan, work, out, width, series):
 
 
 @once
-def report_spread(plan, work, out, at, y, rows):
-    """Standard deviations and correlation of a6 and k1, the active ones.
+def solve_extended(plan, work, out, y, count, rows):
+    """Residual and influences on a6 and k1 with the drifts beside the active terms, in the factor's rotation.
 
-    at (q, n), y (n,)  in  the window's factor and Q' times theta_ddot;  rows  n less what the pieces' means took
+    y (count,)  in  Q' times theta_ddot;  rows  count less what the pieces' means took
+    Into work.series (0 to 2); returns how many terms that solution has, 0 if none is.
     """
-    q, count = at.shape
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
     width = 0
     for attempt in range(2):  # without the drifts where the window cannot tell them from the rest
@@ -219,9 +219,9 @@ def report_spread(plan, work, out, at, y, rows):
         if qr_factor(factors, work.extended_order, work.extended_tau, ACTIVE_TOLERANCE) == width < rows:
             break
         if attempt == 1:
-            return
+            return 0
     if width == 0:
-        return
+        return 0
     columns = work.extended[:width * count].reshape((width, count))
     series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
     residual = series[0]
@@ -233,13 +233,19 @@ def report_spread(plan, work, out, at, y, rows):
     for k in range(width):
         residual[k] = 0.0
     fill_influences(plan, work, out, width, series)
-    rotate(columns, work.extended_tau, width, series, 1 + PAIR)
-    rotate(at, work.tau, q, series, 1 + PAIR)
+    rotate(columns, work.extended_tau, width, series, 0, 1 + PAIR)
+    return width
+
+
+@once
+def report_spread(plan, work, out, count, freedom):
+    """Standard deviations and correlation of a6 and k1, the active ones, from the series in time."""
+    series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
     for p in range(PAIR):
         if position(work.active, plan[TERM_A6 + p]) >= 0:
-            multiply(series[1 + p], residual, 0, count)
+            multiply(series[1 + p], series[0], 0, count)
     scores = work.series[count:(1 + PAIR) * count].reshape((PAIR, count))
-    long_run(scores, rows - width, work.covariance, work.value, work.half)
+    long_run(scores, freedom, work.covariance, work.value, work.half)
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
@@ -268,27 +274,37 @@ def add_direction(factors, tau, size, direction):
 
 
 @once
-def report_absent(plan, work, out, at, y, rows):
+def solve_absent(work, y, size, rows):
+    """Residual of the `size` active terms in the factor's rotation, into work.series (3); whether there is one.
+
+    Leaves their factor in work.sparse.  y (n,), rows  in  as of `solve_extended`
+    """
+    q, count = work.mt.shape[0], y.shape[0]
+    if size == q or rows <= size + 1 or solve_active(work.mt, y[:q], work.active, work.trial, work.sparse) > 0:
+        return False
+    residual = work.series[(1 + PAIR) * count:(2 + PAIR) * count]
+    for i in range(count):
+        residual[i] = y[i] if i >= q else (work.sparse.right[i] if i >= size else 0.0)
+    apply_q(work.sparse.columns[:size * q].reshape((size, q)), work.sparse.tau, size, residual[:q])
+    return True
+
+
+@once
+def report_absent(plan, work, out, at, size, known, rows):
     """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
 
+    at (q, n)  in  the window's factor;  size, known  in  given to `solve_absent`, and its answer
     A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
     coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
     inf: the window cannot tell it from the active ones.  Overwrites work.sparse and work.extended.
     """
     q, count = at.shape
-    size = count_active(work.active)
-    if size == q:
-        return
     direction = work.direction[0]
-    known = rows > size + 1 and solve_active(work.mt, y[:q], work.active, work.trial, work.sparse) == 0
     factors = work.sparse.columns[:size * q].reshape((size, q))
-    series = work.extended[:(1 + q - size) * count].reshape((1 + q - size, count))
-    residual = series[0]
-    for i in range(count):  # of the active terms
-        residual[i] = y[i] if i >= q else (work.sparse.right[i] if i >= size else 0.0)
-    apply_q(factors, work.sparse.tau, size, residual[:q])
+    residual = work.series[(1 + PAIR) * count:(2 + PAIR) * count]
+    series = work.extended[:(q - size) * count].reshape((q - size, count))
     lost, length = work.sparse.auxiliary, work.sparse.weight
-    found = 1
+    found = 0
     for j in range(q):
         if work.active[j]:
             continue
@@ -306,13 +322,13 @@ def report_absent(plan, work, out, at, y, rows):
             series[found, i] = direction[i] if i < q else 0.0
         work.extended_order[found] = j
         found += 1
-    rotate(at, work.tau, q, series, found)  # in time
-    for k in range(1, found):
+    rotate(at, work.tau, q, series, 0, found)  # in time
+    for k in range(found):
         j = work.extended_order[k]
-        weigh(series[k], residual, lost[j], length[j], 0, count)
+        weigh(series[k], residual, lost[j], 0, count)
         long_run(work.extended[k * count:(k + 1) * count].reshape((1, count)), rows - size - 1,
                  work.covariance, work.value, work.half)
-        std = math.sqrt(work.covariance[0, 0])
+        std = math.sqrt(work.covariance[0, 0]) / length[j]
         out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
         for p in range(PAIR):
             if j == plan[TERM_A6 + p]:

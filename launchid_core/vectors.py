@@ -67,6 +67,32 @@ def along(builder: Any, work: Callable[[Any, Any], None], start: Any, stop: Any,
         work(at, NUMBER)
 
 
+def along_places(builder: Any, work: Callable[..., None], start: Any, stop: Any,
+                 between: Callable[[], None] = lambda: None) -> None:
+    """As `along`, but vectors at multiples of four alone.
+
+    Where a whole four begins behind `start`, `work` has the one before it too, and is told which of its numbers count.
+    """
+    one, four, whole = (ir.Constant(start.type, n) for n in (1, LANES, -LANES))
+    begin = builder.and_(builder.add(start, ir.Constant(start.type, LANES - 1)), whole)
+    inside = builder.icmp_signed("<=", begin, stop)
+    with builder.if_then(builder.and_(inside, builder.icmp_signed("<", start, begin))):
+        at, places = builder.sub(begin, four), ir.VectorType(start.type, LANES)
+        spread = ir.Constant(places, ir.Undefined)
+        for k in range(LANES):
+            place = builder.add(at, ir.Constant(start.type, k))
+            spread = builder.insert_element(spread, builder.sub(place, start), ir.Constant(ir.IntType(32), k))
+        work(at, VECTOR, builder.icmp_signed(">=", spread, ir.Constant(places, [0] * LANES)))
+    first = builder.select(inside, begin, start)
+    rest = builder.add(first, builder.select(inside, builder.and_(builder.sub(stop, begin), whole),
+                                             ir.Constant(start.type, 0)))
+    with cgutils.for_range_slice(builder, first, rest, four, inc=True) as (at, _):
+        work(at, VECTOR)
+    between()
+    with cgutils.for_range_slice(builder, rest, stop, one, inc=True) as (at, _):
+        work(at, NUMBER)
+
+
 def elementwise(change: Callable[..., Any], columns: int, numbers: int, reads: bool) -> Any:
     """An intrinsic (y, other columns.., numbers.., start, stop): y[i] = change(builder, y[i] if it reads it, ...)."""
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -133,12 +159,13 @@ def _reflect_together(builder: Any, v: Column, tau: Any, columns: list[Column], 
     after = builder.add(start, ir.Constant(start.type, 1))
     sums, squares = Sums(builder, len(columns)), Sums(builder, len(columns))
 
-    def multiply_columns(at: Any, kind: Any) -> None:
+    def multiply_columns(at: Any, kind: Any, counts: Any = None) -> None:
         given = v.load(at, kind)
         for k, column in enumerate(columns):
-            sums.add(k, builder.fmul(given, column.load(at, kind)))
+            product = builder.fmul(given, column.load(at, kind))
+            sums.add(k, product if counts is None else builder.select(counts, product, ZERO))
 
-    along(builder, multiply_columns, after, stop, sums.begin_rest)
+    along_places(builder, multiply_columns, after, stop, sums.begin_rest)
     shares = []
     for k, column in enumerate(columns):
         head = column.load(start, NUMBER)
@@ -146,16 +173,17 @@ def _reflect_together(builder: Any, v: Column, tau: Any, columns: list[Column], 
         column.store(start, builder.fsub(head, shares[-1]))
     spread = [filled(builder, each) for each in shares]
 
-    def subtract_columns(at: Any, kind: Any) -> None:
+    def subtract_columns(at: Any, kind: Any, counts: Any = None) -> None:
         given, by = v.load(at, kind), spread if kind is VECTOR else shares
-        new = [builder.fsub(column.load(at, kind), builder.fmul(s, given))
-               for column, s in zip(columns, by, strict=True)]
-        for k, (column, numbers) in enumerate(zip(columns, new, strict=True)):
-            column.store(at, numbers)
+        old = [column.load(at, kind) for column in columns]
+        new = [builder.fsub(each, builder.fmul(s, given)) for each, s in zip(old, by, strict=True)]
+        for k, column in enumerate(columns):
+            column.store(at, new[k] if counts is None else builder.select(counts, new[k], old[k]))
             if sized:
-                squares.add(k, builder.fmul(numbers, numbers))
+                square = builder.fmul(new[k], new[k])
+                squares.add(k, square if counts is None else builder.select(counts, square, ZERO))
 
-    along(builder, subtract_columns, after, stop, squares.begin_rest)
+    along_places(builder, subtract_columns, after, stop, squares.begin_rest)
     return [squares.total(k) for k in range(len(columns))] if sized else []
 
 

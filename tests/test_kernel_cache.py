@@ -10,7 +10,10 @@ import sys
 import time
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
+from compiled import compiled
 from forked import Forked
 
 import sim.vehicle.step
@@ -177,6 +180,18 @@ def test_a_part_is_compiled_once_for_all_its_callers_and_all_integers():
     assert entry(2.0) == 28.0 and power(2, 4) == 16
     made = next(each for each in parts._standing if each.py_func is power)
     assert len(made.signatures) == 1
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or not parts.KNOWN, reason="there are no parts")
+def test_an_index_is_taken_as_it_is_in_kernels_of_the_core_alone():
+    """What others compile beside them keeps numba's meaning of a negative one."""
+    def last(x, k):
+        return x[k]
+
+    whole = np.arange(4.0)
+    assert compiled(last)(whole[2:], -1) == 3.0
+    last.__module__ = "launchid_core.last"
+    assert numba.njit(error_model="numpy", **parts.OF_AN_ENTRY)(last)(whole[2:], -1) == 1.0  # the number before it
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0" or not parts.KNOWN, reason="there are no parts")

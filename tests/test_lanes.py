@@ -9,7 +9,7 @@ from launchid_core import lanes
 ODD = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1e308, -1e160)
 CASES = {  # loop -> its call
     "dot": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "subtract": (lambda f, y, x, s, c, i, j: f(y, s, x, i, j)),
-    "scale": (lambda f, y, x, s, c, i, j: f(y, s, i, j)), "weigh": (lambda f, y, x, s, c, i, j: f(y, x, s, c, i, j)),
+    "scale": (lambda f, y, x, s, c, i, j: f(y, s, i, j)), "weigh": (lambda f, y, x, s, c, i, j: f(y, x, s, i, j)),
     "multiply": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "divide": (lambda f, y, x, s, c, i, j: f(y, s, i, j)),
     "standard": (lambda f, y, x, s, c, i, j: f(y, x, c, s, i, j)),
     "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}

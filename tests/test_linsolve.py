@@ -249,6 +249,16 @@ def test_scaled_columns_have_unit_norm(problem):
     assert np.allclose(scaled * norms[:, None], at, rtol=8 * EPS, atol=0.0)
 
 
+@given(problems(), st.integers(0, 3))
+def test_of_columns_of_one_norm_the_first_is_taken_whatever_their_rounding(problem, ulps):
+    at, _ = problem
+    assume(len(at) > 1)
+    scale_columns(at, np.zeros(len(at)))
+    assume(np.all(np.linalg.norm(at, axis=1) > 0.5))  # none is zero
+    at[1:] *= 1.0 + ulps * EPS
+    assert factor(at)[1][0] == 0
+
+
 # ---------------------------------------------------------------- degenerate cases
 
 
@@ -366,14 +376,27 @@ def test_nist_certified_values_follow_from_the_data(name):
 
 
 @pytest.mark.parametrize(("name", "wanted"), [
-    ("Norris", 12), ("Pontius", 12), ("NoInt1", 14), ("Longley", 12), ("Wampler1", 9), ("Wampler2", 12),
+    ("Norris", 12), ("Pontius", 12), ("NoInt1", 14), ("Longley", 11), ("Wampler1", 9), ("Wampler2", 12),
     ("Wampler3", 9), ("Wampler4", 7), ("Wampler5", 5), ("Filip", 7)])
 def test_nist_linear_regression(name, wanted):
-    """Certified values, NIST StRD.  No tolerance: Filip's condition is 1e15, and 5e9 with columns of unit norm."""
-    data = DATASETS[name]
-    x, rank = fit(data.columns(), data.right_hand_side(), 0.0)
-    assert rank == len(data.certified)
-    assert digits(x, [Fraction(text) for text in data.certified]) >= wanted
+    """Certified values, NIST StRD, median digits over the order of the rows, which decides a digit or two by chance.
+
+    Not a digit below LAPACK's QR with column pivoting (dgelsy) of the same columns of unit norm in the same orders.
+    No tolerance: Filip's condition is 1e15, and 5e9 with columns of unit norm.
+    """
+    lapack = pytest.importorskip("scipy.linalg").lstsq
+    data, rng = DATASETS[name], np.random.default_rng(1)
+    columns, y = np.array(data.columns(), dtype=float), np.array(data.right_hand_side(), dtype=float)
+    certified, norms, found = [Fraction(text) for text in data.certified], np.linalg.norm(columns, axis=1), []
+    for _ in range(41):
+        rows = rng.permutation(len(y))
+        at = np.ascontiguousarray(columns[:, rows])
+        x, rank = fit(at, y[rows], 0.0)
+        assert rank == len(certified)
+        beside = lapack((at / norms[:, None]).T, y[rows], cond=EPS / 64.0, lapack_driver="gelsy")[0] / norms
+        found.append((digits(x, certified), digits(beside, certified)))
+    ours, theirs = np.median(found, axis=0)
+    assert ours >= max(wanted, theirs - 1.0)
 
 
 @pytest.mark.parametrize("power", [-20, -27, -40])
