@@ -53,7 +53,7 @@ class Estimator:
         kernels: list[Any] = [kernel for kernel in used if hasattr(kernel, "disable_compile")]
         for kernel in kernels:
             kernel.disable_compile(False)
-        self.update(Sample(NAN, NAN, NAN, NAN))
+        self._step(*self._block, *self._options, *Sample(NAN, NAN, NAN, NAN))
         self._report()
         for kernel in kernels:
             kernel.disable_compile(True)

@@ -30,12 +30,15 @@ arrays: Any = arrayobj
 IDLE = frozenset({"WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
                   "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass", "InlineOverloads",
                   "NopythonRewrites", "NoPythonSupportedFeatureValidation", "DumpParforDiagnostics"})
+SPEED, INLINED = 2, 25    # LLVM's level; how large, in its measure, a part is that it may put into a caller unasked
 GARBAGE = (100_000, 20, 20)  # new objects, and rounds of the young, between two looks
 OWN = f"{len(__package__)}{__package__}"  # in the name of compiled code that comes from here
 KIND = "part"  # of what is kept on disk, beside numba's "object"
 
 KNOWN = (all(hasattr(codegen, name) for name in ("JITCodeLibrary", "ll"))
          and all(hasattr(codegen.ll, f"create_new_{kind}_pass_manager") for kind in ("function", "module"))
+         and all(hasattr(codegen.ll, f"create_{what}") for what in ("pass_builder", "pipeline_tuning_options"))
+         and hasattr(codegen, "_parse_refprune_flags")
          and all(hasattr(codegen.JITCodeLibrary, name)
                  for name in ("finalize", "_get_module_for_linking", "get_pointer_to_function", "codegen",
                               "serialize_using_object_code", "_optimize_functions", "_optimize_final_module"))
@@ -58,6 +61,21 @@ def _sweep(library: Any, module: Any) -> None:
 def _holds_address(library: Any) -> bool:
     """Of this process."""
     return any(each.name.startswith("numba.dynamic.globals") for each in library._final_module.global_variables)
+
+
+def _tuning() -> Any:
+    """What LLVM is asked for.
+
+    Loops along a column are in vectors as written (`lanes`), each in its own order: to unroll them, to run two turns of
+    one beside another or to put large parts into their callers makes more code that is no faster, and took a third of
+    LLVM's time.
+    """
+    tuning = codegen.ll.create_pipeline_tuning_options(min(int(codegen.config.OPT), SPEED))
+    tuning.loop_vectorization = bool(codegen.config.LOOP_VECTORIZE)
+    tuning.slp_vectorization = bool(codegen.config.SLP_VECTORIZE)
+    tuning.loop_unrolling = tuning.loop_interleaving = False
+    tuning.inlining_threshold = INLINED
+    return tuning
 
 
 if KNOWN:
@@ -155,7 +173,10 @@ if KNOWN:
         _optimize_functions = _sweep
 
         def _optimize_final_module(self) -> None:
-            passes, builder = self._codegen._module_pass_manager()
+            builder = codegen.ll.create_pass_builder(self._codegen._tm, _tuning())
+            passes = builder.getModulePassManager()
+            if codegen.config.LLVM_REFPRUNE_PASS:
+                passes.add_refprune_pass(codegen._parse_refprune_flags())
             passes.run(self._final_module, builder)
 
     class _Lean(compiler.Compiler):  # type: ignore[misc]
