@@ -165,7 +165,7 @@ def report_filtered(belief, state, work, t_centre):
     out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
     out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
     out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
-    out.number[O_CORRELATION] = correlation * (1.0 if a6 * k1 > 0.0 else -1.0)
+    out.number[O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
     if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
         return NUMERICS
     return OK

@@ -20,6 +20,8 @@ def command() -> int:
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else it is ignored, as under nohup
     if ours:
         signal.signal(signal.SIGINT, _leave)
+    if sys.argv[1:2] == ["export-c"]:  # some hundred samples: in plain Python, with the same bits, sooner than compiled
+        os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
     from .announcement import announce
     from .cli import main
     from .terminal import speak_utf8

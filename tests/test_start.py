@@ -13,6 +13,7 @@ import pytest
 
 import launchid_core
 from sim.announcement import Announcement
+from sim.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 IMPORT_LIMIT = 0.15  # s of the processor, of the core above numba
@@ -137,6 +138,19 @@ def test_the_core_costs_little_beside_numba():
     script = ("import time, numba; began = time.process_time(); from launchid_core import Estimator; "
               "print(time.process_time() - began)")
     assert any(float(python("-c", script, PYTHONDONTWRITEBYTECODE="").stdout) < IMPORT_LIMIT for _ in range(5))
+
+
+def test_export_c_compiles_nothing_and_writes_the_bytes_of_the_compiled_estimator(tmp_path):
+    words = ["export-c", "constant", "--window", "1", "--library", "quadratic"]
+    done = python("-m", "sim", *words, "--out", tmp_path / "plain", LAUNCHID_CACHE=str(tmp_path / "cache"),
+                  NUMBA_CACHE_DIR="")
+    assert done.returncode == 0 and "compiling" not in done.stderr and len(done.stderr.splitlines()) == 1
+    assert not list(tmp_path.rglob("*.nb?"))
+    assert main([*words, "--out", str(tmp_path / "compiled")]) == 0
+    made = sorted((tmp_path / "plain").iterdir())
+    assert len(made) > 10
+    for path in made:
+        assert path.read_bytes() == (tmp_path / "compiled" / path.name).read_bytes(), path.name
 
 
 def test_every_public_name_is_found_and_no_other():

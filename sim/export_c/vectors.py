@@ -7,6 +7,8 @@ import zlib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
+
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 
 from ..errors import InputError, UsageError
@@ -85,12 +87,13 @@ def header(config: Config, samples: list[Sample]) -> str:
     statuses: list[int] = []
     windows: list[list[int]] = []
     saved = b""
-    for number, sample in enumerate(samples):
-        if number == len(samples) // ABSENT:
-            saved = estimator.save()
-        statuses.append(int(estimator.update(sample)))
-        if statuses[-1] == Status.WINDOW_COMPLETE:
-            windows.append(of_window(estimator.estimate()))  # type: ignore[arg-type]
+    with np.errstate(all="ignore"):  # in plain Python numpy would warn of what a status says
+        for number, sample in enumerate(samples):
+            if number == len(samples) // ABSENT:
+                saved = estimator.save()
+            statuses.append(int(estimator.update(sample)))
+            if statuses[-1] == Status.WINDOW_COMPLETE:
+                windows.append(of_window(estimator.estimate()))  # type: ignore[arg-type]
     changes = [_of_change(change) for change in estimator.changes()]
     notes = [estimator.counts.get(name, 0) for name in ("OUTLIER", "RESTART", "LEVEL_CLAMP", "CHANGE_WITHDRAWN")]
     width = len(windows[0]) if windows else 1
