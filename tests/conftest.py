@@ -45,8 +45,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 def pytest_collection_finish() -> None:
     """Keep the kernels of `hidden`, which knows nothing of the project, where the project's are: compiled once.
 
-    What thousands of tests are made of stays: no search for garbage goes through it again, which took a twelfth of the
-    time.
+    What thousands of tests are made of stays: no search for garbage goes through it again.
     """
     motion = sys.modules.get("hidden.motion")
     for kernel in vars(motion).values() if motion else ():

@@ -249,6 +249,16 @@ def test_scaled_columns_have_unit_norm(problem):
     assert np.allclose(scaled * norms[:, None], at, rtol=8 * EPS, atol=0.0)
 
 
+@pytest.mark.parametrize("power", [-308, -170, -160, -155, 155, 170, 300])
+def test_columns_whose_squares_are_no_numbers_are_scaled_all_the_same(power):
+    """Below 1e-154 a square has lost digits, below 1e-162 it is 0, above 1e154 it is inf."""
+    column = np.array([3.0, -1.0, 2.5, 4.0, 0.5]) * 10.0**power
+    scaled, norms = column[None].copy(), np.zeros(1)
+    scale_columns(scaled, norms)
+    assert np.allclose(np.linalg.norm(scaled), 1.0, rtol=8 * EPS, atol=0.0)
+    assert np.allclose(scaled[0] * norms[0], column, rtol=1e-14 if power > -308 else 1e-13, atol=0.0)
+
+
 @given(problems(), st.integers(0, 3))
 def test_of_columns_of_one_norm_the_first_is_taken_whatever_their_rounding(problem, ulps):
     at, _ = problem
