@@ -15,7 +15,7 @@ from .compress import first_state
 from .config import Config
 from .filtered import LEVEL_PRIOR, WIND_PRIOR
 from .guard import CARRIED, seal_of
-from .library import centred_variables, term_codes
+from .library import centred_variables, default_own_share, term_codes
 from .memory import Block, quads_of
 from .model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
 from .report import Report
@@ -181,7 +181,9 @@ def _fill_regression(config: Config, fixed: rg.Fixed) -> None:
     plan[rg.TERM_A6], plan[rg.TERM_K1] = place("theta"), place("beta")
     plan[rg.TERM_A6_DOT], plan[rg.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
     plan[rg.MEASURED] = int(config.formulation == "measured")
-    fixed.threshold[0] = config.threshold
+    plan[rg.INTEGRAL] = int(config.formulation == "integral")
+    fixed.threshold[rg.RAW] = 0.0 if config.threshold is None else config.threshold
+    fixed.threshold[rg.OWN_SHARE] = default_own_share(config.terms) if config.threshold is None else 0.0
     fixed.saturation[:] = math.inf
     fixed.saturation[rb.THETA], fixed.saturation[rb.THETA_DOT] = config.theta_saturation, config.theta_dot_saturation
     fixed.saturation[rb.BETA] = config.beta_saturation

@@ -14,8 +14,12 @@ from .stuck import N_LEARNED, N_WATCHED
 from .window import EQUATIONS, Outcome, view_outcome
 
 # plan (i8): what is fixed at construction
-KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, ENOUGH = range(8)
-N_PLAN = 8
+KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, ENOUGH = range(9)
+N_PLAN = 9
+
+# threshold (f8): what a term must exceed to stay
+RAW, OWN_SHARE = range(2)
+N_THRESHOLDS = 2
 
 PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
 
@@ -28,7 +32,7 @@ class Fixed(NamedTuple):
     codes: np.ndarray       # (q, 6) int64 terms
     centred: np.ndarray     # (4,) int64 variables that may be centred
     plan: np.ndarray        # (N_PLAN,) int64
-    threshold: np.ndarray   # (1,) raw units
+    threshold: np.ndarray   # (2,) RAW: in units of each coefficient; OWN_SHARE: of the squares
     saturation: np.ndarray  # (7,) end stops by ring column
 
 
@@ -61,7 +65,9 @@ class Work(NamedTuple):
     scale: np.ndarray       # (4,)
     raw: np.ndarray         # (4, m) theta, theta_dot, beta, tau by row
     z: np.ndarray           # (4, m) the same, standardised
-    half: np.ndarray        # (m,) half the time since the row before; later products of residuals by lag
+    half: np.ndarray        # (m,) scratch of the integrals; later products of residuals by lag
+    weight: np.ndarray      # (4, m) of the rows around a step in the integral over it
+    error: np.ndarray       # (m,) by how much the numerical derivative or integral of a row may be off
     value: np.ndarray       # (m,) a library column at every row; later as `half`
     order: np.ndarray       # (q,) int64
     tau: np.ndarray         # (q,)
@@ -81,6 +87,7 @@ class Work(NamedTuple):
     extended_inverse: np.ndarray   # (q + 2, q + 2)
     series: np.ndarray      # (4*p,) residual, influences of a6 and k1, later times it; residual of the active terms
     change: np.ndarray      # (2,) of a6 and k1 where they may drift
+    numeric: np.ndarray     # (2,) of a6 and k1, squared: what quadrature, differencing and rounding may be off
     covariance: np.ndarray  # (2, 2)
     trial: np.ndarray       # (q,)
     direction: np.ndarray   # (1, q)
@@ -94,7 +101,7 @@ def view_fixed(f, at, i, m, q):
     codes, m = take2(i, m, q, CODE_LENGTH)
     centred, m = take(i, m, N_VARIABLES)
     plan, m = take(i, m, N_PLAN)
-    threshold, at = take(f, at, 1)
+    threshold, at = take(f, at, N_THRESHOLDS)
     saturation, at = take(f, at, rb.N_COLUMNS)
     return Fixed(limits, codes, centred, plan, threshold, saturation), at, m
 
@@ -124,6 +131,8 @@ def view_work(f, at, i, m, q, rows, p):
     raw, at = take2(f, at, N_VARIABLES, rows)
     z, at = take2(f, at, N_VARIABLES, rows)
     half, at = take(f, at, rows)
+    weight, at = take2(f, at, 4, rows)
+    error, at = take(f, at, rows)
     value, at = take(f, at, rows)
     order, m = take(i, m, q)
     tau, at = take(f, at, q)
@@ -144,11 +153,12 @@ def view_work(f, at, i, m, q, rows, p):
     extended_inverse, at = take2(f, at, width, width)
     series, at = take(f, at_quad(at), (2 + PAIR) * p)
     change, at = take(f, at, PAIR)
+    numeric, at = take(f, at, PAIR)
     covariance, at = take2(f, at, PAIR, PAIR)
     trial, at = take(f, at, q)
     direction, at = take2(f, at, 1, q)
     length, at = take(f, at, 1)
-    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, half, value, order, tau,
-                norms, tt, mt, xi, active, whole, sparse, drift, extended, extended_order, extended_tau,
-                extended_norms, extended_solution, extended_inverse, series, change, covariance, trial,
+    return Work(signal, slope, segment, usable, kept, phi, target, centre, scale, raw, z, half, weight, error, value,
+                order, tau, norms, tt, mt, xi, active, whole, sparse, drift, extended, extended_order, extended_tau,
+                extended_norms, extended_solution, extended_inverse, series, change, numeric, covariance, trial,
                 direction, length), at, m

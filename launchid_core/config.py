@@ -6,7 +6,7 @@ import operator
 from dataclasses import dataclass
 
 from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
-from .library import LIBRARIES, default_threshold, library_terms
+from .library import LIBRARIES, library_terms
 from .model import Model
 from .ring import LAST_SAMPLE
 from .states import MAX_DELAY_SAMPLES
@@ -33,7 +33,8 @@ class Config:
     model                  what the filtered formulation believes of the vehicle; None for the others
     noise                  `estimated`: the model's noise levels are a prior, followed in flight; `declared`: exact
     solver                 stls (the paper's), sr3, ssr or lasso
-    threshold              coefficients below it are cut, raw units; None: 0.5 (0 inside `lpv`, whose slopes are small)
+    threshold              coefficients below it are cut, in the raw units of each; None: a term goes that explains
+                           less than 0.5 % of the acceleration (rms) by itself, whatever its unit (none inside `lpv`)
     max_gap           [s]  a longer step between samples starts a new segment; None: 1.5 sample periods
     theta_limit       [rad]      samples beyond any of these seven are rejected as RANGE, so that no absurd value can
     theta_dot_limit   [rad/s]    poison a window; the defaults are beyond any launcher and any test stand
@@ -82,9 +83,8 @@ class Config:
                 isinstance(self.library, tuple) and all(isinstance(term, str) for term in self.library)):
             raise ValueError(f"library={self.library!r}: expected a name ({', '.join(LIBRARIES)}) or a tuple of terms")
         terms = library_terms(self.library)
-        if self.threshold is None:
-            object.__setattr__(self, "threshold", default_threshold(terms))
-        self._require_real("threshold", 0.0, 1e12)
+        if self.threshold is not None:
+            self._require_real("threshold", 0.0, 1e12)
         if self.max_gap is None:
             object.__setattr__(self, "max_gap", LAST_SAMPLE * self.sample_period)
         self._require_real("max_gap", self.sample_period, 1e10)

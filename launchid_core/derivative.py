@@ -58,8 +58,8 @@ def newton_slope(time, x, first, points, at):
 
 
 @once
-def slopes_of_piece(time, x, first, end, slope):
-    """Slopes at the rows first..end-1 of a gap-free piece of at least STENCIL rows.
+def slopes_of_piece(time, x, first, end, slope, fifth):
+    """Slopes at the rows first..end-1 of a gap-free piece of at least STENCIL rows, and what the fifth point adds.
 
     As `newton_slope`; from stencil to stencil the differences move on by a row, so that four are new instead of ten.
     """
@@ -82,21 +82,23 @@ def slopes_of_piece(time, x, first, end, slope):
             value = d01
             value += d012 * (a0 + a1)
             value += d0123 * (a0 * a1 + (a0 + a1) * a2)
-            value += c4 * ((a0 + a1) * a2 * a3 + a0 * a1 * (a2 + a3))
-            slope[at] = value
+            fifth[at] = c4 * ((a0 + a1) * a2 * a3 + a0 * a1 * (a2 + a3))
+            slope[at] = value + fifth[at]
         d01, d12, d23 = d12, d23, d34
         d012, d123 = d123, d234
         d0123 = d1234
 
 
 @inner
-def differentiate(time, x, n, segment, slope):
+def differentiate(time, x, n, segment, slope, fifth):
     """Derivative of x at every row of a window.
 
     time    (>=n,) [s]   in   increasing
     x       (>=n,) [u]   in
     segment (>=n,)       in   int64 from `mark_segments`
     slope   (>=n,) [u/s] out  NaN in a segment of one row
+    fifth   (>=n,) [u/s] out  what the stencil's fifth point adds to the slope, an estimate of its error; 0 in a
+                              segment of fewer rows
     """
     first = 0
     for end in range(1, n + 1):
@@ -104,8 +106,9 @@ def differentiate(time, x, n, segment, slope):
             continue
         points = end - first
         if points >= STENCIL:
-            slopes_of_piece(time, x, first, end, slope)
+            slopes_of_piece(time, x, first, end, slope, fifth)
         else:
             for i in range(first, end):
                 slope[i] = newton_slope(time, x, first, points, i) if points > 1 else float("nan")
+                fifth[i] = 0.0
         first = end

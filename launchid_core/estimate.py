@@ -96,6 +96,7 @@ class Estimate:
     condition            first pivot over last of the standardised library
     xi           (q, 3)  Xi: rows the terms, columns the equations theta_dot, theta_ddot, beta_dot; read-only
     support      (q, 3)  bool: the active terms; read-only
+    terms_std            standard deviation of each active term of theta_ddot, in its own unit; read-only
     terms                names of the rows
     rows                 rows used;  gaps: gaps inside the window
     tracked              the tracked estimate (formulation `filtered`), else None
@@ -133,6 +134,7 @@ class Estimate:
     offsets: Mapping[str, Offset] = field(default_factory=dict)
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
+    terms_std: Mapping[str, float] = field(default_factory=dict)
 
 
 def made_estimate(**values: Any) -> Estimate:

@@ -166,6 +166,7 @@ class Estimator:
             a6_k1_corr=number[wn.O_CORRELATION], a6_dot=number[wn.O_A6_DOT], k1_dot=number[wn.O_K1_DOT],
             a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
             xi=xi, support=support, terms=self._terms, absent=_limits(self._terms, outcome.absent),
+            terms_std=_limits(self._terms, outcome.std),
             rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report),

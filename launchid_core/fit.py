@@ -67,7 +67,7 @@ def reduce_columns(acc, work, r):
 
 @once
 def solve_absent(acc, work, active, term):
-    """(coefficient, standard deviation) that a term would have beside the active ones, as of `solve_window`."""
+    """(coefficient, standard deviation) that a term has beside the active ones, or would have, as of `solve_window`."""
     n = acc.psi.shape[0]
     m = n
     for j in range(n):
@@ -131,9 +131,13 @@ def limit_absent(belief, state, work, t_centre, learner):
             return
         a6, k1 = profile_at(belief, state.filter.cell, t_centre)
         for j in range(state.active.shape[0]):
-            if state.active[j]:
+            is_rigid = j == belief.term[AT_THETA] or j == belief.term[AT_BETA]
+            if state.active[j] and is_rigid:
                 continue
             value, std = solve_absent(state.acc, work, state.active, j)
+            if state.active[j]:
+                out.std[j] = std
+                continue
             if j == belief.term[AT_THETA]:
                 value, std = a6 * (1.0 + value), abs(a6) * std
                 out.number[O_A6_STD] = std
@@ -165,6 +169,10 @@ def report_filtered(belief, state, work, t_centre):
     out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
     out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
     out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
+    if state.active[theta]:
+        out.std[theta] = out.number[O_A6_STD]
+    if state.active[beta]:
+        out.std[beta] = out.number[O_K1_STD]
     out.number[O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
     if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
         return NUMERICS

@@ -116,9 +116,13 @@ def library_terms(library: str | tuple[str, ...]) -> tuple[str, ...]:
     return terms
 
 
-def default_threshold(terms: tuple[str, ...]) -> float:
-    """0 for libraries inside `lpv` (slopes of 0.03..0.2 must not be cut), 0.5 1/s^2 for all others."""
-    return 0.0 if set(terms) <= set(LIBRARIES["lpv"]) else 0.5
+OWN_PART = 0.005  # of the rms acceleration that a term must explain by itself: well below any term of the paper's
+
+
+def default_own_share(terms: tuple[str, ...]) -> float:
+    """Share of the acceleration's squares that a term must explain by itself; 0 (no term is left out) for libraries
+    inside `lpv`, where the slopes explain little over a short window and all four terms are the vehicle's."""
+    return 0.0 if set(terms) <= set(LIBRARIES["lpv"]) else OWN_PART**2
 
 
 def term_codes(terms: tuple[str, ...]) -> np.ndarray:

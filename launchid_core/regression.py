@@ -12,7 +12,20 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 import numpy as np
 
 from . import ring as rb
-from .batch import ENOUGH, KEEP, MEASURED, PAIR, SOLVER, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
+from .batch import (
+    ENOUGH,
+    INTEGRAL,
+    KEEP,
+    MEASURED,
+    OWN_SHARE,
+    PAIR,
+    RAW,
+    SOLVER,
+    TERM_A6,
+    TERM_A6_DOT,
+    TERM_K1,
+    TERM_K1_DOT,
+)
 from .compress import choose_rows
 from .derivative import mark_segments
 from .guard import (
@@ -27,6 +40,7 @@ from .guard import (
     xor_integer,
 )
 from .kernels import inner, once
+from .lanes import dot
 from .library import raw_from_standard
 from .linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
 from .residual import (
@@ -34,6 +48,7 @@ from .residual import (
     drift_integral,
     drift_pointwise,
     report_absent,
+    report_others,
     report_spread,
     solve_absent,
     solve_extended,
@@ -41,9 +56,11 @@ from .residual import (
 from .ring import BETA, THETA, THETA_DOT
 from .rows import (
     centre_segments,
+    fill_attack,
     fill_rate,
     fill_slopes,
     fill_states,
+    integral_error,
     integral_rows,
     pointwise_rows,
     standardise,
@@ -70,6 +87,7 @@ from .window import (
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 ONE_DIRECTION = 0.99      # |correlation| beyond which a6 and k1 are one direction
 UNKNOWN_APART = 0.3       # relative standard deviation of both, in one direction: only a combination is known
+RATE = 1                  # theta_dot, as the argument of a term's function
 UNKNOWN = 1.0             # relative standard deviation of both: nothing is known
 
 OK = int(EstimateStatus.OK)
@@ -103,8 +121,13 @@ def coefficient(work, term):
 
 
 @once
-def report_attitude(plan, work, out, at, y, rows):
-    """a6, k1, slopes, standard deviations, correlation and limits from the theta_ddot equation just solved."""
+def report_attitude(fixed, work, out, at, y, n, rows):
+    """a6, k1, slopes, standard deviations, correlation and limits from the theta_ddot equation just solved.
+
+    at (q, kept), y (kept,)  in  the window's factor, and Q' times theta_ddot;  n, rows  in  rows of the window, and
+    kept ones less what the pieces' means took
+    """
+    plan = fixed.plan
     out.number[O_A6] = coefficient(work, plan[TERM_A6])
     out.number[O_K1] = coefficient(work, plan[TERM_K1])
     out.number[O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
@@ -116,7 +139,10 @@ def report_attitude(plan, work, out, at, y, rows):
     series = work.series[:(2 + PAIR) * count].reshape((2 + PAIR, count))
     rotate(at, work.tau, q, series, 0 if width > 0 else 1 + PAIR, 2 + PAIR if known else 1 + PAIR)  # in time
     if width > 0:
+        if plan[INTEGRAL] == 1:
+            integral_error(fixed.codes, work, n, work.xi)
         report_spread(plan, work, out, count, rows - width)
+        report_others(plan, work, out, at, count, width, rows - width)
     if size < q:
         report_absent(plan, work, out, at, size, known, rows)
 
@@ -130,8 +156,18 @@ def judge_separation(number):
     return LOW_INFORMATION if a6 > UNKNOWN and k1 > UNKNOWN else OK
 
 
+@once
+def is_driven(codes, support):
+    """Whether any active term of theta_ddot is one in theta or beta.  codes (q, 6), support (q, 3)  in"""
+    for j in range(codes.shape[0]):
+        in_function = codes[j, 4] > 0 and codes[j, 5] != RATE
+        if support[j, ATTITUDE] == 1 and (codes[j, 0] > 0 or codes[j, 2] > 0 or in_function):
+            return True
+    return False
+
+
 @inner
-def regress(fixed, work, out, count, pieces):
+def regress(fixed, work, out, n, count, pieces):
     """Factor the library, solve the three equations, fill the outcome; returns its status.
 
     Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
@@ -152,8 +188,8 @@ def regress(fixed, work, out, count, pieces):
     rotate_transposed(at, work.tau, q, target)
     for e in range(EQUATIONS):
         y = target[e]
-        passes = sparse_solve(fixed.plan[SOLVER], work.mt, work.whole, y[:q], fixed.threshold[0], work.xi, work.active,
-                              work.sparse)
+        passes = sparse_solve(fixed.plan[SOLVER], work.mt, work.whole, y[:q], fixed.threshold[RAW],
+                              fixed.threshold[OWN_SHARE] * dot(y, y, 0, count), work.xi, work.active, work.sparse)
         if passes < 0 and e == ATTITUDE:
             return RANK
         for j in range(q):
@@ -162,8 +198,8 @@ def regress(fixed, work, out, count, pieces):
             out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
             out.support[j, e] = int(work.active[j] == 1 and passes > 0)
         if e == ATTITUDE:
-            report_attitude(fixed.plan, work, out, at, y, count - pieces)
-    return judge_separation(out.number)
+            report_attitude(fixed, work, out, at, y, n, count - pieces)
+    return judge_separation(out.number) if is_driven(fixed.codes, out.support) else LOW_INFORMATION
 
 
 @inner
@@ -186,6 +222,7 @@ def open_close(fixed, state, work):
     n, saturated = rb.copy_window(state.ring, state.counts, fixed.saturation, work.signal)
     gaps = mark_segments(work.signal[rb.T], n, fixed.limits[rb.MAX_GAP], work.segment)
     fill_rate(work, n)
+    fill_attack(work, n)
     return n, saturated, gaps
 
 
@@ -213,7 +250,7 @@ def close_pointwise(fixed, state, work):
         standardise(work, fixed.centred, kept, n)
         pointwise_rows(fixed.codes, work, kept)
         drift_pointwise(work, kept, t_centre)
-        status = regress(fixed, work, state.outcome, kept, 0)
+        status = regress(fixed, work, state.outcome, n, kept, 0)
     end_close(state, status, kept, gaps)
 
 
@@ -235,7 +272,7 @@ def close_integral(fixed, state, work):
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
         centre_segments(work.target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), work, kept)
         if kept - pieces > q:
-            status = regress(fixed, work, state.outcome, kept, pieces)
+            status = regress(fixed, work, state.outcome, n, kept, pieces)
         else:  # each piece has its own unknown beginning
             status = GAP
     end_close(state, status, kept, gaps)

@@ -16,6 +16,10 @@ too small, and both are measured on the window itself:
   like another pair of constants.  The equation is solved again with tau*theta and tau*beta beside its active terms:
   S is that solution's, and the square of what the two solutions differ by is added.
 
+* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`work.error`)
+  times its influence adds up to what a coefficient may be off; rounding, a unit in the last place of the largest term,
+  to less.  Both squares are added.
+
 The estimates stay those of the constant model.
 """
 
@@ -26,8 +30,9 @@ import numpy as np
 from .batch import PAIR, TERM_A6, TERM_A6_DOT
 from .kernels import inner, once
 from .lanes import divide, dot, lagged, multiply, subtract, weigh
-from .linsolve import apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
-from .ring import BETA, THETA, T
+from .linsolve import EPS, apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
+from .ring import ATTACK, BETA, T
+from .rows import integrate
 from .sparse import ACTIVE_TOLERANCE, solve_active
 from .window import O_A6, O_A6_STD, O_CORRELATION
 
@@ -133,28 +138,20 @@ def drift_pointwise(work, count, t_centre):
     for r in range(count):
         i = work.kept[r]
         tau = work.signal[T, i] - t_centre
-        drift[0, r] = tau * work.signal[THETA, i]
+        drift[0, r] = tau * work.signal[ATTACK, i]
         drift[1, r] = tau * work.signal[BETA, i]
 
 
 @once
 def drift_integral(work, n, count, t_centre):
-    """Their running integrals (trapezoid, from 0 after each gap) at the kept rows."""
+    """Their running integrals at the kept rows, by the weights of `rows.fill_weights`."""
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
-    r = 0
-    theta = beta = 0.0
-    for i in range(n):
-        if i == 0 or work.segment[i] != work.segment[i - 1]:
-            theta = beta = 0.0
-        else:
-            half = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
-            now, before = work.signal[T, i] - t_centre, work.signal[T, i - 1] - t_centre
-            theta += half * (before * work.signal[THETA, i - 1] + now * work.signal[THETA, i])
-            beta += half * (before * work.signal[BETA, i - 1] + now * work.signal[BETA, i])
-        if r < count and work.kept[r] == i:
-            drift[0, r] = theta
-            drift[1, r] = beta
-            r += 1
+    for d in range(PAIR):
+        for i in range(n):
+            work.value[i] = (work.signal[T, i] - t_centre) * work.signal[ATTACK if d == 0 else BETA, i]
+        integrate(work, n, work.value, work.half)
+        for r in range(count):
+            drift[d, r] = work.half[work.kept[r]]
 
 
 @inner
@@ -237,11 +234,25 @@ def solve_extended(plan, work, out, y, count, rows):
     return width
 
 
+@inner
+def numeric_variance(work, influence, count):
+    """Square of what quadrature, differencing and rounding may leave in a coefficient with this influence (count,)."""
+    q = work.mt.shape[0]
+    largest = off = 0.0
+    for j in range(q):
+        largest += abs(work.xi[j]) * math.sqrt(dot(work.mt[j], work.mt[j], 0, q))
+    for r in range(count):
+        off += influence[r] * work.error[work.kept[r]]
+    rounding = EPS * largest
+    return off * off + rounding * rounding * dot(influence, influence, 0, count)
+
+
 @once
 def report_spread(plan, work, out, count, freedom):
     """Standard deviations and correlation of a6 and k1, the active ones, from the series in time."""
     series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
     for p in range(PAIR):
+        work.numeric[p] = numeric_variance(work, series[1 + p], count)
         if position(work.active, plan[TERM_A6 + p]) >= 0:
             multiply(series[1 + p], series[0], 0, count)
     scores = work.series[count:(1 + PAIR) * count].reshape((PAIR, count))
@@ -249,11 +260,37 @@ def report_spread(plan, work, out, count, freedom):
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
+        work.covariance[p, p] += work.numeric[p]
         if position(work.active, plan[TERM_A6 + p]) >= 0:
             out.number[O_A6_STD + p] = math.sqrt(work.covariance[p, p])
+            out.std[plan[TERM_A6 + p]] = out.number[O_A6_STD + p]
     product = work.covariance[0, 0] * work.covariance[1, 1]
     if product > 0.0:  # both are active
         out.number[O_CORRELATION] = min(max(work.covariance[0, 1] / math.sqrt(product), -1.0), 1.0)
+
+
+@once
+def report_others(plan, work, out, at, count, width, freedom):
+    """Standard deviations of the other active terms, as `report_spread` has those of a6 and k1.
+
+    at (q, count)  in  the window's factor;  width  terms of the extended solution.  Overwrites work.series (1).
+    """
+    columns = work.extended[:width * count].reshape((width, count))
+    series = work.series[:2 * count].reshape((2, count))
+    for j in range(work.active.shape[0]):
+        if not work.active[j] or j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
+            continue
+        k = place_of(work.extended_order, position(work.active, j), width)
+        norm = work.extended_norms[position(work.active, j)]
+        change = work.extended_solution[k] / norm - work.xi[j]
+        for i in range(count):
+            series[1, i] = work.extended_inverse[k, i] / norm if i < width else 0.0
+        rotate(columns, work.extended_tau, width, series, 1, 2)
+        rotate(at, work.tau, work.active.shape[0], series, 1, 2)
+        numeric = numeric_variance(work, series[1], count)
+        multiply(series[1], series[0], 0, count)
+        long_run(work.series[count:2 * count].reshape((1, count)), freedom, work.covariance, work.value, work.half)
+        out.std[j] = math.sqrt(work.covariance[0, 0] + change * change + numeric)
 
 
 @inner

@@ -17,6 +17,7 @@ from .status import Status
 # columns of the ring
 T, THETA, THETA_DOT, BETA, THETA_DDOT, BETA_CMD, GAMMA = range(7)
 N_COLUMNS = 7
+ATTACK = GAMMA  # of a copied window: `rows.fill_attack` leaves the angle of attack where gamma was
 
 # limits (f8): what the gate and the window logic compare with
 PERIOD, WINDOW, MAX_GAP = range(3)

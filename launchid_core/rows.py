@@ -10,34 +10,66 @@ from .kernels import inner, once
 from .lanes import largest_size, standard
 from .library import N_VARIABLES, TAU, library_column
 from .linsolve import EPS
-from .ring import BETA, THETA, THETA_DDOT, THETA_DOT, T
+from .ring import ATTACK, BETA, GAMMA, THETA, THETA_DDOT, THETA_DOT, T
 from .window import EQUATIONS
 
+SMOOTH = 4          # rows of a piece that has a third difference
 STILL = 64.0 * EPS  # a variable that moves less than this of its size does not move
 
 
 @once
 def fill_rate(work, n):
-    """Difference theta where theta_dot was not measured."""
+    """Difference theta where theta_dot was not measured; work.error holds what such a rate may be off, else 0."""
     missing = False
     for i in range(n):
         missing = missing or np.isnan(work.signal[THETA_DOT, i])
     if missing:
-        differentiate(work.signal[T], work.signal[THETA], n, work.segment, work.slope[0])
+        differentiate(work.signal[T], work.signal[THETA], n, work.segment, work.slope[0], work.error)
         for i in range(n):
             if np.isnan(work.signal[THETA_DOT, i]):
                 work.signal[THETA_DOT, i] = work.slope[0, i]
+    else:
+        for i in range(n):
+            work.error[i] = 0.0
+
+
+@once
+def fill_attack(work, n):
+    """Turn the flight-path angle gamma of every row into the angle of attack theta - gamma, which a6 multiplies.
+
+    Rows without gamma lie on the line between the known ones, before the first and after the last on its value; a
+    window without any has gamma = 0.
+    """
+    time, gamma = work.signal[T], work.signal[GAMMA]
+    last = -1
+    for i in range(n):
+        if np.isnan(gamma[i]):
+            continue
+        for k in range(last + 1, i):
+            share = (time[k] - time[last]) / (time[i] - time[last]) if last >= 0 else 1.0
+            gamma[k] = gamma[i] if last < 0 else gamma[last] + share * (gamma[i] - gamma[last])
+        last = i
+    for k in range(last + 1, n):
+        gamma[k] = gamma[last] if last >= 0 else 0.0
+    for i in range(n):
+        work.signal[ATTACK, i] = work.signal[THETA, i] - gamma[i]
 
 
 @once
 def fill_slopes(work, n, measured):
-    """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1."""
+    """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1.
+
+    work.error holds what the numerical derivative theta_ddot may be off at every row, 0 where it is measured.
+    """
     for i in range(n):
         work.slope[0, i] = work.signal[THETA_DOT, i]
         work.slope[1, i] = work.signal[THETA_DDOT, i]
+    differentiate(work.signal[T], work.signal[BETA], n, work.segment, work.slope[2], work.error)
     if measured == 0:
-        differentiate(work.signal[T], work.signal[THETA_DOT], n, work.segment, work.slope[1])
-    differentiate(work.signal[T], work.signal[BETA], n, work.segment, work.slope[2])
+        differentiate(work.signal[T], work.signal[THETA_DOT], n, work.segment, work.slope[1], work.error)
+    else:
+        for i in range(n):
+            work.error[i] = 0.0
 
 
 @once
@@ -90,9 +122,9 @@ def standardise(work, centred, count, n):
 
 @inner
 def fill_states(work, n, t_centre):
-    """theta, theta_dot, beta, tau of every row."""
+    """theta, theta_dot, beta, tau of every row; theta is the angle of attack where gamma is known."""
     for i in range(n):
-        work.raw[0, i] = work.signal[THETA, i]
+        work.raw[0, i] = work.signal[ATTACK, i]
         work.raw[1, i] = work.signal[THETA_DOT, i]
         work.raw[2, i] = work.signal[BETA, i]
         work.raw[TAU, i] = work.signal[T, i] - t_centre
@@ -115,32 +147,120 @@ def pointwise_rows(codes, work, count):
 
 
 @once
+def fill_weights(work, n):
+    """Weights (4, n) of the four rows around every step in the integral over it, into work.weight: row i is of the step
+    that ends at row i, for rows i - 2 .. i + 1.
+
+    The mean of the parabolas through either neighbour (Gregory's rule; of equal steps h/24*(-1, 13, 13, -1)), one of
+    them at the ends of a gap-free piece, none in a piece of two rows.  A step that begins a piece has weight 0.
+    """
+    time, segment = work.signal[T], work.segment
+    for i in range(n):
+        for k in range(4):
+            work.weight[k, i] = 0.0
+        if i == 0 or segment[i] != segment[i - 1]:
+            continue
+        step = time[i] - time[i - 1]
+        before = i > 1 and segment[i - 2] == segment[i]
+        after = i + 1 < n and segment[i + 1] == segment[i]
+        sides = int(before) + int(after)
+        work.weight[1, i] = 0.5 * step
+        work.weight[2, i] = 0.5 * step
+        if before:  # less step^3/6 of the divided difference over rows i - 2, i - 1, i
+            share = step * step * step / (6.0 * sides)
+            far, whole = time[i - 1] - time[i - 2], time[i] - time[i - 2]
+            work.weight[0, i] -= share / (far * whole)
+            work.weight[1, i] += share / (far * step)
+            work.weight[2, i] -= share / (step * whole)
+        if after:   # the same over rows i - 1, i, i + 1
+            share = step * step * step / (6.0 * sides)
+            far, whole = time[i + 1] - time[i], time[i + 1] - time[i - 1]
+            work.weight[1, i] -= share / (step * whole)
+            work.weight[2, i] += share / (far * step)
+            work.weight[3, i] -= share / (far * whole)
+
+
+@once
+def integrate(work, n, x, total):
+    """Running integral total (>=n,) of x (>=n,) by `fill_weights`, from 0 at the first row of each gap-free piece."""
+    running = 0.0
+    for i in range(n):
+        if i == 0 or work.segment[i] != work.segment[i - 1]:
+            running = 0.0
+        else:
+            before, after = max(i - 2, 0), min(i + 1, n - 1)
+            running += work.weight[1, i] * x[i - 1] + work.weight[2, i] * x[i]
+            if work.weight[0, i] != 0.0:
+                running += work.weight[0, i] * x[before]
+            if work.weight[3, i] != 0.0:
+                running += work.weight[3, i] * x[after]
+        total[i] = running
+
+
+@once
 def integral_rows(codes, work, n, count):
-    """Running integrals (trapezoid) of the library columns, and the states, at the kept rows."""
+    """Running integrals of the library columns, and the states, at the kept rows."""
     q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
-    for i in range(1, n):
-        work.half[i] = 0.5 * (work.signal[T, i] - work.signal[T, i - 1])
+    fill_weights(work, n)
     for j in range(q):
         library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.value)
-        running = before = 0.0
-        r = 0
-        for i in range(n):
-            now = work.value[i]
-            if i == 0 or work.segment[i] != work.segment[i - 1]:
-                running = 0.0
-            else:
-                running += work.half[i] * (before + now)
-            before = now
-            if r < count and work.kept[r] == i:
-                phi[j, r] = running
-                r += 1
+        integrate(work, n, work.value, work.half)
+        for r in range(count):
+            phi[j, r] = work.half[work.kept[r]]
     for r in range(count):
         i = work.kept[r]
         target[0, r] = work.signal[THETA, i]
         target[1, r] = work.signal[THETA_DOT, i]
         target[2, r] = work.signal[BETA, i]
+
+
+@once
+def integral_error(codes, work, n, xi):
+    """Add to work.error by how much the running integral of the solved acceleration may be off at every row.
+
+    xi (q,) in  coefficients of the terms as they are
+    The quadrature's next term with its sign, so that errors cancel here which cancel from step to step: 11/720 of a
+    step's fourth difference, at the ends of a piece, where one parabola stands alone, 1/24 of its third.  0 in a piece
+    of fewer than four rows.
+    """
+    time, f, bend = work.signal[T], work.value, work.half
+    accelerations(codes, work, n, xi, f)
+    first = 0
+    for end in range(1, n + 1):
+        if end < n and work.segment[end] == work.segment[first]:
+            continue
+        if end - first >= SMOOTH:
+            for i in range(first + 1, end - 1):
+                bend[i] = f[i + 1] - 2.0 * f[i] + f[i - 1]
+            running = 0.0
+            for i in range(first + 1, end):
+                step = time[i] - time[i - 1]
+                if i == first + 1:
+                    running += step / 24.0 * (bend[i + 1] - bend[i])
+                elif i == end - 1:
+                    running -= step / 24.0 * (bend[i - 1] - bend[i - 2])
+                elif first + 2 < i < end - 2:
+                    running += 11.0 / 1440.0 * step * (bend[i - 2] - bend[i - 1] - bend[i] + bend[i + 1])
+                work.error[i] += running
+        first = end
+
+
+@once
+def accelerations(codes, work, n, xi, f):
+    """The sum of the terms at every row, f (>=n,) out, for coefficients xi (q,) of the terms as they are."""
+    q = codes.shape[0]
+    for i in range(n):
+        f[i] = 0.0
+    for j in range(q):
+        share = 0.0
+        for k in range(q):
+            share += xi[k] * work.tt[k, j]
+        if share != 0.0:
+            library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.half)
+            for i in range(n):
+                f[i] += share * work.half[i]
 
 
 @inner

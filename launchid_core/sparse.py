@@ -3,13 +3,18 @@
 All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q)
 the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
 window costs one tall QR and every later solve is q x q; that with all columns is
-factored once for the window's equations (`factor_whole`).  The threshold is in
-raw units of each coefficient, as in pysindy's STLSQ.
+factored once for the window's equations (`factor_whole`).
 
-Each solver: (mt, whole, y, threshold, xi, active, work) -> number of passes, where
+A term stays by one of two measures.  A threshold is in raw units of each coefficient, as in pysindy's STLSQ.  `own`
+has no unit but that of y'y: what a term must explain by itself, in squares, so that it does not depend on the units of
+the variables.  `stls` and `ssr` then leave out the weakest term while leaving it out loses less than `own` (backward
+elimination; of nearly dependent terms, which explain much in common and little by themselves, one stays); `sr3` and
+`lasso` compare |coefficient| times |column| with its root.
+
+Each solver: (mt, whole, y, threshold, own, xi, active, work) -> number of passes, where
 mt (q, q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
-Q'y, xi (q,) and active (q,) are results, `work` a SparseWork.  After it xi solves least squares on the active
-columns and is 0 elsewhere.
+Q'y, xi (q,) and active (q,) are results, `work` a SparseWork; one of threshold and own is 0.  After it xi solves least
+squares on the active columns and is 0 elsewhere.
 """
 
 from typing import NamedTuple
@@ -225,6 +230,37 @@ def solve_ssr(mt, whole, y, threshold, xi, active, work):
     return mt.shape[0] + 1
 
 
+@once
+def solve_own(mt, y, own, xi, active, work):
+    """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `own`.
+
+    What a term explains by itself is the square of its coefficient over its entry of (M'M)^-1: by so much the sum of
+    squares grows without it (Draper & Smith, Applied Regression Analysis, the extra sum of squares).
+    """
+    q = mt.shape[0]
+    active[:] = True
+    for passes in range(q + 1):
+        if solve_active(mt, y, active, xi, work) > 0:
+            return -1
+        size = 0
+        for j in range(q):
+            if active[j]:
+                size += 1
+        invert_active(work, size)
+        weakest, least = -1, own
+        place = 0
+        for j in range(q):
+            if active[j]:
+                explained = xi[j] * xi[j] / covariance_entry(work, place, place)
+                if explained < least:
+                    weakest, least = j, explained
+                place += 1
+        if weakest < 0:
+            return passes + 1
+        active[weakest] = False
+    return q + 1
+
+
 @inner
 def load_scaled(mt, work):
     """Columns of M, scaled to unit norm, into work.scaled with their norms in work.weight."""
@@ -236,13 +272,13 @@ def load_scaled(mt, work):
 
 
 @once
-def solve_lasso(mt, y, threshold, xi, active, work):
+def solve_lasso(mt, y, threshold, own, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
     Penalties are weighted by |column|^2, so that with orthogonal columns exactly
     the coefficients below the raw threshold vanish; the refit removes shrinkage.
     """
-    q = mt.shape[0]
+    q, root = mt.shape[0], np.sqrt(own)
     load_scaled(mt, work)
     residual = work.auxiliary
     for i in range(q):
@@ -257,7 +293,7 @@ def solve_lasso(mt, y, threshold, xi, active, work):
             column = work.scaled[j]
             old = work.solution[j]
             free = old + dot(column, residual, 0, q)
-            soft = max(abs(free) - threshold * work.weight[j], 0.0)
+            soft = max(abs(free) - threshold * work.weight[j] - root, 0.0)
             new = soft if free > 0.0 else -soft
             subtract(residual, new - old, column, 0, q)
             work.solution[j] = new
@@ -266,26 +302,27 @@ def solve_lasso(mt, y, threshold, xi, active, work):
         if largest_step <= 1.0e-12 * largest:
             break
     for j in range(q):
-        active[j] = work.solution[j] != 0.0 or threshold == 0.0
+        active[j] = work.solution[j] != 0.0 or threshold + own == 0.0
     return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
 
 
 @once
-def solve_sr3(mt, whole, y, threshold, xi, active, work):
+def solve_sr3(mt, whole, y, threshold, own, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
     min |y - C u|^2 + nu |u - w|^2 with w = u cut at the threshold; [C; sqrt(nu) I] is factored once.
     """
     q = mt.shape[0]
     load_scaled(mt, work)
-    root = np.sqrt(SR3_RELAXATION)
+    root, least = np.sqrt(SR3_RELAXATION), np.sqrt(own)
     active[:] = True
     if solve_whole(whole, y, xi, work) > 0:
         return -1
     w = work.auxiliary
     stacked = work.columns.reshape((q, 2 * q))
     for j in range(q):
-        w[j] = 0.0 if abs(xi[j]) < threshold else xi[j] * work.weight[j]
+        size = abs(xi[j]) * work.weight[j]
+        w[j] = 0.0 if size < threshold * work.weight[j] + least else xi[j] * work.weight[j]
         for i in range(q):
             stacked[j, i] = work.scaled[j, i]
             stacked[j, q + i] = root if i == j else 0.0
@@ -299,7 +336,7 @@ def solve_sr3(mt, whole, y, threshold, xi, active, work):
         change = 0.0
         for k in range(q):
             j = work.order[k]
-            active[j] = not abs(work.solution[k]) < threshold * work.weight[j]
+            active[j] = not abs(work.solution[k]) < threshold * work.weight[j] + least
             new = work.solution[k] if active[j] else 0.0
             change = max(change, abs(new - w[j]))
             w[j] = new
@@ -309,12 +346,14 @@ def solve_sr3(mt, whole, y, threshold, xi, active, work):
 
 
 @once
-def sparse_solve(solver, mt, whole, y, threshold, xi, active, work):
+def sparse_solve(solver, mt, whole, y, threshold, own, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
-    if solver == STLS:
-        return solve_stls(mt, whole, y, threshold, xi, active, work)
     if solver == SR3:
-        return solve_sr3(mt, whole, y, threshold, xi, active, work)
+        return solve_sr3(mt, whole, y, threshold, own, xi, active, work)
+    if solver == LASSO:
+        return solve_lasso(mt, y, threshold, own, xi, active, work)
+    if own > 0.0:
+        return solve_own(mt, y, own, xi, active, work)
     if solver == SSR:
         return solve_ssr(mt, whole, y, threshold, xi, active, work)
-    return solve_lasso(mt, y, threshold, xi, active, work)
+    return solve_stls(mt, whole, y, threshold, xi, active, work)

@@ -28,6 +28,7 @@ class Outcome(NamedTuple):
     flag: np.ndarray     # (N_FLAGS,) int64
     xi: np.ndarray       # (q, 3)
     support: np.ndarray  # (q, 3) int64, 1: active
+    std: np.ndarray      # (q,) standard deviation of a term of theta_ddot that is active; NaN for those that are not
     absent: np.ndarray   # (q,) 95 % limit of a term of theta_ddot that is not active; NaN for those that are
 
 
@@ -38,8 +39,9 @@ def view_outcome(f, at, i, m, q):
     flag, m = take(i, m, N_FLAGS)
     xi, at = take2(f, at, q, EQUATIONS)
     support, m = take2(i, m, q, EQUATIONS)
+    std, at = take(f, at, q)
     absent, at = take(f, at, q)
-    return Outcome(number, flag, xi, support, absent), at, m
+    return Outcome(number, flag, xi, support, std, absent), at, m
 
 
 @shared
@@ -48,5 +50,6 @@ def clear_outcome(out, status):
     out.number[:] = np.nan
     out.xi[:, :] = np.nan
     out.support[:, :] = 0
+    out.std[:] = np.nan
     out.absent[:] = np.nan
     out.flag[STATUS] = status

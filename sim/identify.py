@@ -13,11 +13,14 @@ from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, St
 
 from .believed import MODELLED, onboard_model
 from .errors import InputError, UsageError
-from .identify_fit import SURE, delay, judge, near_all, withdrawn
+from .identify_fit import judge, withdrawn
+from .input_delay import delay
+from .lacking import Lack
 from .log import Log
 from .nominal import Nominal
 from .sections import Offsets
 from .shown import slow_hint, with_std
+from .weak_form import near_all
 
 __all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
            "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
@@ -120,6 +123,7 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
     return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
             "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
             "terms": {term: number(value) for term, value in active},
+            "terms_std": {term: number(std) for term, std in estimate.terms_std.items()},
             "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate)}
 
 
@@ -161,16 +165,19 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         windows = [window_json(estimate) for estimate in estimates]
     else:
         found = None if estimator.config.formulation == "filtered" else delay(log, estimator.config)
-        estimates, fits = judge(log, estimator.config, estimates, found)
+        judged = judge(log, estimator.config, estimates, found)
+        estimates = judged.estimates
         windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
-                   for estimate, fit in zip(estimates, fits, strict=True)]
+                   for estimate, fit in zip(estimates, judged.fits, strict=True)]
         if estimator.config.formulation != "filtered":
-            lead = {"delay": found}
+            lead = {"delay": found, "lacks": [dataclasses.asdict(lack) for lack in judged.lacks]}
+            if judged.lacks:
+                lead["next"] = "; ".join(lack_words(lack, estimator.config) for lack in judged.lacks)
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
     if not any(window["valid"] for window in windows):
-        lead["why"] = why(windows) + _by_the_delay(lead.get("delay"))
+        lead["why"] = why(windows)
     if estimator.config.model is not None and (asked := next_step(windows, estimator.config.model)):
         lead["next"] = asked
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
@@ -211,12 +218,22 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
             "`launchid diagnose` looks for the cause")
 
 
-def _by_the_delay(found: dict[str, float] | None) -> str:
-    """What a delay that is beyond doubt asks for."""
-    if found is None or not found["value"] > SURE * found["std"]:
-        return ""
-    lead = with_std(1e3 * found["value"], 1e3 * found["std"])
-    return f"; beta leads what it causes by {lead} ms: log it so much later"
+def lack_words(lack: Lack, config: Config) -> str:
+    """What an answer lacks, what it would gain, and what to do, in one line."""
+    after, before = 100.0 * lack.after, 100.0 * lack.before
+    shares = f"with it {after:.3g} % of the rows left out are predicted, without {before:.3g} %"
+    if lack.size is None:
+        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be known"
+                if lack.what == "placebo" else "the answer predicts nothing of rows left out")
+    if lack.what == "delay":
+        late = "later" if lack.size > 0.0 else "sooner"
+        return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({shares}): shift it by that"
+    if lack.what == "beta_ddot":
+        return (f"the acceleration of beta acts too, with {lack.size:.3g} ({shares}): no library has it, "
+                "`launchid diagnose` does (nozzle_inertia)")
+    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else f"the term {lack.what} ({lack.size:.3g})"
+    library = ",".join((*config.terms, lack.what))
+    return f"{what} is in the log ({shares}): --library {library}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -242,7 +259,8 @@ def table(result: dict[str, Any]) -> str:
         return f"{with_std(of[name], of[f'{name}_std']):>20}"
 
     for w in result["windows"]:
-        terms = ", ".join(term if term in IN_COLUMNS else f"{term} {value:.4g}" for term, value in w["terms"].items())
+        terms = ", ".join(term if term in IN_COLUMNS else f"{term} {with_std(value, w['terms_std'].get(term))}"
+                          for term, value in w["terms"].items())
         pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])

@@ -22,7 +22,7 @@ def slopes(time, x, max_gap=1.0):
     time, x = np.array(time, dtype=float), np.array(x, dtype=float)
     segment, slope = np.zeros(time.size, np.int64), np.full(time.size, -1.0)
     mark_segments(time, time.size, max_gap, segment)
-    differentiate(time, x, time.size, segment, slope)
+    differentiate(time, x, time.size, segment, slope, np.full(time.size, -1.0))
     return slope
 
 
@@ -124,7 +124,7 @@ def test_a_step_of_exactly_the_largest_gap_is_none():
 def test_no_rows():
     segment, slope = np.full(2, 7), np.full(2, 7.0)
     assert mark_segments(np.array([0.0, 9.0]), 0, 1.0, segment) == 0
-    differentiate(np.array([0.0, 9.0]), np.array([1.0, 2.0]), 0, segment, slope)
+    differentiate(np.array([0.0, 9.0]), np.array([1.0, 2.0]), 0, segment, slope, slope)
     assert segment.tolist() == [7, 7]
     assert slope.tolist() == [7.0, 7.0]
 
@@ -134,7 +134,7 @@ def test_rows_beyond_n_are_neither_read_nor_written():
     time[5:], x[5:] = np.nan, np.nan
     segment, slope = np.full(8, 7), np.full(8, 7.0)
     assert mark_segments(time, 5, 1.0, segment) == 0
-    differentiate(time, x, 5, segment, slope)
+    differentiate(time, x, 5, segment, slope, np.full(8, 7.0))
     assert segment.tolist() == [0] * 5 + [7] * 3
     assert slope.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0, 7.0, 7.0, 7.0]
 
@@ -157,3 +157,18 @@ def test_rows_inside_a_longer_segment_use_the_central_weights():
         wanted = np.zeros(9)
         wanted[row - 2:row + 3] = 1, -8, 0, 8, -1
         assert np.allclose(12 * found[row], wanted, rtol=0.0, atol=64 * EPS)
+
+
+def test_what_the_fifth_point_adds_is_the_difference_from_the_cubic():
+    """At the middle of five rows: the slope less that of the cubic through the first four."""
+    time, x = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0.0, 1.0, 5.0, 2.0, -7.0])
+    slope, fifth = np.empty(5), np.empty(5)
+    differentiate(time, x, 5, np.zeros(5, np.int64), slope, fifth)
+    cubic = np.polyder(np.poly1d(np.polyfit(time[:4], x[:4], 3)))
+    assert fifth[2] == pytest.approx(slope[2] - cubic(2.0), rel=1e-9)
+
+
+def test_a_short_segment_has_no_fifth_point():
+    fifth = np.full(4, 7.0)
+    differentiate(np.arange(4.0), np.arange(4.0) ** 3, 4, np.zeros(4, np.int64), np.empty(4), fifth)
+    assert fifth.tolist() == [0.0] * 4

@@ -108,7 +108,7 @@ def test_unmeasured_recovers_within_its_scheme_s_error(formulation, order, a6, k
     assert abs(estimate.k1 - k1) <= error * abs(k1)
 
 
-@pytest.mark.parametrize(("formulation", "order"), [("difference", 4), ("integral", 2)])
+@pytest.mark.parametrize(("formulation", "order"), [("difference", 4), ("integral", 4)])
 def test_error_falls_with_the_scheme_s_order(formulation, order):
     errors = []
     for rows in (64, 128, 256):
@@ -474,10 +474,10 @@ def transformed(samples: list[Sample], change: Callable[[Sample], Sample]) -> li
     return [change(sample) for sample in samples]
 
 
-def jagged(rows: int = 64) -> list[Sample]:
+def jagged(rows: int = 64, size: float = 1.0) -> list[Sample]:
     """A flight off the model, so that no residual is zero."""
-    return [s._replace(theta_ddot=s.theta_ddot + 0.1 * math.sin(1e4 * s.t),
-                       theta_dot=s.theta_dot + 1e-3 * math.cos(7e3 * s.t)) for s in flight(2.0, -7.0, rows)]
+    return [s._replace(theta_ddot=s.theta_ddot + 0.1 * size * math.sin(1e4 * s.t),
+                       theta_dot=s.theta_dot + 1e-3 * size * math.cos(7e3 * s.t)) for s in flight(2.0, -7.0, rows)]
 
 
 @pytest.mark.parametrize("formulation", REGRESSIONS)
@@ -513,8 +513,9 @@ def test_time_shift_changes_no_bit(formulation, first):
 def test_units_scaled_by_a_power_of_two_keep_every_bit(formulation, library, power):
     unit = 2.0**power
     config = config_of(formulation, 64, library=library, threshold=0.0)
-    here = one(config, jagged())
-    there = one(config, transformed(jagged(), lambda s: Sample(s.t, *(unit * x for x in s[1:5]))))
+    samples = jagged(size=0.01)  # a derivative of what is as jagged as elsewhere is not known at all
+    here = one(config, samples)
+    there = one(config, transformed(samples, lambda s: Sample(s.t, *(unit * x for x in s[1:5]))))
     assert here.valid and bits(there) == bits(here)
 
 

@@ -19,7 +19,7 @@ from launchid_core.library import (
     TAU,
     VARIABLES,
     centred_variables,
-    default_threshold,
+    default_own_share,
     library_terms,
     parse_term,
     polynomial,
@@ -271,6 +271,6 @@ def test_functions_of_different_states_do_not_mix():
         [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [3, 0, 0, 2, 0], [0, 3, 0, 0, 2]]
 
 
-def test_threshold_spares_libraries_inside_lpv():
-    assert [default_threshold(library_terms(name)) for name in ("rigid-body", "lpv", "linear", "quadratic")] == [
-        0.0, 0.0, 0.5, 0.5]
+def test_no_term_of_a_library_inside_lpv_is_left_out():
+    assert [default_own_share(library_terms(name)) for name in ("rigid-body", "lpv", "linear", "quadratic")] == [
+        0.0, 0.0, 0.005**2, 0.005**2]

@@ -114,9 +114,10 @@ def test_wind_is_drawn_where_there_is_any():
 
 def test_the_text_has_the_digits_of_the_standard_deviation():
     change = Change(60.0, 0.029, "k1", -8.14412, -5.71123, 2.4321, 0.071, 60.5, True)._asdict()
-    said = table({"windows": [window(0, 4.5253, 1.6, terms={"theta": 4.5253, "sin(theta)": 1.25})], "changes": [change],
+    said = table({"windows": [window(0, 4.5253, 1.6, terms={"theta": 4.5253, "sin(theta)": 1.25},
+                                     terms_std={"theta": 1.6, "sin(theta)": 0.25})], "changes": [change],
                   "samples": {"accepted": 1, "rejected": {}}, "filter": {}})
-    assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25" in said
+    assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25 +- 0.25" in said
     assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 (size 2.432 +- 0.071)" in said
 
 

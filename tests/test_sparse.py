@@ -37,21 +37,21 @@ seeds = st.integers(0, 2**32 - 1)
 thresholds = st.sampled_from((0.0, 0.05, 0.2, 0.5, 1.0, 2.0))
 
 
-def solve_reduced(solver, mt, y, threshold):
+def solve_reduced(solver, mt, y, threshold, own=0.0):
     """(passes, xi, active, work) on a given reduced problem, columns of M as rows of mt."""
     mt, y = np.array(mt, dtype=float), np.array(y, dtype=float)
     q = y.size
     xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), sparse_work(q)
     whole, _, _ = view_whole(np.zeros(q * q + 2 * q), 0, np.zeros(q + 1, np.int64), 0, q)
     factor_whole(mt, whole)
-    passes = sparse_solve(solver, mt, whole, y, float(threshold), xi, active, work)
+    passes = sparse_solve(solver, mt, whole, y, float(threshold), float(own), xi, active, work)
     return passes, xi, active, work
 
 
-def solve(solver, a, y, threshold):
+def solve(solver, a, y, threshold, own=0.0):
     """The same from a tall problem, reduced by numpy's QR."""
     q, r = np.linalg.qr(a)
-    return solve_reduced(solver, r.T.copy(), q.T @ y, threshold)
+    return solve_reduced(solver, r.T.copy(), q.T @ y, threshold, own)
 
 
 def tall_least_squares(a, y):
@@ -369,3 +369,46 @@ def test_lorenz_system(solver):
         _, xi, active, _ = solve(solver, library, rates[:, k], 0.025)
         assert np.array_equal(active, truth[k] != 0.0)
         assert np.allclose(xi, truth[k], rtol=1e-11, atol=0.0)
+
+
+# ---------------------------------------------------------------- what a term must explain by itself
+
+
+def reference_own(a, y, own):
+    """Backward elimination in numpy; also how close the growth of the squares came to `own`, or two terms to each
+    other."""
+    kept, margin = list(range(a.shape[1])), np.inf
+    while kept:
+        def left(columns):
+            e = y - a[:, columns] @ np.linalg.lstsq(a[:, columns], y, rcond=None)[0]
+            return e @ e
+
+        growth = np.sort([left([k for k in kept if k != j]) - left(kept) for j in kept])
+        margin = min(margin, abs(growth[0] - own), *np.diff(growth[:2]))
+        if growth[0] >= own:
+            break
+        kept.pop(int(np.argmin([left([k for k in kept if k != j]) - left(kept) for j in kept])))
+    return kept, margin
+
+
+@pytest.mark.parametrize("solver", [STLS, SSR])
+@given(problem=tall_problems(), share=st.sampled_from((1e-4, 0.01, 0.1, 0.5)))
+def test_the_weakest_term_goes_while_it_explains_too_little_by_itself(solver, problem, share):
+    a, y, _ = problem
+    own = share * float(y @ y)
+    wanted, margin = reference_own(a, y, own)
+    assume(own > 0.0 and margin > 1e-6 * float(y @ y))
+    _, _, active, _ = solve(solver, a, y, 0.0, own)
+    assert np.flatnonzero(active).tolist() == wanted
+
+
+@pytest.mark.parametrize("solver", ALL)
+@given(problem=tall_problems(), exponents=st.lists(st.integers(-40, 40), min_size=8, max_size=8))
+def test_what_stays_does_not_depend_on_the_units_of_the_terms(solver, problem, exponents):
+    """Units by powers of two: the arithmetic is the same to the bit but for the scales."""
+    a, y, _ = problem
+    own = 0.01 * float(y @ y)
+    scale = 2.0 ** np.array(exponents[:a.shape[1]])
+    _, plain, active, _ = solve(solver, a, y, 0.0, own)
+    _, scaled, same, _ = solve(solver, a * scale, y, 0.0, own)
+    assert np.array_equal(active, same) and scaled * scale == pytest.approx(plain, rel=1e-9, abs=1e-12)

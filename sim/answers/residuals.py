@@ -1,6 +1,6 @@
 """What the identified windows leave of a log, and how far ahead they predict it.
 
-residual    the weak form's (`sim.identify_fit`): the increment of theta_dot over 0.2 s less the integral of the terms,
+residual    the weak form's (`sim.weak_form`): the increment of theta_dot over 0.2 s less the integral of the terms,
             over that time [rad/s^2], in the window that gave the estimate
 prediction  theta over a horizon, run free from the measured theta and theta_dot with the measured beta, under the
             estimate of its own window and under that of the fitted window before, which has not seen it
@@ -20,9 +20,10 @@ from launchid_core import Estimate
 
 from ..diagnosis.report.whiteness import Correlation, correlations
 from ..errors import InputError
-from ..identify_fit import INCREMENT, Rows, active_terms, column, increments, usable
+from ..lacking import active_terms
 from ..log import Log
 from ..nominal import Nominal
+from ..weak_form import INCREMENT, Rows, column, usable, window_increments
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
@@ -103,8 +104,8 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
 def _weak(of: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """A window's residual (k,) [rad/s^2] at times (k,) [s]."""
     terms, (a6, k1) = active_terms(estimate), of.shapes(estimate)
-    rows = dataclasses.replace(of.rows, theta=a6 * of.rows.theta)
-    begin, end, y, phi = increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms, k1 * rows.beta)
+    rows = dataclasses.replace(of.rows, theta=a6 * of.rows.theta, gamma=a6 * of.rows.gamma, beta=k1 * of.rows.beta)
+    begin, end, y, phi = window_increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms)
     return 0.5 * (begin + end), (y - phi @ _coefficients(estimate)) / (end - begin)
 
 
@@ -154,7 +155,8 @@ def _run(of: Shaped, estimate: Estimate, steady: float, start: np.ndarray, steps
     def acceleration(at: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         made = np.full(len(at), steady)
         for term, coefficient in zip(terms, xi.tolist(), strict=True):
-            made += coefficient * column(term, a6[at] * x, v, k1[at] * rows.beta[at], rows.t[at] - middle)
+            made += coefficient * column(term, a6[at] * (x - rows.gamma[at]), v, k1[at] * rows.beta[at],
+                                          rows.t[at] - middle)
         return made
 
     for k in range(steps):

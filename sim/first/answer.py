@@ -6,7 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import InputError
+from ..input_delay import lead_of
+from ..lacking import DRIFT, Lack, is_moved, lacks, question
 from ..log import Log
+from ..weak_form import Rows
 from . import filter as fl
 from . import weak
 from .channels import Channels, channels
@@ -235,26 +238,65 @@ def wind(fitted: Fitted) -> dict[str, Number]:
 
 def reasons(made: First, found: Found, c: Channels) -> list[str]:
     """Why a number of the nominal cannot be told; none: it can."""
-    m, model = found.motion, found.fitted.model
+    model = found.fitted.model
     driver = "beta_cmd" if model.source != fl.MEASURED and c.has("beta_cmd") else "beta"
     if is_constant(c):
         return [f"k1 cannot be told: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in which "
                 "it moves"]
-    own, shifted = weak.gains(m, found.terms, found.delay)
     said = []
-    if not own > float(np.max(shifted)):
-        said.append(f"k1 cannot be told: {driver} shifted by seconds explains the motion as well as {driver} does "
-                    "(placebo)")
-    elif not np.any(np.abs(made.k1) > SURE * made.k1_std):
+    if not np.any(np.abs(made.k1) > SURE * made.k1_std):
         said.append(f"k1 cannot be told: {made.k1.mean():.3g} +- {made.k1_std.mean():.2g} 1/s^2 may be 0; log a "
                     f"stretch in which {driver} moves more")
-    if made.delay is not None and made.delay[0] + SURE * made.delay[1] < -2.0 * c.period:
-        said.append(f"{driver} follows the motion by {-1e3 * made.delay[0]:.0f} ms: it is no input of it, or its "
-                    "stamps are late")
-    if found.r2_upper < 0.0:
-        said.append("the first 60 % of the log predict nothing of the rest: neither a6 nor k1 can be told")
-    said += unseparated(made, found)
-    return said
+    return said + lacking(made, found, driver) + unseparated(made, found)
+
+
+def lacking(made: First, found: Found, driver: str) -> list[str]:
+    """What the log holds that the model lacks, by rows left out (`sim.lacking`), where that is most of the error or, of
+    constant coefficients, would move them."""
+    m, model = found.motion, found.fitted.model
+    a6, k1 = (x / np.max(np.abs(x)) if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
+    if model.sine:
+        a6 = np.ones(len(m.t))
+    rows = Rows(m.t, a6 * m.theta, a6 * m.gamma, m.rate, k1 * m.u, m.span)
+    terms = (*found.terms, "1")
+    lead = lead_of(rows, terms)
+    late = None if lead is None or abs(lead["value"]) < SURE * lead["std"] else lead["value"]
+    asked = question(rows, terms, late, float(m.t[-1] - m.t[0]))
+    if asked is None:
+        return []
+    answer = {found.terms[0]: (float(made.a6.mean()), float(made.a6_std.mean())),
+              "beta": (float(made.k1.mean()), float(made.k1_std.mean())), **made.terms}
+    constant, whole = len(model.node_a) == 1, slice(0, len(m.t))  # else the answer is of many numbers
+    return [lack_words(lack, driver) for lack in lacks(asked, late)
+            if lack.what != DRIFT and not (lack.what == "delay" and lead is not None and holds(made, found, lead))
+            and (lack.size is None or lack.is_most or (constant and is_moved(asked, whole, answer, lack)))]
+
+
+def holds(made: First, found: Found, lead: dict[str, float]) -> bool:
+    """Whether the model has the input lead what it causes by as much: by its delay, and the lag of a servo that no
+    sensor sees; by nothing where the nozzle is measured behind a command."""
+    value, std = made.delay or (0.0, 0.0)
+    if found.fitted.model.source == fl.COMMAND:
+        (frequency, _), (damping, _) = made.servo or ((math.inf, 0.0), (0.0, 0.0))
+        value = 0.0 if "beta" in made.noise else value + 2.0 * damping / frequency
+    return abs(lead["value"] - value) < SURE * math.hypot(std, lead["std"]) + made.period
+
+
+def lack_words(lack: Lack, driver: str) -> str:
+    """Why a first nominal without it would lie."""
+    shares = f"with it {100.0 * lack.after:.3g} % of rows left out are predicted, without {100.0 * lack.before:.3g} %"
+    if lack.what == "nothing":
+        return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be told"
+    if lack.what == "placebo":
+        return (f"k1 cannot be told: {driver} of another time of the log explains the motion as well as {driver} does "
+                "(placebo)")
+    assert lack.size is not None
+    if lack.what == "delay":
+        words = f"leads the motion by {1e3 * lack.size:.0f} ms" if lack.size >= 0.0 else \
+            f"follows the motion by {-1e3 * lack.size:.0f} ms: it is no input of it, or its stamps are late"
+        return f"{driver} {words} ({shares})"
+    what = {"beta_ddot": "the acceleration of the nozzle acts too", "1": "a constant acts too"}
+    return f"{what.get(lack.what, f'the term {lack.what} is in the log')}, {lack.size:.3g} ({shares})"
 
 
 def unseparated(made: First, found: Found) -> list[str]:

@@ -9,6 +9,7 @@ from ..diagnosis.data.stamps import usable_rows
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS
 from ..log import Log
+from ..weak_form import path_angle
 
 FEWEST = 100           # rows: below, noise levels and a held-out part are chance
 SPIKE = 20.0           # times the median distance from the median of five rows: one in a million is at 8
@@ -34,6 +35,7 @@ class Channels:
     theta_dot: np.ndarray
     beta: np.ndarray
     beta_cmd: np.ndarray
+    gamma: np.ndarray      # rad, at every row; 0 where the log has no flight path
     notes: tuple[str, ...]
     driven: bool = False   # the command is what drives, in however few rows it is
 
@@ -47,7 +49,7 @@ class Channels:
         """Rows first..end."""
         at = slice(first, end)
         return replace(self, t=self.t[at], theta=self.theta[at], theta_dot=self.theta_dot[at], beta=self.beta[at],
-                       beta_cmd=self.beta_cmd[at])
+                       beta_cmd=self.beta_cmd[at], gamma=self.gamma[at])
 
 
 def channels(log: Log) -> Channels:
@@ -75,7 +77,7 @@ def channels(log: Log) -> Channels:
         x[name] = np.where(bad, math.nan, raw)
     period = round(float(np.median(np.diff(t))), CLOCK_DIGITS)
     found = Channels(log.path, float(t[0]), period, t - t[0], x["theta"], x["theta_dot"], x["beta"], x["beta_cmd"],
-                     tuple(notes))
+                     path_angle(t, log.flight_path[rows]), tuple(notes))
     for names in (moving, driven):
         if not any(found.has(name) for name in names):
             raise InputError(f"{log.path}: {' and '.join(names)}: expected a value in most rows")
@@ -125,5 +127,4 @@ def without_foreign_rate(c: Channels) -> Channels:
         return c
     words = (f"theta_dot is not the slope of theta (scale {1.0 / xi[0]:.3f}, lag {1e3 * xi[1]:.1f} ms): "
              "a device's filter; theta alone was used")
-    return Channels(c.path, c.start, c.period, c.t, c.theta, np.full(len(c.t), math.nan), c.beta, c.beta_cmd,
-                    (*c.notes, words))
+    return replace(c, theta_dot=np.full(len(c.t), math.nan), notes=(*c.notes, words))

@@ -173,11 +173,11 @@ def _forget(x, p, s, shape, wide, whole):
 
 @kernel
 def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more than the event
-        event_t, event_kind, event_row, u, theta, omega, beta, shape, number, wide, node_a, a6, node_k, k1, node_c,
-        coupling, rate, e, variance, h, channel, row, end_x, end_p, end_s):
+        event_t, event_kind, event_row, event_path, u, theta, omega, beta, shape, number, wide, node_a, a6, node_k, k1,
+        node_c, coupling, rate, e, variance, h, channel, row, end_x, end_p, end_s):
     """Filter the events; returns how many innovations were written.
 
-    event_t (m,) [s], event_kind, event_row (m,)   in time's order
+    event_t (m,) [s], event_kind, event_row (m,)   in time's order;  event_path (m,) [rad]  flight path there
     u, theta, omega, beta (n,)   columns; NaN: not measured
     number (N_NUMBERS,), wide (states,)   numbers of the filter; variances of what is not known
     node_a, a6, node_k, k1   coefficients of theta (sin(theta)) and of the nozzle, linear between the nodes
@@ -212,6 +212,7 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
             fastest = max(math.fabs(row3[1]), math.sqrt(math.fabs(row3[0])))
             parts = max(1, math.ceil(span * fastest / LONGEST))
             dt = span / parts
+            path = 0.5 * (event_path[index - 1] + event_path[index])
             for part in range(parts):
                 middle = now + (part + 0.5) * dt
                 ka = _weights(middle, node_a, share)
@@ -224,8 +225,9 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                 per = coupling[kc]
                 if share[0] > 0.0:
                     per += (coupling[kc + 1] - per) * share[0]
-                sine, cosine = math.sin(x[0]), math.cos(x[0])
-                term = sine if shape.sine else x[0]
+                attack = x[0] - path
+                sine, cosine = math.sin(attack), math.cos(attack)
+                term = sine if shape.sine else attack
                 smooth = math.tanh(x[1] / number[SMOOTH])
                 for j in range(n):
                     row1[j] = 0.0
@@ -269,7 +271,8 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                 if shape.turbulence >= 0:
                     _noise(p, f, half, shape.turbulence, 2, -2.0 * decay * number[TURBULENCE] ** 2, dt)
                 # sensitivities
-                value = 0.5 * ((math.sin(before[0]) + math.sin(x[0])) if shape.sine else (before[0] + x[0]))
+                was, now_is = before[0] - path, x[0] - path
+                value = 0.5 * ((math.sin(was) + math.sin(now_is)) if shape.sine else (was + now_is))
                 nozzle, omega_mid = 0.5 * (before[2] + x[2]), 0.5 * (before[1] + x[1])
                 for j in range(q):
                     if j < na:

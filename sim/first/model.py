@@ -139,7 +139,8 @@ def run(model: Model, c: Channels, sensitive: bool = True) -> Pass:
     e, variance, h = np.zeros(most), np.ones(most), np.zeros((most, q))
     channel, rows = np.zeros(most, np.int64), np.zeros(most, np.int64)
     end = np.zeros(shape.states), np.zeros((shape.states, shape.states)), np.zeros((q, shape.states))
-    n = fl.run(t, kind, row, command(c), c.theta, c.theta_dot, c.beta, shape, numbers, wide, model.node_a,
+    path = np.interp(t, c.t, c.gamma)
+    n = fl.run(t, kind, row, path, command(c), c.theta, c.theta_dot, c.beta, shape, numbers, wide, model.node_a,
                model.linear[:na], model.node_k, model.linear[na:na + nk], model.node_c,
                model.coupling, rate, e, variance, h, channel, rows, *end)
     e, variance, h, channel, rows = e[:n], variance[:n], h[:n], channel[:n], rows[:n]

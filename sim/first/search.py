@@ -44,7 +44,7 @@ class Found:
     """What the search ends with.
 
     fitted  the model at its maximum;  refined  the same with nodes between the nodes, None: constant
-    motion, terms, delay   of the weak form;  r2, r2_upper  held out
+    motion, terms, delay   of the weak form;  r2  held out
     """
 
     fitted: Fitted
@@ -53,7 +53,6 @@ class Found:
     terms: tuple[str, ...]
     delay: float
     r2: float
-    r2_upper: float
 
 
 def noise_variance(x: np.ndarray) -> float:
@@ -163,7 +162,7 @@ def search(c: Channels) -> Found:
     now = fit(grown(now, c).model, c)
     gravity = "sin(theta)" if now.model.sine else "theta"
     terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
-    return Found(now, between(now, c), m, terms, delay, *weak.held_out(m, terms, delay))
+    return Found(now, between(now, c), m, terms, delay, weak.held_out(m, terms, delay))
 
 
 def large(c: Channels) -> bool:

@@ -1,7 +1,7 @@
 """The equation in its weak form: increments of the rate against integrals of the terms.
 
-Needs no noise level and no start: it gives the search its first numbers, and asks what a likelihood does not: does beta
-at its own time explain more than at others (placebo), does one part of the log predict another (held out).
+It needs no noise level and no start: it gives the search its first numbers, and says how well one part of the log
+predicts another (held out).
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,19 @@ from .model import command
 INCREMENT = 0.2        # s: above it sensor noise is small beside what moves, below it a loop's period is seen
 SLOPE_HALF = 0.02      # s to either side, of the line that gives a rate from theta alone
 PIECE = 10.0           # s over which one set of coefficients and one trim hold
-SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 HELD_OUT = 0.4         # the last part of the log
-LIMIT = 1.645          # standard deviations to the upper 95 % limit
-OVERLAP = 2.0          # of the variance of a sum of blocks: an increment that begins in one ends in the next
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """theta, its rate and the input on rows without holes.  t (n,) [s]; span: rows in an increment."""
+    """theta, its rate and the input on rows without holes.
+
+    t (n,) [s];  gamma (n,) [rad] flight path, 0 where none is known;  span: rows in an increment
+    """
 
     t: np.ndarray
     theta: np.ndarray
+    gamma: np.ndarray
     rate: np.ndarray
     u: np.ndarray
     span: int
@@ -49,10 +50,10 @@ def motion(c: Channels, source_is_beta: bool) -> Motion:
         theta = filled(c.t, c.theta)
         half = max(1, round(SLOPE_HALF / c.period))
         rate = filled(c.t, c.theta_dot) if c.has("theta_dot") else slopes(c.t, theta, half)
-        return Motion(c.t, theta, rate, u, span)
+        return Motion(c.t, theta, c.gamma, rate, u, span)
     rate = filled(c.t, c.theta_dot)
     theta = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(c.t) * (rate[1:] + rate[:-1]))])
-    return Motion(c.t, theta - theta.mean(), rate, u, span)
+    return Motion(c.t, theta - theta.mean(), c.gamma, rate, u, span)
 
 
 def slopes(t: np.ndarray, x: np.ndarray, half: int) -> np.ndarray:
@@ -69,7 +70,8 @@ def slopes(t: np.ndarray, x: np.ndarray, half: int) -> np.ndarray:
 
 def columns(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middle time (k,), increment of the rate (k,), integrals (k, n) of the terms, the constant first."""
-    values = {"theta": m.theta, "sin(theta)": np.sin(m.theta), "beta": u, "theta_dot": m.rate,
+    attack = m.theta - m.gamma
+    values = {"theta": attack, "sin(theta)": np.sin(attack), "beta": u, "theta_dot": m.rate,
               "sign(theta_dot)": np.sign(m.rate)}
     half = 0.5 * np.diff(m.t)
     made = [m.t[m.span:] - m.t[:-m.span]]
@@ -99,37 +101,19 @@ def left_square(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> float:
     return total
 
 
-def without_input(terms: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(term for term in terms if term != "beta")
-
-
 def best_delay(m: Motion, terms: tuple[str, ...], low: float, high: float, step: float) -> float:
     """The delay [s] of the input, of a grid, at which it explains most."""
     grid = np.arange(low, high + 0.5 * step, step)
     return float(grid[int(np.argmin([left_square(m, terms, m.at(d)) for d in grid]))])
 
 
-def gains(m: Motion, terms: tuple[str, ...], delay: float) -> tuple[float, np.ndarray]:
-    """Squares that the input takes away at its own time, and shifted circularly by each of SHIFTS."""
-    u = m.at(delay)
-    before = left_square(m, without_input(terms), u)
-    return (before - left_square(m, terms, u),
-            np.array([before - left_square(m, terms, np.roll(u, round(share * len(u)))) for share in SHIFTS]))
-
-
-def held_out(m: Motion, terms: tuple[str, ...], delay: float) -> tuple[float, float]:
-    """Share of the variance of the last part's increments that the first part's fit predicts, and its upper limit."""
+def held_out(m: Motion, terms: tuple[str, ...], delay: float) -> float:
+    """Share of the variance of the last part's increments that the first part's fit predicts; 0 of too short a log."""
     t, y, phi = columns(m, terms, m.at(delay))
     split = m.t[0] + (1.0 - HELD_OUT) * (m.t[-1] - m.t[0])
     first, last = t < split, t >= split
     if np.count_nonzero(first) <= phi.shape[1] or np.count_nonzero(last) < 5 * m.span:
-        return 0.0, 1.0
+        return 0.0
     e, s = y[last] - phi[last] @ solve(phi[first], y[first]), y[last] - y[last].mean()
     e = e - e.mean()  # a trim that is another one is no contradiction
-    if not s @ s > 0.0:
-        return 0.0, 1.0
-    blocks = np.arange(len(e)) // m.span
-    ratio = float(e @ e) / float(s @ s)
-    off = np.bincount(blocks, e * e) - ratio * np.bincount(blocks, s * s)
-    std = np.sqrt(OVERLAP * float(off @ off)) / float(s @ s)
-    return 1.0 - ratio, 1.0 - ratio + LIMIT * float(std)
+    return 1.0 - float(e @ e) / float(s @ s) if s @ s > 0.0 else 0.0

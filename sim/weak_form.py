@@ -1,0 +1,171 @@
+"""The weak form of a log: increments of theta_dot over a time against the integrals of the terms over the same time.
+
+No differencing makes it noisy: what a sensor's noise adds to an increment does not grow as the rows come closer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from launchid_core import parse_term
+
+from .log import Log
+
+INCREMENT = 0.2      # s: within it a loop's period is seen, and sensor noise is small beside what moves
+SLOPE = 0.05         # s to either side of a rate that is the slope of a column: small beside an increment
+LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
+ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
+GAP = 1.5            # median steps: no increment, and no parabola of the quadrature, reaches over a longer one
+FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The usable rows of a log: times that increase, everything finite.
+
+    t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
+    span   rows in an increment of INCREMENT
+    """
+
+    t: np.ndarray
+    theta: np.ndarray
+    gamma: np.ndarray
+    theta_dot: np.ndarray
+    beta: np.ndarray
+    span: int
+
+    @property
+    def attack(self) -> np.ndarray:
+        """Angle of attack theta - gamma [rad], which a6 multiplies."""
+        return self.theta - self.gamma
+
+    def cut(self, t_start: float, t_end: float) -> slice:
+        """Rows of a window."""
+        first, end = np.searchsorted(self.t, (t_start, t_end)).tolist()
+        return slice(first, end)
+
+    @property
+    def period(self) -> float:
+        """Median step [s]."""
+        return float(np.median(np.diff(self.t)))
+
+
+def usable(log: Log) -> Rows | None:
+    """The rows of a log that every column has; None where they make no two increments.
+
+    Where no rate is measured it is the attitude's (`slope`).  What the estimator rejects as out of range is no row
+    here either.
+    """
+    finite = log.in_range("t") & log.in_range("theta") & log.in_range("beta")
+    has_rate = bool(log.in_range("theta_dot").any())
+    if has_rate:
+        finite &= log.in_range("theta_dot")
+    finite[finite] = near_all(log.t[finite], log.period)
+    finite[finite] = forward(log.t[finite], LEAST_STEP * log.period)
+    span = max(1, round(INCREMENT / log.period))
+    if np.count_nonzero(finite) < 2 * span + 2:
+        return None
+    t, theta = log.t[finite], log.theta[finite]
+    rate = log.theta_dot[finite] if has_rate else slope(t, theta)
+    return Rows(t, theta, path_angle(t, log.flight_path[finite]), rate, log.beta[finite], span)
+
+
+def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+    """Flight-path angle [rad] at every stamp t (n,) [s]: linear between the measured ones, 0 where none is."""
+    known = np.isfinite(gamma)
+    return np.interp(t, t[known], gamma[known]) if known.any() else np.zeros(len(t))
+
+
+def slope(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Difference quotient (n,) of x (n,) over SLOPE before and after, over what there is at the ends."""
+    at, rows = np.arange(len(t)), slope_rows(t)
+    before, after = np.maximum(at - rows, 0), np.minimum(at + rows, len(t) - 1)
+    return np.asarray((x[after] - x[before]) / (t[after] - t[before]))
+
+
+def slope_rows(t: np.ndarray) -> int:
+    """Rows in SLOPE."""
+    return max(1, round(SLOPE / float(np.median(np.diff(t)))))
+
+
+def near_all(t: np.ndarray, period: float) -> np.ndarray:
+    """Which stamps are times of this log."""
+    return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
+
+
+def forward(t: np.ndarray, least: float) -> np.ndarray:
+    """Stamps that go forward by more than `least` [s]: later than all before, or earlier than all after, whichever
+    leaves more.
+
+    One stamp too late spoils the first, one too early the second.
+    """
+    if len(t) == 0:
+        return np.zeros(0, bool)
+    later = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > least])
+    earlier = np.concatenate([np.minimum.accumulate(t[::-1])[::-1][1:] - t[:-1] > least, [True]])
+    return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
+
+
+def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """A library term (n,) of its variables (n,), `attack` being its theta."""
+    *powers, function, argument = parse_term(term)
+    variables = (attack, theta_dot, beta, tau)
+    value = np.ones(len(attack))
+    for power, x in zip(powers, variables, strict=True):
+        value = value * x**power
+    return value * FUNCTIONS[function](variables[argument]) if function else value
+
+
+def running_integral(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Integral (n,) of x (n,) from t[0] on, of third order: the trapezium less the mean bend of the parabolas through
+    either neighbour (Gregory's rule)."""
+    step = np.diff(t)
+    bend = np.zeros(len(t))
+    whole = step <= GAP * np.median(step)
+    inner = whole[1:] & whole[:-1]
+    bend[1:-1][inner] = (np.diff(np.diff(x) / step) / (t[2:] - t[:-2]))[inner]
+    known = np.concatenate([[False], inner, [False]]).astype(float)
+    sides = np.maximum(known[1:] + known[:-1], 1.0)
+    parts = 0.5 * step * (x[1:] + x[:-1]) - step**3 / 6.0 * (bend[1:] + bend[:-1]) / sides
+    return np.concatenate([[0.0], np.cumsum(parts)])
+
+
+def averaged(t: np.ndarray, columns: np.ndarray, rows: int) -> np.ndarray:
+    """(n - 2 rows, c) means of columns (n, c) over so many rows before and after each row that has them."""
+    whole = np.column_stack([running_integral(t, x) for x in columns.T])
+    return np.asarray((whole[2 * rows:] - whole[:-2 * rows]) / (t[2 * rows:] - t[:-2 * rows])[:, None])
+
+
+def increments(t: np.ndarray, integrals: np.ndarray, span: int, stride: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """(first rows (k,), increments (k, c) of integrals (n, c)) over `span` rows, from every `stride`-th row on which no
+    gap follows within it."""
+    first = np.arange(0, max(len(t) - span, 0), stride)
+    if len(first) == 0:
+        return first, integrals[:0]
+    step = np.diff(t)
+    gaps = np.concatenate([[0], np.cumsum(step > GAP * np.median(step))])
+    first = first[gaps[first + span] == gaps[first]]
+    return first, integrals[first + span] - integrals[first]
+
+
+def term_integrals(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
+    """(k, q) running integrals of library terms over the rows `at`, tau from their middle, with another beta (n,)."""
+    t = rows.t[at]
+    tau = t - 0.5 * (t[0] + t[-1])
+    columns = [running_integral(t, column(term, rows.attack[at], rows.theta_dot[at], beta[at], tau)) for term in terms]
+    return np.column_stack(columns) if columns else np.zeros((len(t), 0))
+
+
+def window_increments(rows: Rows, at: slice, terms: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+    """Of a window: times at which its increments begin and end, of theta_dot (k,), of the terms (k, q)."""
+    t = rows.t[at]
+    if len(t) <= rows.span:
+        return t[:0], t[:0], t[:0], np.zeros((0, len(terms)))
+    integrals = np.column_stack([term_integrals(rows, at, terms, rows.beta), rows.theta_dot[at]])
+    first, made = increments(t, integrals, rows.span)
+    return t[first], t[first + rows.span], made[:, -1], made[:, :-1]
+
+
+def left(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """What least squares leaves of y."""
+    return y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0] if phi.shape[1] else y
