@@ -1,6 +1,6 @@
 """How often is a valid estimate far from the truth, while something acts that the nominal does not know of?
 
-    python benchmarks/confident_lies.py [--flights 20] [--seed 0] [--window 5] [--nominal NAME] [--rows NAME...]
+    python benchmarks/confident_lies.py [--flights 20] [--seed 0] [--window 5] [--nominal NAME] [--rate 100] [--large]
 
 Rows: the disturbances of a table of large ones, and every effect of the catalogue at twice the size that `diagnose`
 would find on a clean flight (its printed limit).  Each is flown and not told to the nominal, once with a nominal that
@@ -11,7 +11,7 @@ and the sudden changes that stand at a flight's end (a loss of control is one, t
 pooled as `launchid identify` gives them, which has the whole log and refuses what a contradiction follows within 20 s.
 Effects whose signature is parallel to a6's or k1's (|cosine| > 0.9 on the clean flight) are listed apart.
 Demanded, pooled: 2 % with wind and offsets declared, 5 % without; 1 % of clean windows called MODEL.
-`flight` suite, 100 Hz, the nominals' own noises, estimated.
+`flight` suite, controller and sensors at the rate, the nominals' own noises, estimated.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from flights import NOMINALS, run_jobs
+from flights import NOMINALS, at_rate, run_jobs
 
 from launchid_core import Config, EstimateStatus
 from sim.diagnosis.verdict import diagnose
@@ -49,9 +49,9 @@ CLEAN_MODEL = 0.01
 
 
 @functools.cache
-def limits(name: str) -> tuple[tuple[str, bool], ...]:
+def limits(name: str, rate: float) -> tuple[tuple[str, bool], ...]:
     """(effect as text, parallel to a6 or k1) of every cause at twice its limit on a clean flight of a nominal."""
-    nominal = load_nominal(name)
+    nominal = flown(name, rate)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clean.csv"
         write_flight(path, fly_whole(nominal, REFERENCE_SEED))
@@ -72,20 +72,26 @@ def limits(name: str) -> tuple[tuple[str, bool], ...]:
     return tuple(found)
 
 
-def believed(name: str, declared: str) -> Nominal:
+@functools.cache
+def flown(name: str, rate: float) -> Nominal:
+    """The nominal at a rate [Hz]; as it is at 100 Hz."""
+    return at_rate(load_nominal(name), rate)
+
+
+def believed(name: str, rate: float, declared: str) -> Nominal:
     """The nominal with or without wind and offsets."""
-    nominal = load_nominal(name)
+    nominal = flown(name, rate)
     return nominal if declared == "nothing" else dataclasses.replace(nominal, **DECLARED)
 
 
-def job(name: str, text: str, seed: int, declared: str, window: float) -> np.ndarray:
+def job(name: str, rate: float, text: str, seed: int, declared: str, window: float) -> np.ndarray:
     """One flight: (windows, MODEL, valid, lies, tracked valid, tracked lies, alarms whose changes stand), and valid,
     lies, tracked valid, tracked lies of `identify`."""
     effects: list[Effect] = [from_text(text)] if text else []
-    nominal = load_nominal(name)
+    nominal = flown(name, rate)
     flight = fly_whole(nominal, seed, effects=effects)
     config = Config(window=window, sample_period=flight.period, formulation="filtered",
-                    model=onboard_model(believed(name, declared)))
+                    model=onboard_model(believed(name, rate, declared)))
     estimates, estimator = run(config, flight.samples())
     count = np.zeros(11, np.int64)
     for each, whole in zip(estimates, withdrawn(estimates), strict=True):
@@ -120,18 +126,19 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--window", type=float, default=5.0, help="s")
+    parser.add_argument("--rate", type=float, default=100.0, help="Hz")
     parser.add_argument("--nominal", choices=NOMINALS, action="append")
     parser.add_argument("--large", action="store_true", help="only the table of large ones")
     args = parser.parse_args()
     missed = False
     pooled = {declared: np.zeros(11, np.int64) for declared in DEMAND}
-    print(f"flights {args.flights}, seeds from {args.seed}, windows of {args.window:g} s, 100 Hz; shares of valid "
-          f"answers more than {FAR:g} std off")
+    print(f"flights {args.flights}, seeds from {args.seed}, windows of {args.window:g} s, {args.rate:g} Hz; "
+          f"shares of valid answers more than {FAR:g} std off")
     print(f"{'nominal':16} {'effect':62} {'declared':14} {'MODEL':>6} {'valid':>6} {'lies':>6} {'tracked':>7} "
           f"{'lies':>6} changes")
     for name in args.nominal or NOMINALS:
-        rows = [("", False), *((text, False) for text in LARGE), *(() if args.large else limits(name))]
-        jobs = [(name, text, seed, declared, args.window) for text, _ in rows for declared in DEMAND
+        rows = [("", False), *((text, False) for text in LARGE), *(() if args.large else limits(name, args.rate))]
+        jobs = [(name, args.rate, text, seed, declared, args.window) for text, _ in rows for declared in DEMAND
                 for seed in range(args.seed, args.seed + args.flights)]
         results = iter(run_jobs(job, jobs))
         for text, parallel in rows:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.flight import is_whole
 from sim.nominal import Multisine, Nominal, Offsets, Wind, built_in, load_nominal
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
@@ -19,6 +20,7 @@ WIND = Wind(walk=0.005, turbulence=0.005)
 TONES = (1.5, 3.1, 5.0, 7.2, 9.9, 13.0)  # rad/s, no two in a ratio of whole numbers, about the loop's bandwidth
 TEST_RMS = math.radians(0.5)             # of the multisine, rad
 WRONG_LEVEL = 2.0                        # a level is declared within this factor of the true one
+FINEST = 0.0005                          # s: a step of the simulation for periods that its own does not divide
 
 
 def nominal(name: str, command_noise: float | None = None) -> Nominal:
@@ -28,6 +30,16 @@ def nominal(name: str, command_noise: float | None = None) -> Nominal:
         return loaded
     assert loaded.actuator is not None
     return dataclasses.replace(loaded, actuator=dataclasses.replace(loaded.actuator, command_noise_std=command_noise))
+
+
+def at_rate(believed: Nominal, rate: float) -> Nominal:
+    """The nominal with controller and sensors at another rate [Hz]; the noise of a draw stays."""
+    assert believed.controller is not None and believed.simulation is not None
+    step = believed.simulation.step
+    return dataclasses.replace(
+        believed, controller=dataclasses.replace(believed.controller, period=1.0 / rate),
+        sensors=dataclasses.replace(believed.sensors, period=1.0 / rate),
+        simulation=dataclasses.replace(believed.simulation, step=step if is_whole(1.0 / rate, step) else FINEST))
 
 
 def multisine(duration: float) -> Multisine:

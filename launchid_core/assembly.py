@@ -13,7 +13,7 @@ from .belief import AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NON
 from .choices import SOLVERS
 from .compress import first_state
 from .config import Config
-from .filtered import LEVEL_PRIOR, WIND_PRIOR
+from .filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
 from .guard import CARRIED, seal_of
 from .library import centred_variables, default_own_share, term_codes
 from .memory import Block, quads_of
@@ -55,7 +55,7 @@ def _sizes(config: Config) -> list[int]:
     if model is not None:
         sizes[st.NODES], sizes[st.RANGE_NODES] = len(model.profile_t), len(model.sigma_t)
         sizes[st.STATES], sizes[st.LEVELS] = N_STATES + len(model.nuisances), len(model.levels)
-        sizes[st.AIR_NODES] = max(1, len(_air_times(model)))
+        sizes[st.AIR_NODES], sizes[st.BLOCK_SAMPLES] = max(1, len(_air_times(model))), block_samples(config)
     return sizes
 
 
@@ -123,6 +123,11 @@ def enough(config: Config) -> int:
     return max(len(config.terms) + 2, (config.kept_rows + 1) // 2)
 
 
+def block_samples(config: Config) -> int:
+    """Samples of a block: BLOCK in whole ones, one at least, and no more than a window has."""
+    return min(max(math.floor(BLOCK / config.sample_period + 0.5), 1), config.rows)
+
+
 def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
     assert isinstance(parts.fixed, Fixed)
     belief, option = parts.fixed.belief, parts.fixed.option
@@ -134,7 +139,7 @@ def _fill_filtered(config: Config, model: Model, parts: Parts) -> None:
                           model.gyro_scale, model.command_gain, model.command_offset,
                           model.known_theta, model.known_theta_dot, model.known_beta,
                           config.theta_saturation, config.theta_dot_saturation, config.beta_saturation,
-                          model.known_damping)
+                          model.known_damping, block_samples(config) * config.sample_period / BLOCK)
     belief.variance[:] = model.variances(config.sample_period)
     belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
     _fill_nuisances(model, belief)

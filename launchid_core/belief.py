@@ -11,12 +11,13 @@ from .records import store
 
 # constant (f8)
 (FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN, GYRO_SCALE,
- COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING) = (*range(15), 17, 20)
+ COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING, BLOCK_SHARE) = (*range(15), 17, 20, 21)
 # MISSING: share of the time between two samples with a command that no sample holds
 # HELD: 1: the gains are the nominal's, whatever a6 and k1 are believed to be (a model with wind levels)
 # AIRY: 1: there is a forecast or a drift;  LEAN: known thrust misalignment
 # OFFSET, SATURATION: known offsets and end stops of theta, theta_dot, beta;  AERO_DAMPING: known, 1/s
-N_CONSTANTS = AERO_DAMPING + 1
+# BLOCK_SHARE: how long a block is over `filtered.BLOCK`: 1 but for whole samples, more where one lasts longer
+N_CONSTANTS = BLOCK_SHARE + 1
 # term (i8)
 AT_THETA, AT_BETA = range(2)
 # a relative deviation from the nominal

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .belief import A6, AT_BETA, AT_THETA, GYRO_SCALE, K1, OFFSET, SATURATION
+from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, SATURATION
 from .disturbances import spread_at
-from .elementary import exp_of
+from .elementary import exp_of, log_of
 from .kernels import inner, once, shared
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .memory import take, take2
@@ -22,20 +22,20 @@ from .model import N_NOISES
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .records import store
 from .ring import BETA_CMD, GAMMA, THETA, T
-from .states import LEVEL_CLAMPS, N_STATES, N_TESTS, RESTARTS, RUNNING
+from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, N_TESTS, RESTARTS, RUNNING
 from .tracker import N_BELIEF
 from .whiteness import forget_blocks, note_innovation, note_loss
 
-BLOCK = 10              # samples per block: 0.1 s at 100 Hz, the step of tracking and of change detection
+BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
 WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
-LEVEL_STEP = 0.05       # most that a log level moves in a block: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
+LEVEL_STEP = 0.05       # most that a log level moves in BLOCK: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
 WIND_STEP = 0.4         # and one of the wind: what follows a calm is wind within a second, or passes for sudden changes
 LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change nothing, and wind may rise again
-LEVEL_RELAXES = 0.97     # of a log level in a block, while the model is contradicted: 3 s at 0.1 s
+LEVEL_RELAXES = 0.97     # of a log level in BLOCK, while the model is contradicted: 3 s
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
-LEVEL_MEMORY = 0.9995   # forgetting per block: noise levels may change over minutes
+LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise levels may change over minutes
 
 # counts (i8) of an accumulator: rows in the block, samples and gaps in the window
 ROWS, SAMPLES, GAPS = range(3)
@@ -52,7 +52,7 @@ class Accumulator(NamedTuple):
     window: np.ndarray       # (c, c) of the current window: offset at its start, terms
     psi: np.ndarray          # (n, n) transition of an offset from the window's start to the block's
     s_start: np.ndarray      # (n, 2) sensitivities for theta and beta at the block's start
-    rows: np.ndarray         # (c, 3 BLOCK) whitened innovations of the block, column by column
+    rows: np.ndarray         # (c, 3 b) whitened innovations of a block of b samples, column by column
     counts: np.ndarray       # (3,) int64
     start: np.ndarray        # (1,) first stamp of the block [s]
     score: np.ndarray        # (L,) of the noise levels over the block
@@ -82,13 +82,14 @@ class AccumulatorWork(NamedTuple):
 
 
 @shared
-def view_accumulator(f, at, i, m, q, n, levels):
-    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
+def view_accumulator(f, at, i, m, q, n, levels, samples):
+    """Cut it from floats f at `at` and integers i at `m`: q terms, n states, `samples` a block; returns (it, next at,
+    next m)."""
     c = n + q + N_TESTS + 1
     window, at = take2(f, at, c, c)
     psi, at = take2(f, at, n, n)
     s_start, at = take2(f, at, n, 2)
-    rows, at = take2(f, at, c, 3 * BLOCK)
+    rows, at = take2(f, at, c, N_CHANNELS * samples)
     counts, m = take(i, m, 3)
     start, at = take(f, at, 1)
     score, at = take(f, at, levels)
@@ -246,10 +247,10 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
     row (7,) in   a row of the ring
     """
     t = row[T]
-    if begins_anew(fil, t, max_gap):
+    if begins_anew(belief, fil, t, max_gap):
         acc.counts[GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
         fil.note[RESTARTS] += int(fil.time[RUNNING])
-        if is_lost(fil):
+        if is_lost(belief, fil):
             note_loss(check, t)
         start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
                       row[GAMMA])
@@ -280,14 +281,28 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
     take_command(belief.constant, fil, row[BETA_CMD])
 
 
+@inner
+def is_full(acc):
+    """Whether the block's rows leave no room for another sample's."""
+    return acc.counts[ROWS] > acc.rows.shape[1] - N_CHANNELS
+
+
+@inner
+def left_after(share, left):
+    """What is left after `share` times BLOCK where `left` is after one."""
+    return left * exp_of((share - 1.0) * log_of(left))
+
+
 @once
 def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = acc.score.shape[0]
+    share = belief.constant[BLOCK_SHARE]
+    memory, most = left_after(share, LEVEL_MEMORY), share * LEVEL_STEP
     for i in range(n):
         for j in range(n):
             prior = belief.prior[i] if i == j else 0.0
-            old = LEVEL_MEMORY * (acc.level_information[i, j] - prior) + prior
+            old = memory * (acc.level_information[i, j] - prior) + prior
             acc.level_information[i, j] = old + acc.information[i, j]
             work.square[j, i] = acc.level_information[i, j]
             acc.information[i, j] = 0.0
@@ -300,15 +315,15 @@ def update_levels(belief, fil, acc, work):
     solve_triangle(work.square, n, work.right, work.step)
     for k in range(n):
         if work.order[k] < N_NOISES:
-            fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > LEVEL_STEP)
-            fil.level[work.order[k]] += min(max(work.step[k], -LEVEL_STEP), LEVEL_STEP)
+            fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
+            fil.level[work.order[k]] += min(max(work.step[k], -most), most)
         else:
-            move_wind_level(fil, acc, work.order[k], work.step[k])
+            move_wind_level(fil, acc, work.order[k], work.step[k], share * WIND_STEP)
 
 
 @once
-def move_wind_level(fil, acc, j, step):
-    """A log level of the wind moves by `step`, and what is known of it is carried over.
+def move_wind_level(fil, acc, j, step, most):
+    """A log level of the wind moves by `step`, but no more than by `most`, and what is known of it is carried over.
 
     The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
     the level itself (the frequencies at which such a wind would show are), so information about its square root keeps
@@ -317,8 +332,8 @@ def move_wind_level(fil, acc, j, step):
     the level stands at its least, what is known of it falls on, so that it rises with the first gust.
     """
     if j < fil.level.shape[0]:  # always; of a model without wind a compiler of the exported C sees that there is none
-        fil.note[LEVEL_CLAMPS] += int(abs(step) > WIND_STEP)
-        moved = min(max(step, -WIND_STEP), WIND_STEP)
+        fil.note[LEVEL_CLAMPS] += int(abs(step) > most)
+        moved = min(max(step, -most), most)
         fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
         share = exp_of(0.5 * moved)
         for i in range(acc.level_information.shape[0]):
@@ -329,8 +344,9 @@ def move_wind_level(fil, acc, j, step):
 @once
 def relax_levels(belief, fil, acc):
     """A model that is contradicted teaches nothing about noise: the levels go back towards the declared."""
+    left = left_after(belief.constant[BLOCK_SHARE], LEVEL_RELAXES)
     for i in range(acc.score.shape[0]):
-        fil.level[i] *= LEVEL_RELAXES
+        fil.level[i] *= left
         acc.score[i] = 0.0
         for j in range(acc.score.shape[0]):
             acc.information[i, j] = 0.0

@@ -1,8 +1,8 @@
 """The filtered formulation, block by block: predict, gather, track, watch, relinearise.
 
-A sample's way: gate and ring (`ring.push`) -> once BLOCK samples wait, or a window closed: `predictor` and `filtered`
-make rows of them -> `tracker` -> `changes` -> `structure` -> window and noise levels -> linearisation.  So the cost of
-a block's algebra is shared by its samples.
+A sample's way: gate and ring (`ring.push`) -> once a block's samples wait, or TOGETHER, or a window closed: `predictor`
+and `filtered` make rows of them -> of a whole block: `tracker` -> `changes` -> `structure` -> window and noise levels
+-> linearisation.  So the cost of a block's algebra is shared by its samples.
 
 Three kinds of memory, apart: `Fixed`, `State`, `Work`.  Parts that a configuration does without (the structure of
 many terms, the uncertainty level) are None, and are not compiled.
@@ -26,7 +26,6 @@ from .changes import (
 )
 from .disturbances import let_offsets_wander, spread_at
 from .filtered import (
-    BLOCK,
     GAPS,
     ROWS,
     SAMPLES,
@@ -34,6 +33,7 @@ from .filtered import (
     advance_psi,
     begin_block,
     believe_nuisances,
+    is_full,
     jump,
     reduce_block,
     relax_levels,
@@ -59,7 +59,7 @@ from .kernels import inner, merged, once
 from .model import TURBULENCE
 from .predictor import begins_anew
 from .report import report_air, report_changes, report_level, report_tracked
-from .states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
+from .states import LAST, N_CHANNELS, N_STATES, RUNNING, WITHDRAWN_CHANGES
 from .status import EstimateStatus
 from .stores import ENOUGH, ESTIMATE_LEVELS
 from .structure import absorb_structure, select_terms
@@ -100,6 +100,8 @@ OK = int(EstimateStatus.OK)
 SHORT = int(EstimateStatus.SHORT)
 GAP = int(EstimateStatus.GAP)
 STUCK = int(EstimateStatus.STUCK)
+
+TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 
 
 @inner
@@ -158,7 +160,7 @@ def watch_block(fixed, state, work, dt, t_end):
     """Track the block and look for a sudden change; returns True if the filter's state was moved by one, or by a gust
     after calm: nothing before goes with what follows."""
     acc, bank, belief, fil = state.acc, state.bank, work.acc.belief, state.filter
-    queue_block(state.check, fil.level, bank.total)
+    queue_block(state.check, fil.level, fil.p_bar, bank.total)
     follow_undeclared(fixed.belief, fil, state.undeclared, work.undeclared, work.acc.triangle, bank.weight,
                       contradicted_by(state.check), t_end, dt)
     open_onset(state.watch, bank.total, acc.s_start, acc.start[0])
@@ -238,15 +240,15 @@ def take_samples(fixed, state, work, learner, learning, spare, flush):
     max_gap, period = fixed.limits[rb.MAX_GAP], fixed.limits[rb.PERIOD]
     for back in range(state.counts[rb.WAITING], spare, -1):
         row = state.ring[(state.counts[rb.HEAD] - back) % capacity]
-        anew = begins_anew(fil, row[rb.T], max_gap)
-        if (anew and fil.time[RUNNING] == 1.0) or acc.counts[ROWS] > 3 * (BLOCK - 1):
+        anew = begins_anew(fixed.belief, fil, row[rb.T], max_gap)
+        if (anew and fil.time[RUNNING] == 1.0) or is_full(acc):
             close_block(fixed, state, work, learner, learning, period)
         if anew:
             forget_gust(state.gust)
         if acc.counts[ROWS] == 0:
             acc.start[0] = row[rb.T]
         take_sample(belief, fil, work.filter, acc, state.check, row, max_gap)
-    if flush or acc.counts[ROWS] > 3 * (BLOCK - 1):
+    if flush or is_full(acc):
         close_block(fixed, state, work, learner, learning, period)
     state.counts[rb.WAITING] = spare
 
@@ -323,7 +325,7 @@ def follow(fixed, state, work, learner, learning, sigma, gauge, code):
     counts = state.counts
     complete, reset = code == rb.WINDOW_COMPLETE, code == rb.CLOCK_RESET
     counts[rb.WAITING] += 1
-    if counts[rb.WAITING] < BLOCK and not complete and not reset:
+    if counts[rb.WAITING] < min(state.acc.rows.shape[1] // N_CHANNELS, TOGETHER) and not complete and not reset:
         return True
     if not is_block_whole(state, learner, gauge):
         return False

@@ -66,15 +66,18 @@ UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without ou
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
-MAX_OUTLIERS = 5                # in a row of one channel; then the filter is wrong, not the sensor, and starts afresh
+MAX_OUTLIERS = 5                # in a row of one channel, for LOST: then the filter is wrong, and starts afresh
+LOST = 0.05                     # s: so long may a sensor's spike last at any rate
 SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 
 @inner
-def is_lost(fil):
-    """Whether so many measurements in a row were left out that the filter is wrong, not the sensor."""
-    return max(fil.outliers[0], fil.outliers[1], fil.outliers[2]) >= MAX_OUTLIERS
+def is_lost(belief, fil):
+    """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
+    sensor."""
+    row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[PERIOD] >= LOST
 
 
 @once
@@ -117,7 +120,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
         fil.s[i, i] = 1.0
     if np.isfinite(gamma):
         fil.path[GAMMA_NOW] = gamma
-    elif is_lost(fil) and (belief.constant[AIRY] == 0.0 or abs(fil.path[GAMMA_NOW]) > SMALL_ANGLE):
+    elif is_lost(belief, fil) and (belief.constant[AIRY] == 0.0 or abs(fil.path[GAMMA_NOW]) > SMALL_ANGLE):
         fil.path[GAMMA_NOW] = 0.0  # the last one measured may be what misled it
     fil.command[:] = np.nan
     fil.outliers[:] = 0
@@ -229,9 +232,9 @@ def is_outlier(fil, channel, partner, z, r):
 
 
 @inner
-def begins_anew(fil, t, max_gap):
+def begins_anew(belief, fil, t, max_gap):
     """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
-    return is_lost(fil) or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
+    return is_lost(belief, fil) or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
 
 
 @inner

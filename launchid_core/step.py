@@ -21,8 +21,8 @@ from .structure import view_learner, view_learning
 from .uncertainty import view_gauge, view_sigma
 
 # sizes (i8): the first integers of a block
-TERMS, WINDOW_ROWS, KEPT_ROWS, NODES, RANGE_NODES, STATES, LEVELS, AIR_NODES = range(8)
-N_SIZES = 8
+TERMS, WINDOW_ROWS, KEPT_ROWS, NODES, RANGE_NODES, STATES, LEVELS, AIR_NODES, BLOCK_SAMPLES = range(9)
+N_SIZES = 9
 
 
 @shared
@@ -48,7 +48,7 @@ def cut_filtered(f, i):
     """Parts of the filtered formulation that it always has: (Fixed, State, Work, Report, floats, integers)."""
     q, n, levels = i[TERMS], i[STATES], i[LEVELS]
     fixed, at, m = view_fixed(f, 0, i, N_SIZES, q, i[NODES], n - N_STATES, levels, i[AIR_NODES])
-    state, at, m = view_state(f, at, i, m, q, i[WINDOW_ROWS], n, levels)
+    state, at, m = view_state(f, at, i, m, q, i[WINDOW_ROWS], n, levels, i[BLOCK_SAMPLES])
     work, at, m = view_work(f, at, i, m, q, n, levels)
     rep, at, m = view_report(f, at, i, m)
     return fixed, state, work, rep, at, m

@@ -76,12 +76,13 @@ def view_fixed(f, at, i, m, q, nodes, r, levels, air_nodes):
 
 
 @shared
-def view_state(f, at, i, m, q, rows, n, levels):
-    """Cut it from floats f at `at`, integers i at `m`: q terms, n states; returns (it, next at, next m)."""
+def view_state(f, at, i, m, q, rows, n, levels, samples):
+    """Cut it from floats f at `at`, integers i at `m`: q terms, n states, `samples` a block; returns (it, next at,
+    next m)."""
     clock, counts, ring, seals, guard, at, m = rb.view_ring(f, at, i, m, rows)
     outcome, at, m = view_outcome(f, at, i, m, q)
     fil, at, m = view_filter(f, at, i, m, q, n, levels)
-    acc, at, m = view_accumulator(f, at, i, m, q, n, levels)
+    acc, at, m = view_accumulator(f, at, i, m, q, n, levels, samples)
     bank, at, m = view_bank(f, at, i, m)
     watch, at, m = view_watch(f, at, i, m, n)
     gust, at = view_gust(f, at, n)

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .belief import A6, K1
 from .changes import ONSETS
 from .elementary import erfc_of, exp_of, log_of
 from .kernels import inner, once, shared
@@ -38,7 +39,7 @@ from .memory import take, take2
 from .model import N_NOISES
 from .records import store
 from .states import ACCELERATION_NOISE, N_CHANNELS
-from .tracker import COV, VAR_A6, VAR_K1
+from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
 CHECK_MEMORY = 10.0     # s
@@ -127,14 +128,19 @@ def quietest_share(level):
 
 
 @once
-def queue_block(check, level, total):
+def queue_block(check, level, p_bar, total):
     """The block's sums, normalised, begin to wait.
 
-    level (L,), total (N_BELIEF,)  in  log noise levels, and the belief about which they were made
+    They are taken about the tracked belief: about the deviations that the filter is linearised about, the quick
+    member's, which follow the noise, they would not be white.
+
+    level (L,), p_bar (2,), total (N_BELIEF,)  in  log noise levels, deviations that the innovations are about, the
+    belief before the block
     """
     slot = (check.flag[OLDEST] + check.flag[WAITING]) % ONSETS
     for c in range(N_CHANNELS):
         e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
+        e += a * (p_bar[A6] - total[MEAN_A6]) + k * (p_bar[K1] - total[MEAN_K1])
         variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
         u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
         u *= quiet(max(level[c], level[ACCELERATION_NOISE]))

@@ -72,10 +72,18 @@ def test_what_is_not_known_of_a_command_is_what_it_does_over_as_many_rows():
     for long in (1, 5, 20):
         lost = np.zeros(len(command), bool)
         lost[1000:1000 + long] = True
-        assert off_by(command, lost) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
+        assert off_by(command, lost, 0.01) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
     ramp = 0.01 * np.arange(1000.0)
     lost = np.arange(1000) == 500
-    assert off_by(ramp, lost) == pytest.approx(0.0, abs=1e-9)
+    assert off_by(ramp, lost, 0.01) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "rows"), [(25, 12), (100, 50), (400, 200)])
+def test_over_more_than_half_a_second_a_command_is_taken_to_wander_no_further_at_any_rate(rate, rows):
+    command = np.random.default_rng(2).normal(size=200_000)
+    lost = np.zeros(len(command), bool)
+    lost[1000:1000 + rate] = True
+    assert off_by(command, lost, 1.0 / rate) == pytest.approx(math.sqrt(0.5 * rows + 1.0), rel=0.1)
 
 
 def test_a_command_that_is_logged_when_it_changes_is_held_and_believed():

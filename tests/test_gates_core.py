@@ -303,7 +303,7 @@ def test_an_alarm_after_the_last_events_size_is_final_is_another_event():
 
 
 def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more():
-    assert ch.SETTLE * fl.BLOCK * 0.01 == 2.0
+    assert ch.SETTLE * fl.BLOCK == 2.0
     watch = parts().state.watch
     opened(watch, ch.SETTLE + 1)
     settle_event(watch, BELIEF)  # none yet

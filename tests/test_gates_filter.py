@@ -23,9 +23,9 @@ from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
-begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample, update_levels = map(compiled, (
-    pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
-    fl.update_levels))
+begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample, update_levels, relax_levels = map(
+    compiled, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
+               fl.update_levels, fl.relax_levels))
 
 MAX_GAP = 0.015
 CHANNELS = ("theta", "theta_dot", "beta")
@@ -36,10 +36,17 @@ def config(nominal=None, **choices) -> Config:
     return Config(**{"window": 1.0, "formulation": "filtered", "model": model, **choices})
 
 
-def parts(**choices):
-    """Memory of the constant nominal's estimator, ready for the first sample."""
-    _, cut = allocate(config(**choices))
+def parts(nominal=None, **choices):
+    """Memory of a nominal's estimator (the constant one's), ready for the first sample."""
+    _, cut = allocate(config(nominal, **choices))
     return cut
+
+
+def parts_at(rate: float):
+    """The same, controller and sensors at a rate [Hz]."""
+    nominal = load_nominal("constant")
+    controller = dataclasses.replace(nominal.controller, period=1.0 / rate)
+    return parts(dataclasses.replace(nominal, controller=controller), sample_period=1.0 / rate)
 
 
 def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
@@ -110,17 +117,25 @@ def test_a_flight_with_so_many_spikes_counts_so_many_outliers(samples, channel, 
 
 
 def test_when_a_segment_begins():
-    fil = parts().state.filter
-    assert begins_anew(fil, 0.0, MAX_GAP) and begins_anew(fil, 0.01, MAX_GAP)  # the first sample of all, whatever its t
-    start_segment(parts().fixed.belief, fil, 1.0, 0.0, 0.0, 0.0, math.nan)
+    cut = parts()
+    belief, fil = cut.fixed.belief, cut.state.filter
+    for t in (0.0, 0.01):  # the first sample of all, whatever its t
+        assert begins_anew(belief, fil, t, MAX_GAP)
+    start_segment(belief, fil, 1.0, 0.0, 0.0, 0.0, math.nan)
     for dt, anew in ((0.01, False), (0.0149, False), (0.0151, True), (0.0, True), (-0.01, True), (math.nan, True)):
-        assert begins_anew(fil, 1.0 + dt, MAX_GAP) == anew
-    for channel in range(3):
-        fil.outliers[:] = 0
-        fil.outliers[channel] = pr.MAX_OUTLIERS - 1
-        assert not begins_anew(fil, 1.01, MAX_GAP)
-        fil.outliers[channel] = pr.MAX_OUTLIERS
-        assert begins_anew(fil, 1.01, MAX_GAP)
+        assert begins_anew(belief, fil, 1.0 + dt, MAX_GAP) == anew
+
+
+@pytest.mark.parametrize("channel", range(3))
+@pytest.mark.parametrize(("rate", "row"), [(25, 5), (50, 5), (100, 5), (200, 10), (400, 20), (1000, 50)])
+def test_so_many_outliers_in_a_row_are_0_05_s_at_every_rate_and_five_at_least(channel, rate, row):
+    cut = parts_at(rate)
+    belief, fil = cut.fixed.belief, cut.state.filter
+    start_segment(belief, fil, 1.0, 0.0, 0.0, 0.0, math.nan)
+    fil.outliers[channel] = row - 1
+    assert not begins_anew(belief, fil, 1.0 + 1.0 / rate, 1.0)
+    fil.outliers[channel] = row
+    assert begins_anew(belief, fil, 1.0 + 1.0 / rate, 1.0)
 
 
 def test_a_segment_begins_with_its_sample_and_nothing_of_before():
@@ -267,6 +282,29 @@ def test_a_noise_levels_step_is_cut_at_its_limit_and_counted():
     acc.score[:] = 1.0
     update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
     assert fil.note.tolist() == [0, 0, 3, 0, 0]  # small steps are not
+
+
+@pytest.mark.parametrize(("rate", "samples", "share"), [
+    (10, 1, 1.0), (25, 3, 1.2), (50, 5, 1.0), (100, 10, 1.0), (125, 13, 1.04), (400, 40, 1.0), (1000, 100, 1.0),
+    (5, 1, 2.0)])
+def test_a_block_and_what_a_noise_level_does_in_it_are_of_seconds(rate, samples, share):
+    """0.1 s in whole samples; most that a level moves, and what is forgotten, in proportion to what came of it."""
+    cut = parts_at(rate)
+    fil, acc = cut.state.filter, cut.state.acc
+    assert acc.rows.shape[1] == 3 * samples
+    acc.level_information[...] = 1e3 * np.eye(5)
+    acc.score[:] = 1e6
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.level == pytest.approx(np.full(5, 0.05 * share))
+    prior = fl.LEVEL_PRIOR
+    assert np.diag(acc.level_information) == pytest.approx(prior + 0.9995**share * (1e3 - prior), rel=1e-12)
+    relax_levels(cut.fixed.belief, fil, acc)
+    assert fil.level == pytest.approx(np.full(5, 0.05 * share * 0.97**share))
+
+
+def test_a_block_is_no_longer_than_its_window():
+    assert parts(window=0.05).state.acc.rows.shape[1] == 3 * 5
+    assert parts(window=5e-5, sample_period=1e-6).state.acc.rows.shape[1] == 3 * 50
 
 
 def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():

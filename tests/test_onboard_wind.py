@@ -333,16 +333,16 @@ def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_
     random = np.random.default_rng(8).standard_normal((7, 7))
     before = random @ random.T
     acc.level_information[...] = before
-    move_wind_level(fil, acc, 5, -0.3)
+    move_wind_level(fil, acc, 5, -0.3, fl.WIND_STEP)
     ratio = acc.level_information / before
     assert fil.level.tolist() == [0.0] * 5 + [-0.3, 0.0] and fil.note[sx.LEVEL_CLAMPS] == 0
     assert ratio[5, 5] == pytest.approx(math.exp(-0.3)) and ratio[5, 2] == pytest.approx(math.exp(-0.15))
     assert (acc.level_information == acc.level_information.T).all()
     assert (np.delete(np.delete(ratio, 5, 0), 5, 1) == 1.0).all()
-    move_wind_level(fil, acc, 5, 7.0)
+    move_wind_level(fil, acc, 5, 7.0, fl.WIND_STEP)
     assert fil.level[5] == pytest.approx(-0.3 + fl.WIND_STEP) and fil.note[sx.LEVEL_CLAMPS] == 1
     for _ in range(20):
-        move_wind_level(fil, acc, 5, -0.35)
+        move_wind_level(fil, acc, 5, -0.35, fl.WIND_STEP)
     assert fil.level[5] == fl.LEAST_WIND == math.log(0.02)
 
 
@@ -528,7 +528,7 @@ def blocks_fed(check, total, level, blocks, statistic):
         for c in range(3):
             check.mean[c, 0] = blocks[k, c] * math.sqrt(10.0)
             check.seen[c] = 10
-        wh.queue_block(check, level, total)
+        wh.queue_block(check, level, total[:2], total)
         before = check.flag[wh.RAISED]
         wh.watch_model(check, level, 0, 0.1 * k, 0.1)
         raised += int(check.flag[wh.RAISED] == 1 and before == 0)
@@ -577,11 +577,22 @@ def test_a_surprise_is_cut_and_what_a6_and_k1_may_be_is_in_the_variance():
     for e, a, k in ((0.5, 1.0, 2.0), (0.7, -2.0, 0.5)):
         note_innovation(check, 1, e, a, k)
     note_innovation(check, 2, 1e6, 0.0, 0.0)
-    queue_block(check, np.zeros(5), total)
+    queue_block(check, np.zeros(5), np.zeros(2), total)
     h = np.array([-1.0, 2.5])
     variance = 2.0 + h @ np.array([[0.3, 0.1], [0.1, 0.2]]) @ h
     assert check.pending[0] == pytest.approx([0.0, 1.2 / math.sqrt(variance), wh.LARGEST])
     assert not check.mean.any() and not check.seen.any() and check.flag[wh.WAITING] == 1
+
+
+def test_a_block_s_innovations_are_those_about_the_tracked_belief():
+    """What the filter was linearised about is another's, and moves its innovations by h (p_bar - p)."""
+    _, cut = allocate(config(CALM))
+    check, total = cut.state.check, np.array([0.02, -0.03, 0.0, 0.0, 0.0])
+    p_bar, p = np.array([0.1, -0.2]), total[:2]
+    e = 0.3 + np.array([2.0, -1.0]) @ (p - p_bar)  # of a block that is off by 0.3 about the belief
+    note_innovation(check, 1, e, 2.0, -1.0)
+    queue_block(check, np.zeros(5), p_bar, total)
+    assert check.pending[0, 1] == pytest.approx(0.3)
 
 
 def test_dropped_blocks_do_not_count():
@@ -594,7 +605,7 @@ def test_dropped_blocks_do_not_count():
     for block in loud:  # they wait beside the others, none is taken
         check.mean[:, 0], check.seen[:] = block * math.sqrt(10.0), 10
         check.flag[wh.WAITING] -= int(check.flag[wh.WAITING] == ch.ONSETS)
-        queue_block(check, np.zeros(5), np.zeros(tr.N_BELIEF))
+        queue_block(check, np.zeros(5), np.zeros(2), np.zeros(tr.N_BELIEF))
         drop_blocks(check, 1, 0.0)
     assert check.flag[wh.WAITING] == waiting and (check.sums == taken).all()
     checked(blocks[60:], check)
@@ -665,7 +676,7 @@ def test_what_hides_in_the_declared_noise_contradicts_nothing():
     judge_window(check, np.full(5, -2.0), 2.0 * wh.STEADY_WINDOW, 0.0)
     assert not check.flag.any()
     note_innovation(check, 0, 3.0, 0.0, 0.0)
-    queue_block(check, np.full(5, -2.0), np.zeros(tr.N_BELIEF))
+    queue_block(check, np.full(5, -2.0), np.zeros(2), np.zeros(tr.N_BELIEF))
     assert check.pending[0, 0] == pytest.approx(3.0 * math.exp(-2.0))
 
 

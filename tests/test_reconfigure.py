@@ -144,7 +144,7 @@ def test_invalid_estimate_is_not_believed_and_gives_the_legacy_gains(wrong, monk
     assert supervisor.rule.believe(30.0, wrong) is None
     supervisor.belief = rc.Belief(1.3, 0.7)
     monkeypatch.setattr(rc.Rule, "believe", lambda *_: None)
-    supervisor.take([Sample(0.01 * i, 0.0, 0.0, 0.0, math.nan, 0.0) for i in range(2 * rc.WINDOW_ROWS)])
+    supervisor.take([Sample(0.01 * i, 0.0, 0.0, 0.0, math.nan, 0.0) for i in range(round(2 * rc.WINDOW / 0.01))])
     assert supervisor.target(30.0) == supervisor.rule.legacy
 
 

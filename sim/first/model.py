@@ -8,7 +8,8 @@ import numpy as np
 from . import filter as fl
 from .channels import Channels
 
-LONG_GAP = 20.0        # sample periods: over a longer one nothing of the motion is kept
+LONG_GAP = 0.2         # s: over a longer gap nothing of the motion is kept,
+SLOW = 20.0            # sample periods, where that is longer: of a slower log the vehicle is slower, too
 FREE = {"q_a": fl.Q_A, "r_theta": fl.R_THETA, "r_theta_dot": fl.R_OMEGA, "r_beta": fl.R_BETA, "q_b": fl.Q_B,
         "walk": fl.WALK, "turbulence": fl.TURBULENCE, "turbulence_time": fl.TURBULENCE_TIME, "servo": fl.SERVO,
         "damping": fl.DAMPING}  # numbers that are sought, by their logarithms; `delay` is sought beside them
@@ -116,7 +117,7 @@ def command(c: Channels) -> np.ndarray:
 def run(model: Model, c: Channels, sensitive: bool = True) -> Pass:
     """The filter over a log; sensitive: with the derivatives for the coefficients."""
     shape, numbers = model.shape(), np.zeros(fl.N_NUMBERS)
-    numbers[fl.TURBULENCE_TIME], numbers[fl.SMOOTH], numbers[fl.GAP] = 1.0, model.smooth, LONG_GAP * c.period
+    numbers[fl.TURBULENCE_TIME], numbers[fl.SMOOTH], numbers[fl.GAP] = 1.0, model.smooth, max(LONG_GAP, SLOW * c.period)
     for name, place in FREE.items():
         numbers[place] = model.numbers.get(name, numbers[place])
     wide = np.zeros(shape.states)

@@ -38,7 +38,8 @@ from ..identify import onboard_model
 from ..nominal import Nominal
 from ..vehicle import step as st
 
-WINDOW_ROWS = 20      # samples in the estimator's window, 0.2 s at 100 Hz: how often the tracked estimate is read
+WINDOW = 0.2          # s of the estimator: how often the tracked estimate is read
+FEWEST = 5            # samples in it
 HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
 LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
 SUPERVISION = 0.1     # s, between looks at the estimator: its own block of samples
@@ -173,7 +174,7 @@ class Supervisor(Scheduler):
 
     def __init__(self, nominal: Nominal, sample_period: float) -> None:
         super().__init__(nominal)
-        self.estimator = Estimator(Config(window=WINDOW_ROWS * sample_period, sample_period=sample_period,
+        self.estimator = Estimator(Config(window=max(WINDOW, FEWEST * sample_period), sample_period=sample_period,
                                           formulation="filtered", model=onboard_model(nominal)))
 
     def take(self, samples: list[Sample]) -> None:

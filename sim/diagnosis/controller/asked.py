@@ -51,7 +51,7 @@ def asked(record: Record, attitude: np.ndarray) -> Record:
     asks, ticks = answer[::m] - rows, np.arange(len(answer))
     commands = np.clip(answer - np.interp(ticks, ticks[::m][free], asks[free]), -limit, limit)
     commands[::m] = rows
-    off = off_by(np.where(free, asks, np.nan), np.arange(record.rows) == 1)
+    off = off_by(np.where(free, asks, np.nan), np.arange(record.rows) == 1, record.every * record.step)
     return replace(made, commands=commands, between=off)
 
 

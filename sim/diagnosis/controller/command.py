@@ -21,7 +21,7 @@ from ..data.check import DataCheck
 from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
 from .ticks import between, falls_between, issued_at, lined, over_grid, ticks_of
 
-LONGEST_LOST = 50  # rows of a gap: in a longer one the command is taken to wander no further
+LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
@@ -71,7 +71,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
     rows = np.arange(draft.rows)
     if lost.any():
-        draft = replace(draft, lost=lost, unknown=off_by(command, lost))
+        draft = replace(draft, lost=lost, unknown=off_by(command, lost, draft.every * draft.step))
         command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
@@ -119,17 +119,18 @@ def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
     return made
 
 
-def off_by(command: np.ndarray, lost: np.ndarray) -> float:
+def off_by(command: np.ndarray, lost: np.ndarray, period: float) -> float:
     """[rad] RMS a lost row by which its command is off the line over its gap, such that independent errors of so much
     move the vehicle as far by the gap's end as the true ones: as they would in gaps as long where nothing was lost.
 
-    command (n,) [rad], NaN where there is none;  lost (n,) bool
+    command (n,) [rad], NaN where there is none;  lost (n,) bool;  period [s] of the rows
     """
     there = np.isfinite(command)
     total = np.concatenate([[0.0], np.cumsum(np.where(there, command, 0.0))])
     count = np.concatenate([[0], np.cumsum(there)])
     edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
-    lengths = np.minimum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1), min(LONGEST_LOST, len(command) // 4))
+    longest = min(max(1, round(LONGEST_LOST / period)), len(command) // 4)
+    lengths = np.minimum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1), longest)
     square = 0.0
     for length, gaps in zip(*np.unique(lengths, return_counts=True), strict=True):
         whole = count[length + 2:] - count[:-length - 2] == length + 2
@@ -143,7 +144,7 @@ def _with_lost(r: Record) -> Record:
     """Of a record whose commands are recomputed the rows without an attitude, which the controller saw."""
     lost = ~np.isfinite(r.z[:, THETA])
     issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
-    return replace(r, lost=lost, unknown=off_by(issued, lost)) if lost.any() else r
+    return replace(r, lost=lost, unknown=off_by(issued, lost, r.every * r.step)) if lost.any() else r
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:

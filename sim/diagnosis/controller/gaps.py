@@ -34,9 +34,14 @@ COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor 
 BY_CHANCE = 4.0        # if it is also more than so many of its standard deviations in white noise, 1/sqrt(gaps)
 LATEST = 3             # periods of computing time tried
 NEWTON_STEPS = 6
-SETTLING = 25          # rows that a controller run backwards takes to forget its start
+SETTLING = 0.25        # s that a controller run backwards takes to forget its start: five usual filters of 0.05 s
 NEAR_FILTERS = np.geomspace(0.2, 5.0, 41)  # of the derivative's time constant
 TEN_THOUSANDTH = 20    # golden sections between two of them, to so much of their distance
+
+
+def settling(period: float) -> int:
+    """SETTLING in a controller's periods [s]."""
+    return math.ceil(SETTLING / period - ROUNDING)
 
 
 class Seen(NamedTuple):
@@ -157,7 +162,7 @@ class Backwards:
         self.measured = shifted(measured, late)
         self.logged = (np.arange(len(self.error)) % 2 == 0) & (np.abs(record.commands) < self.limit)
         self.fair = np.abs(record.commands[::2]) < NEAR_LIMIT * self.limit
-        self.fair[:late + SETTLING] = False
+        self.fair[:late + settling(self.period)] = False
         if record.logged is not None:
             self.fair &= record.logged
         self.known = np.linalg.qr(shifted(_surprises(seen), late // 2)[self.fair])[0]

@@ -14,7 +14,7 @@ import numpy as np
 from ..data.record import Record
 from .asked import of_noise, unsure
 from .fill import OnBoard, on_board, run_backwards, shifted, test_of
-from .gaps import BY_CHANCE, CLEARLY, GAINS, LATEST, NEWTON_STEPS, SAME_PREDICTED, SETTLING, rms
+from .gaps import BY_CHANCE, CLEARLY, GAINS, LATEST, NEWTON_STEPS, SAME_PREDICTED, rms, settling
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, ControllerCheck
 from .numbers import FREE_NUMBER, RIDGE
 from .ticks import NORMAL, issued_at, lined, noise_std, over_grid, ticks_of
@@ -74,7 +74,7 @@ class _Heard:
 
     def off(self) -> np.ndarray:
         """[rad] by which the errors that it heard differ from the predicted ones."""
-        return (self.run()[0] - self.error)[self.tells][SETTLING:]
+        return (self.run()[0] - self.error)[self.tells][settling(self.own.period):]
 
     def noise(self) -> np.ndarray:
         """[rad] The same, cut where it is none."""
@@ -138,7 +138,7 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
     heard = _Heard(own, shifted(error, own.late), free, test, MOST * max(noise_std(record), ROUNDING))
     steps = _jumps(asked, record)
     check, is_told = None, told.any()
-    if np.count_nonzero(heard.tells) >= FEWEST + SETTLING:
+    if np.count_nonzero(heard.tells) >= FEWEST + settling(own.period):
         if is_told:
             tries = [_placed(heard.late(late), asked, np.flatnonzero(steps), seen + own.late + late)
                      for late in range(LATEST + 1)]

@@ -1,0 +1,89 @@
+"""Does the check of the model keep its promise at every rate?  Clean flights, at 25 to 400 Hz.
+
+    python benchmarks/rates.py [--flights 100] [--seed 7000] [--window 5] [--nominal NAME] [--rate HZ]
+
+Each nominal flies undispersed, controller and sensors at the rate, under its own noises, and is told the truth.
+Counted: windows that are MODEL, flights with one, and what said so first in each of them.  Demanded: 1 % of windows.
+"""
+
+import argparse
+import collections
+import sys
+
+from flights import NOMINALS, at_rate, run_jobs
+
+from launchid_core import Config, Estimator, Status
+from launchid_core import undeclared as un
+from launchid_core import whiteness as wh
+from launchid_core.model import N_NOISES
+from sim.flight import fly_whole
+from sim.identify import onboard_model
+from sim.nominal import load_nominal
+
+RATES = (25.0, 50.0, 100.0, 200.0, 400.0)  # Hz
+DEMAND = 0.01
+
+
+def cause(estimator: Estimator) -> str:
+    """What contradicts the model now; empty: nothing."""
+    state = estimator._parts.state
+    check = state.check
+    if check.flag[wh.RAISED] == 0:
+        return ""
+    if check.number[wh.STATISTIC] > wh.CONTRADICTED:
+        return "blocks"
+    if check.flag[wh.IS_RESTLESS] == 1:
+        return "changes"
+    if state.undeclared.flag[un.FOUND] == 1:
+        return "undeclared"
+    if check.flag[wh.RAISED_BY_WINDOW] != wh.PASSED:
+        return "window"
+    return "level" if max(state.filter.level[:N_NOISES]) > wh.HIGHEST_LEVEL else "other"
+
+
+def job(name: str, rate: float, seed: int, window: float) -> tuple[int, int, str]:
+    """One flight: (windows, MODEL, what said so first)."""
+    nominal = at_rate(load_nominal(name), rate)
+    flight = fly_whole(nominal, seed)
+    estimator = Estimator(Config(window=window, sample_period=flight.period, formulation="filtered",
+                                 model=onboard_model(nominal)))
+    windows, model, first = 0, 0, ""
+    for sample in flight.samples():
+        if estimator.update(sample) == Status.WINDOW_COMPLETE:
+            windows += 1
+            estimate = estimator.estimate()
+            assert estimate is not None
+            model += estimate.status.name == "MODEL"
+        if not first:
+            first = cause(estimator)
+    return windows, model, first
+
+
+def main() -> int:
+    """Run and print; exit status 1 if a demand is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=7000, help="first seed")
+    parser.add_argument("--window", type=float, default=5.0, help="s")
+    parser.add_argument("--nominal", choices=NOMINALS, action="append")
+    parser.add_argument("--rate", type=float, action="append", help="Hz")
+    args = parser.parse_args()
+    missed = False
+    print(f"flights {args.flights}, seeds from {args.seed}, windows of {args.window:g} s, clean")
+    print(f"{'nominal':16} {'Hz':>5} {'windows':>8} {'MODEL':>6} {'share':>7} {'flights':>8}  first said by")
+    for name in args.nominal or NOMINALS:
+        for rate in args.rate or RATES:
+            seeds = range(args.seed, args.seed + args.flights)
+            made = run_jobs(job, [(name, rate, seed, args.window) for seed in seeds])
+            windows, model = sum(each[0] for each in made), sum(each[1] for each in made)
+            said = collections.Counter(each[2] for each in made if each[2])
+            bad = model > DEMAND * windows
+            missed |= bad
+            print(f"{name:16} {rate:5g} {windows:8} {model:6} {model / windows:7.4f} "
+                  f"{sum(each[1] > 0 for each in made):8}  {', '.join(f'{word} {n}' for word, n in said.items())}"
+                  f"{'  MISSED' if bad else ''}", flush=True)
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
