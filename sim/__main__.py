@@ -8,6 +8,8 @@ from types import FrameType
 
 from .errors import INTERRUPTED, INTERRUPTED_STATUS
 
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
 
 def _leave(number: int, frame: FrameType | None) -> None:
     """While modules are imported: an exception there may be caught, or printed, by whoever imports."""
@@ -20,6 +22,7 @@ def command() -> int:
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else it is ignored, as under nohup
     if ours:
         signal.signal(signal.SIGINT, _leave)
+    os.environ.update(dict.fromkeys(THREADS, "1"))  # before numpy reads them: sums that are split differ in a digit
     if sys.argv[1:2] == ["export-c"]:  # some hundred samples: in plain Python, with the same bits, sooner than compiled
         os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
     from .announcement import announce

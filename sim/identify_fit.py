@@ -13,8 +13,9 @@ import numpy as np
 
 from launchid_core import Config, Estimate, EstimateStatus
 
-from .lacking import DRIFT, Lack, Question, active_terms, is_moved, lacks, question
+from .lacking import Lack, Question, active_terms, is_moved, lacks, question
 from .log import Log
+from .sums import combined, inner, least_squares, square
 from .weak_form import Rows, usable, window_increments
 
 SURE = 3.0           # standard deviations by which beta must lead or lag
@@ -38,10 +39,10 @@ def ljung_box(e: np.ndarray) -> float | None:
     """p-value of whiteness (Ljung & Box, Biometrika 65, 1978); None for too few."""
     n = len(e)
     e = e - e.mean() if n else e
-    square = float(e @ e)
-    if n < LEAST_WHITE or square == 0.0:
+    whole = square(e)
+    if n < LEAST_WHITE or whole == 0.0:
         return None
-    q = n * (n + 2) * sum((float(e[k:] @ e[:-k]) / square) ** 2 / (n - k) for k in range(1, LAGS + 1))
+    q = n * (n + 2) * sum((inner(e[k:], e[:-k]) / whole) ** 2 / (n - k) for k in range(1, LAGS + 1))
     return math.exp(-0.5 * q) * sum((0.5 * q) ** k / math.factorial(k) for k in range(LAGS // 2))
 
 
@@ -53,10 +54,10 @@ def held_out(rows: Rows, estimate: Estimate) -> Fit:
     fitted, judged = end <= split, begin >= split
     if np.count_nonzero(judged) < (LEAST_HELD_OUT - 1) * rows.span or np.count_nonzero(fitted) <= len(terms):
         return Fit()
-    xi = np.linalg.lstsq(phi[fitted], y[fitted], rcond=None)[0] if terms else np.zeros(0)
-    e, s = y[judged] - phi[judged] @ xi, y[judged] - y[judged].mean()
+    xi = least_squares(phi[fitted], y[fitted])
+    e, s = y[judged] - combined(phi[judged], xi), y[judged] - y[judged].mean()
     e = e - e.mean()  # of the variance: a steady moment is no contradiction
-    return Fit(1.0 - float(e @ e) / float(s @ s), ljung_box(e[::rows.span])) if s @ s > 0.0 else Fit()
+    return Fit(1.0 - square(e) / square(s), ljung_box(e[::rows.span])) if square(s) > 0.0 else Fit()
 
 
 def refused(estimate: Estimate) -> Estimate:
@@ -112,7 +113,7 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, f
     asked = question(rows, asked_terms(config, estimates), delayed, max(e.t_end - e.t_start for e in estimates))
     if asked is None:
         return Judged(estimates, fits, [])
-    missing = [lack for lack in lacks(asked, delayed) if lack.what != DRIFT]
+    missing = lacks(asked, delayed)
     against = [missing if e.status in UNTOLD else [lack for lack in missing if e.valid and _is_moved(asked, e, lack)]
                for e in estimates]
     judged = [refused(e) if each else e for e, each in zip(estimates, against, strict=True)]

@@ -9,6 +9,7 @@ from launchid_core import Config
 
 from .lacking import PIECE, SHIFTS, STARTS
 from .log import Log
+from .sums import combined, inner, least_squares, square
 from .weak_form import Rows, increments, left, term_integrals, usable
 
 SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
@@ -59,13 +60,13 @@ def lead_of(rows: Rows, terms: tuple[str, ...]) -> dict[str, float] | None:
         phi, y = of(at, moved(value))
         if len(y) <= len(terms):
             continue
-        xi = np.linalg.lstsq(phi, y, rcond=None)[0]
+        xi = least_squares(phi, y)
         later, sooner = (of(at, moved(value + side * step))[0] for side in (1, -1))
-        steep = left(phi, (later - sooner) @ xi / (2.0 * step))
-        v = steep * (y - phi @ xi)
+        steep = left(phi, combined(later - sooner, xi) / (2.0 * step))
+        v = steep * (y - combined(phi, xi))
         lags = min(2 * rows.span // stride, len(v) - 1)
-        above += float(v @ v) + 2.0 * sum((1.0 - k / (lags + 1)) * float(v[k:] @ v[:-k]) for k in range(1, lags + 1))
-        below += float(steep @ steep)
+        above += square(v) + 2.0 * sum((1.0 - k / (lags + 1)) * inner(v[k:], v[:-k]) for k in range(1, lags + 1))
+        below += square(steep)
     if not (below > 0.0 and above >= 0.0):
         return None
     return {"value": value, "std": math.sqrt(above) / below}

@@ -16,6 +16,7 @@ import numpy as np
 
 from launchid_core import Estimate
 
+from .sums import combined, least_squares, products, square
 from .weak_form import Rows, averaged, increments, running_integral, slope, slope_rows, term_integrals
 
 PIECE = 5.0          # s over which one set of coefficients, with their slopes in time, holds
@@ -29,6 +30,7 @@ MOST = 0.5           # of the error of rows left out
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 DRIFT = "drift"      # of a6 and k1, beyond a line in time
+OF_A6, OF_K1 = range(2)
 LACKING = ("1", "theta_dot", "sign(theta_dot)", "sin(theta)", "beta_ddot", "beta^2")
 Name = str | tuple[str, int]
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
@@ -43,7 +45,7 @@ def active_terms(estimate: Estimate) -> tuple[str, ...]:
 class Lack:
     """Something that the answer lacks and that predicts rows left out better.
 
-    what     a term; `delay`, `placebo` or `nothing`; DRIFT, which the standard deviations hold already
+    what     a term; `delay`, `placebo` or `nothing`
     before, after   share of the variance of the increments left out that is predicted without and with it
     size     coefficient of the term [its units], delay [s]; None for the others
     """
@@ -81,7 +83,8 @@ class Piece:
             gram = np.sum(self.gram, axis=0) - self.gram[f]
             xi = np.linalg.lstsq(gram[np.ix_(columns, columns)], gram[columns, -1], rcond=RANK)[0]
             at = fold == f
-            errors[at] = self.rows[at, -1] - self.rows[np.ix_(at, columns)] @ (xi * self.size[-1] / self.size[columns])
+            scaled = xi * self.size[-1] / self.size[columns]
+            errors[at] = self.rows[at, -1] - combined(self.rows[np.ix_(at, columns)], scaled)
         return errors
 
     def beside(self, columns: list[int], place: int) -> tuple[float, float]:
@@ -96,7 +99,7 @@ def piece_of(rows: np.ndarray, block: np.ndarray) -> Piece:
     """A piece of its increments and their blocks."""
     size = np.sqrt(np.sum(rows**2, axis=0))
     scaled = rows / np.where(size > 0.0, size, 1.0)
-    gram = np.array([scaled[block % FOLDS == f].T @ scaled[block % FOLDS == f] for f in range(FOLDS)])
+    gram = np.array([products(part, part) for part in (scaled[block % FOLDS == f] for f in range(FOLDS))])
     return Piece(rows, block, gram, np.where(size > 0.0, size, 1.0))
 
 
@@ -105,7 +108,8 @@ class Question:
     """The candidates' columns over all pieces of a log.
 
     names   of the columns: terms of the answer, their slopes in time, terms that it lacks, terms in another beta as
-            (term, k), k = 0 for the delayed one, k > 0 for the placebos, and DRIFT: a6 and k1 bent in time
+            (term, k), k = 0 for the delayed one, k > 0 for the placebos, and a6 and k1 bent in time, (DRIFT, OF_A6 or
+            OF_K1)
     base    places of the answer's terms and slopes
     """
 
@@ -172,13 +176,14 @@ def candidates(rows: Rows, at: slice, terms: tuple[str, ...], betas: list[np.nda
     bent = "theta" in terms and bool(np.max(np.abs(rows.attack)) > LARGE)
     lacking = tuple(term for term in LACKING if term not in terms and (term != "sin(theta)" or bent))
     inputs = tuple(term for term in (*terms, *slopes) if "beta" in term)
-    drifting = [x for term, x in (("tau*theta", rows.attack[at]), ("tau*beta", rows.beta[at])) if term in slopes]
-    drift = [running_integral(t, x * hat) for x in drifting for hat in hats(t, bends)]
+    drifting = {k: x for k, (term, x) in enumerate((("tau*theta", rows.attack[at]), ("tau*beta", rows.beta[at])))
+                if term in slopes}
+    drift = [running_integral(t, x * hat) for x in drifting.values() for hat in hats(t, bends)]
     integrals = np.column_stack([term_integrals(rows, at, (*terms, *slopes), rows.beta),
                                  *(term_integrals(rows, at, inputs, beta) for beta in betas), *drift,
                                  rows.theta_dot[at]])
     names: tuple[Name, ...] = (*lacking, *terms, *slopes, *((term, k) for k in range(len(betas)) for term in inputs),
-             *(DRIFT,) * len(drift))
+             *((DRIFT, k) for k in drifting for _ in range(bends - 1)))
     own = averaged(t, integrals, slope_rows(rows.t))
     return names, np.column_stack([lacking_columns(rows, at, lacking, betas[0]), own])
 
@@ -213,38 +218,41 @@ def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: n
     The squares differ by d'd + 2 d'e with d the difference of the predictions and e the errors after, of which chance
     is the second part: its sum over blocks has the squares' sum as its variance.
     """
-    gain = _squares(before) - _squares(after)
+    gain = square(before) - square(after)
     chance = np.bincount(block, 2.0 * after * (before - after))
-    return gain > max(BETTER * math.sqrt(float(chance @ chance)), FINEST * _squares(whole))
+    return gain > max(BETTER * math.sqrt(square(chance)), FINEST * square(whole))
 
 
 def lacks(q: Question, delayed: float | None) -> list[Lack]:
-    """What predicts the blocks left out better than the answer, and than the answer with what stands before it here."""
+    """What predicts the blocks left out better than the answer, and than the answer with what stands before it here.
+
+    That a6 and k1 bend in time is no lack, for the standard deviations hold it; where they do, it is put in first.
+    """
     whole = np.concatenate([piece.rows[:, -1] for piece in q.pieces])
     columns, told = q.base, []
     own = q.left_out(columns)
+    bent = [*columns, *(j for j, name in enumerate(q.names) if name in ((DRIFT, OF_A6), (DRIFT, OF_K1)))]
+    if is_better(own, drifted := q.left_out(bent), q.block, whole):
+        columns, own = bent, drifted
     while True:
         asked = {term: [*columns, q.names.index(term)] for term in LACKING
-                  if term in q.names and q.names.index(term) not in columns}
+                 if term in q.names and q.names.index(term) not in columns}
         if delayed is not None and q.instead(0, columns) != columns:
             asked["delay"] = q.instead(0, columns)
-        bent = [j for j, name in enumerate(q.names) if name == DRIFT and j not in columns]
-        if bent:
-            asked[DRIFT] = [*columns, *bent]
         errors = {what: q.left_out(each) for what, each in asked.items()}
         better = [what for what in errors if is_better(own, errors[what], q.block, whole)]
         if not better:
             break
-        what = min(better, key=lambda each: _squares(errors[each]))
-        size = delayed if what == "delay" else 0.0 if what == DRIFT else pooled(q, columns, q.names.index(what))
+        what = min(better, key=lambda each: square(errors[each]))
+        size = delayed if what == "delay" else pooled(q, columns, q.names.index(what))
         told.append(Lack(what, _predicted(own, whole), _predicted(errors[what], whole), size))
         columns, own = asked[what], errors[what]
     if not is_better(whole, own, q.block, whole):
         told.append(Lack("nothing", _predicted(own, whole), 0.0))
-    straight = [j for j in columns if q.names[j] != DRIFT]  # a bent beta would be the true one
+    straight = [j for j in columns if q.names[j] != (DRIFT, OF_K1)]  # which holds the true beta
     own = q.left_out(straight)
     others = [q.instead(k, straight) for k in range(1, len(q.betas))]
-    vain = min((q.left_out(each) for each in others if each != straight), key=_squares, default=None)
+    vain = min((q.left_out(each) for each in others if each != straight), key=square, default=None)
     if vain is not None and not is_better(vain, own, q.block, whole):
         told.append(Lack("placebo", _predicted(own, whole), _predicted(vain, whole)))
     return told
@@ -252,11 +260,7 @@ def lacks(q: Question, delayed: float | None) -> list[Lack]:
 
 def _predicted(errors: np.ndarray, whole: np.ndarray) -> float:
     """Share of the squares that is predicted."""
-    return 1.0 - _squares(errors) / _squares(whole)
-
-
-def _squares(errors: np.ndarray) -> float:
-    return float(np.sum(errors**2))
+    return 1.0 - square(errors) / square(whole)
 
 
 def pooled(q: Question, beside: list[int], place: int) -> float:
@@ -274,7 +278,7 @@ def moved_by(q: Question, at: slice, terms: tuple[str, ...], lack: Lack) -> dict
 
     def solved(y: np.ndarray, beta: np.ndarray) -> np.ndarray:
         phi = averaged(rows.t[at], term_integrals(rows, at, terms, beta), around)
-        return np.asarray(np.linalg.lstsq(phi - phi.mean(axis=0), y - y.mean(), rcond=None)[0])
+        return least_squares(phi - phi.mean(axis=0), y - y.mean())
 
     if lack.what == "delay":
         y = averaged(rows.t[at], rows.theta_dot[at][:, None], around)[:, 0]

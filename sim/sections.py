@@ -220,12 +220,13 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a model may be off by, one sigma, without being called wrong, and how long it may be looked for."""
+    """What a model may be off by, one sigma, without being called wrong, and how far it is looked for."""
 
     tolerance: float = 0.02           # of a6 and k1, relative
     timing: float = 0.001             # s, of servo and transport times
     command: float = 1e-4             # rad, rms to which the command need be reproduced
-    time_limit: float = 60.0          # s
+    effort: float = 1.0               # of the work that a search may do, over the ordinary
+    time_limit: float = 600.0         # s, an emergency brake: what it stops has no answer
     begins: str = ANYWHERE            # or AT_REST: a log from t = 0 on begins at attitude 0, standing still
 
 

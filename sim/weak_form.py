@@ -10,6 +10,7 @@ import numpy as np
 from launchid_core import parse_term
 
 from .log import Log
+from .sums import combined, least_squares
 
 INCREMENT = 0.2      # s: within it a loop's period is seen, and sensor noise is small beside what moves
 SLOPE = 0.05         # s to either side of a rate that is the slope of a column: small beside an increment
@@ -168,4 +169,4 @@ def window_increments(rows: Rows, at: slice, terms: tuple[str, ...]) -> tuple[np
 
 def left(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
     """What least squares leaves of y."""
-    return y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0] if phi.shape[1] else y
+    return y - combined(phi, least_squares(phi, y)) if phi.shape[1] else y

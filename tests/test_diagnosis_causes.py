@@ -189,3 +189,7 @@ def test_known_effects_of_sensors_and_command_are_taken_off_in_the_order_they_ca
             assert [getattr(each, name) for each in made] == pytest.approx(list(true[name]))
         assert [each.beta_cmd for each in made] == pytest.approx(list(1.1 * true["beta_cmd"] + 0.02))
         assert all(np.array_equal(getattr(flight, name), seen[name]) for name in true)   # the flight's own stay
+
+
+def test_a_log_that_shows_nothing_has_limits_and_no_look_alikes(monkeypatch):
+    assert smallest(monkeypatch, "control_effectiveness", 0.0) is None

@@ -12,19 +12,14 @@ from hypothesis import strategies as st
 from test_diagnosis_used import as_record
 from test_diagnosis_world import NOMINAL, flown, on_grid, rows, without
 
-from sim.diagnosis import verdict
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
-from sim.diagnosis.data import clock
 from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
-from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.gain import Trained, _noise, on_another
-from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
     ACCELERATION,
     MOST,
-    Disturbance,
     Refilter,
     _start,
     bounds,
@@ -37,6 +32,7 @@ from sim.diagnosis.model.noise import (
 from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
+from sim.diagnosis.search import profile as profile_module
 from sim.diagnosis.search import weather
 from sim.diagnosis.search.fit import fit
 from sim.diagnosis.search.foresight import spans
@@ -221,55 +217,6 @@ def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():
     assert _start(log, declared(log), dynamics(log, Point()))[2, 2] >= np.var(log.commands)
 
 
-# ---- time
-
-
-@pytest.mark.parametrize(("ago", "is_cut"), [(1.0, True), (-3600.0, False)])
-def test_what_the_search_had_no_time_for_is_judged_with_some(record, monkeypatch, ago, is_cut):
-    """A cut search is said to be one; the judge has a fifth of the limit more."""
-    log = dataclasses.replace(record, until=clock.now() - ago)
-    nominal = as_simulated(log)
-    monkeypatch.setattr(verdict, "select", lambda *given: Selection(nominal, nominal, calm=nominal))
-    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-    made = verdict._searched(Diagnosis(None, record.nominal, None, record=log), None, None, lambda text: None)
-    assert made.is_cut_short == is_cut
-    more = (verdict.JUDGED - verdict.SEARCHED) * record.nominal.diagnosis.time_limit
-    models = (made.selection.nominal, made.selection.model, made.selection.calm)
-    assert {each.fit.record.until for each in models} == {made.record.until} == {log.until + more}
-    assert made.selection.model is made.selection.nominal
-
-
-def test_what_a_cut_search_found_gets_its_own_noise_levels(monkeypatch):
-    """Else a cause stands beside the noise of the nominal, which had taken the cause's part."""
-    wind = next(each for each in SOUGHT if each.label == "steady_wind")
-    log = on_grid(flown(NOMINAL, "steady_wind:angle=0.03"), NOMINAL)
-    nominal = as_simulated(log)
-    late = dataclasses.replace(log, until=clock.now() - 1.0)
-    begun = fit(Problem(log, nominal.fit.filter), (Cause(wind, (0.03,)),), nominal.fit.delta)
-    found = Selection(nominal, profile(late, (), nominal.fit.delta, nominal.fit.filter, fitted=begun), [9.0])
-    believed = declared(log)[ACCELERATION]
-    assert found.model.fit.filter.levels[ACCELERATION] > 3.0 * believed
-    monkeypatch.setattr(verdict, "select", lambda *given: found)
-    monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-    made = verdict._searched(Diagnosis(None, NOMINAL, None, record=late), None, None, lambda text: None)
-    assert made.is_cut_short and made.selection.model.log_likelihood > found.model.log_likelihood
-    assert made.selection.model.fit.filter.levels[ACCELERATION] < 1.5 * believed
-    assert made.selection.evidence == [9.0]
-
-
-def test_leaving_the_gyro_out_begins_only_while_the_search_has_time(record, monkeypatch):
-    """And ends when that time does, the judge's own share apart."""
-    made = Diagnosis(None, record.nominal, None, record=dataclasses.replace(record, until=clock.now() + 3600.0))
-    made.verdict, made.left_nominal = "unexplained", (Leftover(Disturbance("theta", 1.0, 1.0), 50.0),)
-    assert verdict._sensors_disagree(made)
-    began = []
-    monkeypatch.setattr(verdict, "_searched", lambda again, *given: began.append(again.record) or again)
-    verdict._without_gyro(made, None, None, lambda text: None)
-    assert began[0].until == made.record.until - verdict._judged_in(made) and "theta_dot" not in began[0].channels
-    made.record = dataclasses.replace(record, until=clock.now() + 0.9 * verdict._judged_in(made))
-    assert not verdict._sensors_disagree(made)
-
-
 # ---- how weather is found
 
 
@@ -313,7 +260,7 @@ def test_a_gyro_as_noisy_as_it_may_be_beside_a_cause_of_a_sensor_does_not_fit(re
 def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less_than_half_of_it(
         monkeypatch, second, early):
     nominal, one, two = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
-        record=SimpleNamespace(is_late=False, channels=("theta",)))) for k, gain in (
+        record=SimpleNamespace(channels=("theta",)))) for k, gain in (
             (0, 0.0), (1, 900.0), (2, 900.0 + 50.0 * second)))
     beside = SimpleNamespace(gain=100.0, model=one)
     found = SimpleNamespace(model=one, rankings=[[]])
@@ -325,7 +272,7 @@ def test_weather_beside_the_first_cause_comes_before_a_second_that_explains_less
     monkeypatch.setattr(weather, "grown", lambda of, *given: asked.append(setattr(of, "model", two)) or True)
     searched = []
     monkeypatch.setattr(weather, "select_from", lambda *given: searched.append(given[3]) or found)
-    made = weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None)
+    made = weather.select(SimpleNamespace(), 12.0, (), lambda text: None)
     assert made == "in weather" and len(asked) == 1
     assert searched == ([1] if early else [1, weather.MOST_CAUSES])
 
@@ -337,7 +284,7 @@ def test_weather_that_alone_leaves_the_declared_noise_comes_before_a_gain_that_d
         monkeypatch, single, noisy, channels, in_weather):
     """Feedback of what is not modelled looks like another gain, beside which nothing is left for the weather."""
     nominal, one, windy = (SimpleNamespace(causes=(1,) * k, log_likelihood=gain, fit=SimpleNamespace(
-        record=SimpleNamespace(is_late=False, channels=channels))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
+        record=SimpleNamespace(channels=channels))) for k, gain in ((0, 0.0), (1, single), (0, 100.0)))
     found = SimpleNamespace(model=one, rankings=[[]])
     for name, answer in (("as_simulated", nominal), ("swinging", ()), ("sensors_disagree", False),
                          ("_first_look", None), ("_in_weather", "in weather"), ("select_from", found)):
@@ -345,7 +292,7 @@ def test_weather_that_alone_leaves_the_declared_noise_comes_before_a_gain_that_d
     monkeypatch.setattr(weather, "_noisy", lambda of: noisy if of is one else 1.0)
     monkeypatch.setattr(weather, "_weathered", lambda of: SimpleNamespace(gain=100.0, model=windy) if of is nominal
                         else None)
-    made = weather.select(SimpleNamespace(is_late=False), 12.0, (), lambda text: None)
+    made = weather.select(SimpleNamespace(), 12.0, (), lambda text: None)
     assert (made == "in weather") == in_weather
 
 
@@ -368,15 +315,16 @@ def test_weather_stays_beside_what_else_is_found_only_where_that_needs_it(turbul
         assert made.nominal is calm and made.weather is None
 
 
-def test_what_the_timing_had_taken_over_is_given_back_to_a_slow_servo():
+def test_what_the_timing_had_taken_over_is_given_back_to_a_slow_servo(monkeypatch):
     """The nominal had answered 17 ms late; a fit from there may stop in between, where each has a part."""
     slow = next(each for each in SOUGHT if each.label == "actuator_bandwidth")
     log = on_grid(flown(NOMINAL, "actuator_bandwidth:scale=0.6"), NOMINAL)
     nominal = as_simulated(log)
     assert nominal.fit.delta[TIMING] > 10.0 * NOMINAL.diagnosis.timing
     begun = fit(Problem(log, nominal.fit.filter), (Cause(slow, (0.98,)),), nominal.fit.delta, iterations=0)
-    stuck = profile(dataclasses.replace(log, until=0.0), (), nominal.fit.delta, nominal.fit.filter, fitted=begun)
-    stuck = dataclasses.replace(stuck, fit=dataclasses.replace(stuck.fit, record=log))
+    with monkeypatch.context() as undone:
+        undone.setattr(profile_module, "ROUNDS", 0)
+        stuck = profile(log, (), nominal.fit.delta, nominal.fit.filter, fitted=begun)
     assert stuck.fit.delta[TIMING] > TAKEN_OVER * NOMINAL.diagnosis.timing
     made = given_back(stuck)
     assert made.log_likelihood > stuck.log_likelihood

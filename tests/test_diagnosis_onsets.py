@@ -79,16 +79,6 @@ def test_a_log_too_short_for_an_onset_has_none():
     assert sharpest(part, fit(part, (), np.zeros(DEVIATIONS), iterations=0), False) == []
 
 
-def test_when_time_is_over_a_fit_takes_one_step_and_a_scan_keeps_what_it_has():
-    problem, base = posed(None, "moment_step:acceleration=0.2,time=7.23")
-    late = Problem(dataclasses.replace(problem.record, until=-np.inf), problem.filter)
-    start = (Cause(RECORDS["moment_step"], (0.05, 7.0)),)
-    whole, step = (fit(each, start, np.zeros(DEVIATIONS)) for each in (problem, late))
-    assert base.cost > step.cost > whole.cost + 1.0
-    asked = tuple(RECORDS[name] for name in ("aero_damping", "thrust_misalignment", "gyro_bias"))
-    assert len(scan(late, base, asked)) == 1 < len(scan(problem, base, asked))
-
-
 def test_a_loss_that_comes_gradually_is_tried_in_two_steps_about_its_middle():
     """One onset in the middle of two cannot say what they do: two halves about it come nearer, and are two causes."""
     problem, base = posed(effect="control_loss:fraction=0.3,time=6.5 control_loss:fraction=0.3,time=8",

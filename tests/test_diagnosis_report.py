@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -23,12 +24,12 @@ from sim.diagnosis.report import first_screen, whiteness
 from sim.diagnosis.report import page as report_module
 from sim.diagnosis.report.answer import report as json_of
 from sim.diagnosis.report.page import PICTURES, write_report
-from sim.diagnosis.report.words import amount, headline, lines
+from sim.diagnosis.report.words import amount, headline, lines, worth
 from sim.diagnosis.verdict import Diagnosis, diagnose
 from sim.effects import effect
 from sim.errors import InputError
 from sim.flight import fly_whole
-from sim.log import Log
+from sim.log import OPTIONAL, REQUIRED, Log
 from sim.nominal import built_in, load_nominal
 from sim.shown import with_std
 
@@ -50,8 +51,7 @@ EXPECTED = {
 def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
     """A short flight as a log; in_degrees: its theta_dot."""
     nominal = load_nominal(built_in("constant"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION),
-                      diagnosis=replace(nominal.diagnosis, time_limit=3600.0))  # s: as long as a busy machine takes
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
     flight = fly_whole(nominal, 1, effects=effects)
     columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
     arrays = {column: getattr(flight, column).copy() for column in columns}
@@ -202,6 +202,37 @@ def test_what_predicts_no_better_is_neither_drawn_nor_numbered(diagnoses):
     worse = replace(made, verdict="unexplained", causes=(), nearest=made.causes, gain=replace(made.gain, nats=-5.0))
     assert [each.label for each in figures.predicted(worse)] == ["nominal"]
     assert not any("->" in line for line in lines(worse)) and "no better" in "\n".join(lines(worse))
+
+
+@pytest.mark.parametrize(("left", "words"), [(0.0, "> 99 % of the error explained, < 1 % remain"),
+                                             (0.004, "> 99 % of the error explained, < 1 % remain"),
+                                             (0.096, "90 % of the error explained, 10 % remain"),
+                                             (1.0, "< 1 % of the error explained, > 99 % remain")])
+def test_shares_are_one_pair_of_numbers_and_never_all_where_something_remains(diagnoses, left, words):
+    made = diagnoses["dominant"]
+    made = replace(made, gain=replace(made.gain, squared={"theta": (101.0, 1.0 + 100.0 * left, 1.0, 1.0)}, horizons={}))
+    assert made.gain.share == pytest.approx(left)
+    shown = (headline(made), worth(made), "\n".join(lines(made)), first_screen.plain(made).replace("&lt;", "<").replace(
+        "&gt;", ">"))
+    assert all(words.lower() in each.lower() for each in shown)
+    assert not any(re.search(r"\b(0|100) %", each) for each in shown)
+
+
+def test_evidence_has_another_name_where_it_is_another_number(folders):
+    """Beside the causes of the steps before alone, and beside all that joined later."""
+    words = read(folders["explained"]).words
+    assert "evidence at that step [nats]" in words and "evidence beside all others in it [nats]" in words
+    assert "evidence [nats]" not in words
+
+
+def test_a_log_too_short_for_a_model_has_a_report(tmp_path):
+    log, nominal = measured()
+    few = replace(log, **{name: getattr(log, name)[:30] for name in (*REQUIRED, *OPTIONAL)})
+    made = diagnose(few, nominal)
+    write_report(made, json_of(made), str(tmp_path))
+    words = read(tmp_path).words
+    assert made.verdict == "consistent" and made.selection is None
+    assert "No hypothesis promised anything" not in words and "tells them all apart" not in words
 
 
 def test_a_set_that_spans_places_says_so_and_gives_the_sizes(diagnoses):

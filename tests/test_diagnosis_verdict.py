@@ -13,6 +13,7 @@ from sim.diagnosis import verdict
 from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
 from sim.diagnosis.data.fault import Fault
+from sim.diagnosis.data.work import Work
 from sim.diagnosis.data.world import SLOW_MOMENT
 from sim.diagnosis.judge.diagnosis import Diagnosis
 from sim.diagnosis.judge.leftover import Leftover
@@ -26,6 +27,7 @@ from sim.errors import InputError
 BEGAN, ENDED = 0.0, 45.0   # s
 ROWS = 4500
 LOG = SimpleNamespace(t=np.arange(10.0))
+PLAIN = SimpleNamespace(diagnosis=sections.Diagnosis())
 
 
 class Found:
@@ -76,14 +78,14 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "extended", lambda *given: "extended")
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
-    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, late=False, unsure=0.0,
+    def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, unsure=0.0,
               channels=("theta", "theta_dot", "beta"), period=1.0):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
         made = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), catalogue=catalogue, controller=controller,
-                         selection=found, is_cut_short=late)
+                         selection=found)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
-                                      tick=1, rows=ROWS, centre=0.5 * ENDED, is_late=late, fine=1, input="beta_cmd",
+                                      tick=1, rows=ROWS, centre=0.5 * ENDED, fine=1, input="beta_cmd",
                                       thinned=1, unsure=unsure, channels=channels,
                                       nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis(),
                                                               sensors=SimpleNamespace(period=period)))
@@ -253,12 +255,6 @@ def test_weather_of_a_level_that_is_not_told_from_none_is_none_that_has_a_name(j
         assert judged(Found(cause(), weather=sky)).made.verdict == verdict_of
 
 
-def test_weather_is_not_named_by_a_search_that_ended_before_all_causes_were_tried(judged):
-    made = judged(Found(cause(), weather=weather()), late=True).made
-    assert (made.verdict, [each.cause for each in made.causes]) == ("dominant", ["slosh"])
-    assert "turbulence" in made.remainder.words
-
-
 def test_small_weather_beside_causes_is_not_worth_a_word(judged):
     named = cause(evidence=5000.0)
     assert judged(Found(named, weather=weather(60.0, SLOW_MOMENT))).made.verdict == "explained"
@@ -305,8 +301,6 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
     assert judged(found).made.causes == (strong, idle)
     assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
-    late = Found(strong, idle, share=0.3, shares=(0.6, 0.6), fewer=Found(strong, share=0.3))
-    assert judged(late, late=True).made.causes == (strong,)   # no time to see what each of them does
 
 
 def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(judged):
@@ -316,7 +310,6 @@ def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(
     made = judged(Found(doubtful, others=(Found(worse), Found(other)))).made
     assert (made.verdict, made.causes) == ("explained", (other,))
     assert judged(Found(doubtful, others=(Found(worse),))).made.nearest == (doubtful,)
-    assert judged(Found(doubtful, others=(Found(other),)), late=True).made.verdict == "unexplained"
     assert judged(Found(other, others=(Found(worse),))).made.causes == (other,)
 
 
@@ -359,10 +352,9 @@ def test_what_makes_sense_together_only_stands_together_where_a_further_cause_is
     assert len(judged(found).measured) == 1 and judged(found).made.nearest == (linear, sine)
 
 
-@pytest.mark.parametrize("late", [False, True])
-def test_weather_alone_that_is_in_doubt_ends_nothing(judged, late):
+def test_weather_alone_that_is_in_doubt_ends_nothing(judged):
     """There is no strongest cause."""
-    made = judged(Found(weather=weather(), nats=-1.0), late=late).made
+    made = judged(Found(weather=weather(), nats=-1.0)).made
     assert (made.verdict, made.causes) == ("unexplained", ())
 
 
@@ -517,8 +509,7 @@ def checked(monkeypatch):
     def diagnosed(kinds, usable=1000, grid=True):
         faults = tuple(Fault(kind, "theta", 0.0, 1.0, 1, kind) for kind in kinds)
         data = SimpleNamespace(is_bad=len(faults) > 0, faults=faults, usable=np.arange(1000) < usable)
-        nominal = SimpleNamespace(diagnosis=SimpleNamespace(time_limit=60.0))
-        examined = []
+        nominal, examined = SimpleNamespace(), []
 
         def recorded(*given):
             if not grid:
@@ -556,23 +547,22 @@ def test_too_few_rows_left_are_bad_data(checked):
         checked((), grid=False)   # a log without faults that no grid holds is refused
 
 
-def test_noise_and_time_limit_are_the_record_s(checked):
+def test_how_far_noise_may_be_from_the_declared_is_the_record_s(checked):
     made, _ = checked(())
-    assert made.record.noise == "bounded" and math.isfinite(made.record.until)
+    assert made.record.noise == "bounded"
 
 
 def test_too_few_rows_are_not_searched(monkeypatch):
     for rows, searched in ((verdict.FEWEST_ROWS - 1, False), (verdict.FEWEST_ROWS, True)):
-        record = SimpleNamespace(rows=rows, is_late=False, unsure=0.0)
+        record = SimpleNamespace(rows=rows, work=Work(), unsure=0.0)
         found: list[int] = []
         monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
         monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
         monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
         monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-        monkeypatch.setattr(verdict, "_give_time", lambda made: None)
         monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
         monkeypatch.setattr(verdict, "noise_of", lambda model: {})
-        given = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), record=record)
+        given = Diagnosis(LOG, PLAIN, SimpleNamespace(usable=slice(None)), record=record)
         made = verdict._examined(given, None, 0, None, lambda text: None)
         assert (len(found) == 1) == searched
         assert searched or (made.verdict == "consistent" and {each.size for each in made.limits} == {None})
@@ -580,18 +570,17 @@ def test_too_few_rows_are_not_searched(monkeypatch):
 
 def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     taken = []
-    record = SimpleNamespace(rows=verdict.FEWEST_ROWS, is_late=False, unsure=0.0)
+    record = SimpleNamespace(rows=verdict.FEWEST_ROWS, work=Work(), unsure=0.0)
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
     monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
     monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
     monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
     monkeypatch.setattr(verdict, "_judge", lambda *given: None)
-    monkeypatch.setattr(verdict, "_give_time", lambda made: None)
     monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
     monkeypatch.setattr(verdict, "mistimed", lambda found: found.late)
     monkeypatch.setattr(verdict, "noise_of", lambda model: {})
     for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
-        given = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), record=record)
+        given = Diagnosis(LOG, PLAIN, SimpleNamespace(usable=slice(None)), record=record)
         made = verdict._examined(given, None, bootstrap, None, lambda text: None)
         assert made.threshold == threshold and taken[-2:] == [threshold] * 2
 

@@ -31,6 +31,7 @@ from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED
 from sim.nominal import Drift, Forecast, Offsets, Wind
+from sim.sums import square
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=30.0))
 FEW = tuple(each for each in SOUGHT if each.cause in (
@@ -410,7 +411,7 @@ def test_wind_takes_over_a_part_of_what_is_slow_and_nothing_of_a_sensor_s(effect
     problem = Problem(model.fit.record, model.fit.filter)
     project = Projector(problem, model.fit, causes=False)
     change = project.out(problem.residual(Point((from_text(effect),), model.fit.point.deviations)) - project.residual)
-    absorbing, whole = Absorbing(model), 0.5 * float(change @ change)
+    absorbing, whole = Absorbing(model), 0.5 * square(change)
     gain = absorbing.gain(change)
     assert least * whole < gain < most * whole
     assert gain == pytest.approx(absorbed_by_a_fit(model, change), rel=0.15)

@@ -294,7 +294,8 @@ def test_calm_nominal_writes_none_of_them(tmp_path):
     ("[wind]\ninitial = nan", "wind.initial = nan"), ("[wind]\nlevel = 1", "unknown key 'wind.level'"),
     ("[wind]\nprofile = 1", "wind.profile = 1"), ("[offsets]\nmoment = -1", "offsets.moment = -1"),
     ("[offsets]\ngyro = 1", "unknown key 'offsets.gyro'"), ("[offsets]\nmoment = '1'", "offsets.moment = '1'"),
-    ("[diagnosis]\ntiming = -1", "diagnosis.timing = -1"), ("[diagnosis]\ntime_limit = 0", "diagnosis.time_limit = 0")])
+    ("[diagnosis]\ntiming = -1", "diagnosis.timing = -1"), ("[diagnosis]\ntime_limit = 0", "diagnosis.time_limit = 0"),
+    ("[diagnosis]\neffort = 0", "diagnosis.effort = 0")])
 def test_wrong_key_is_named(tmp_path, text, expected):
     (tmp_path / "wrong.csv").write_text("t,gusts\n0,1\n")
     path = tmp_path / "n.toml"

@@ -159,9 +159,9 @@ class Diagnosed(Answer):
         return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
 
     def _figure(self) -> "Figure":
-        from ..diagnosis.report.figures import DRAWN
-        for name in ("faults.png", "misfit.png", "closed_loop.png", "innovations.png"):
-            if (name == "faults.png") == (self.made.verdict == "bad-data") and (figure := DRAWN[name](self.made)):
+        from ..diagnosis.report.figures import DRAWN, drawable
+        for name in drawable(self.made):
+            if figure := DRAWN[name](self.made):
                 return figure
         return super()._figure()
 

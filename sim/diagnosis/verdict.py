@@ -12,12 +12,12 @@ from ..nominal import Nominal
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
-from .data import clock
 from .data.check import check
 from .data.record import THETA_DOT, Record
 from .data.turns import unwrapped
 from .data.used import shortened, sparser, used
 from .data.vehicle import plant_faults
+from .data.work import Stopped
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
 from .judge.gain import Gain, held_out, on_another, removed
@@ -44,7 +44,7 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower
 from .model.noise import ACCELERATION, LEVELS
-from .search.changed import instead_of_each, relevelled, with_time
+from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import propose
@@ -59,8 +59,6 @@ FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
-SEARCHED = 0.7         # of the time limit that the search may take
-JUDGED = 0.9           # of it at whose end what is judged is fitted no more; the rest is for detection limits
 
 Measure = Callable[[Selection], Gain]
 
@@ -78,7 +76,6 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     noise         how far levels may be from the declared: "bounded", "declared" or "free"
     """
     say("data check")
-    until = clock.now() + SEARCHED * nominal.diagnosis.time_limit
     log, turns = unwrapped(log)
     data = check(log, nominal)
     told = replace(data, faults=(*turns, *data.faults)) if turns else data
@@ -93,7 +90,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
             raise
         made.where = "data"
         return made
-    made.record = replace(r, noise=noise, until=until)
+    made.record = replace(r, noise=noise)
     if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
         made.where = "data"
         return made
@@ -115,6 +112,18 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
     made.threshold = max(made.threshold, r.unsure * r.rows)
+    r.work.limit(made.nominal.diagnosis.effort, made.nominal.diagnosis.time_limit)
+    try:
+        return _explained(made, holdout, hypotheses, say)
+    except Stopped:
+        return made.stopped()
+    finally:
+        r.work.release()
+
+
+def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
+               say: Say) -> Diagnosis:
+    """With causes and verdict, and what could not have been seen; Stopped by the brake."""
     made = _searched(made, holdout, hypotheses, say)
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
@@ -133,33 +142,17 @@ def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis
     """With the search and the verdict on this record."""
     assert made.record is not None
     made.selection = select(made.record, made.threshold, hypotheses, say)
-    made.is_cut_short = made.record.is_late
-    _give_time(made)
-    if made.is_cut_short:
-        made.selection = relevelled(made.selection)
+    made.is_spent = made.record.work.is_spent
     say("goodness")
     _judge(made, _measure(made, holdout), say)
     return made
-
-
-def _give_time(made: Diagnosis) -> None:
-    """To the judge, until JUDGED of the limit."""
-    assert made.record is not None and made.selection is not None
-    until = made.record.until + _judged_in(made)
-    made.record, made.selection = replace(made.record, until=until), with_time(made.selection, until)
-
-
-def _judged_in(made: Diagnosis) -> float:
-    """[s] that the judge has after the search."""
-    return (JUDGED - SEARCHED) * made.nominal.diagnosis.time_limit
 
 
 def _sensors_disagree(made: Diagnosis) -> bool:
     """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
     of one of them."""
     r = made.record
-    if made.verdict != "unexplained" or r is None or clock.now() > r.until - _judged_in(made) or \
-            not {"theta", "theta_dot"} <= set(r.channels):
+    if made.verdict != "unexplained" or r is None or not {"theta", "theta_dot"} <= set(r.channels):
         return False
     best = max(made.left_nominal, key=lambda each: each.gain, default=None)
     return best is not None and best.disturbance.place in ("theta", "theta_dot")
@@ -174,8 +167,7 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
     z = made.record.z.copy()
     z[:, THETA_DOT] = np.nan
     again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
-                      catalogue=made.catalogue, used=made.used,
-                      record=replace(made.record, z=z, until=made.record.until - _judged_in(made)))
+                      catalogue=made.catalogue, used=made.used, record=replace(made.record, z=z))
     again = _searched(again, holdout, hypotheses, say)
     if again.verdict not in ("explained", "dominant") or again.gain is None or \
             not all(after < GROSS * before for before, after, _, _ in again.gain.squared.values()):
@@ -192,7 +184,7 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     once, when it is first asked for."""
     nominal = made.nominal
     if holdout is None:
-        return lambda each: held_out(each.model, _before(each), made.controller, _is_named(made, each))
+        return lambda each: held_out(each.model, _before(each), made.controller, _is_named(each))
 
     @functools.cache
     def second() -> Record:
@@ -202,12 +194,12 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
         r = shortened(record(log, nominal, data))
         return used(with_commands(r, NominalFollower())[0], log.t)[0]
 
-    return lambda each: on_another(second(), each.model, _before(each), made.controller, _is_named(made, each))
+    return lambda each: on_another(second(), each.model, _before(each), made.controller, _is_named(each))
 
 
-def _is_named(made: Diagnosis, selection: Selection) -> bool:
-    """Of undeclared weather there is none, or it is told, which needs a search that tried all causes in its place."""
-    return selection.weather is None or (selection.weather.is_wind and not made.is_cut_short)
+def _is_named(selection: Selection) -> bool:
+    """Of undeclared weather there is none, or it is told."""
+    return selection.weather is None or selection.weather.is_wind
 
 
 def _before(selection: Selection) -> Model:
@@ -224,7 +216,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found or foreign:
         nominal = made.selection.nominal
         made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found and made.catalogue and not (foreign or made.is_cut_short) and place(made) in FREE:
+    if found and made.catalogue and not foreign and place(made) in FREE:
         found = _with_terms(made, measure, found, say)
     if found and made.nearest:
         found = _with_fewer(made, measure, _with_rivals(made, measure, found, say), say)
@@ -234,10 +226,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found:
         _unexplained(made, found, measure)
         return
-    if made.gain is not None and made.remaining and made.record.is_late:
-        shares = tuple(map(float, only_strongest(made.selection)))  # there was no time to see what the others do
-        _without_idle(made, shares, measure, say)
-    elif made.gain is not None and not made.record.is_late:
+    if made.gain is not None:
         shares = removed(made.selection.model, made.gain)
         if (made.remaining or made.selection.weather is not None) and _without_idle(made, shares, measure, say):
             shares = removed(made.selection.model, made.gain)
@@ -262,7 +251,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
                               made.record.centre, tuple(cause for cause in causes if cause.is_weather), idle)
     say("gain for the estimator's user")
-    made.user = None if made.is_cut_short else user_gain(made.nominal, made.extension)
+    made.user = user_gain(made.nominal, made.extension)
 
 
 def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> list[str]:
@@ -281,7 +270,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
     weather = selection.weather
-    if weather is not None and _is_named(made, selection) and not strict and noisy is None:
+    if weather is not None and _is_named(selection) and not strict and noisy is None:
         made.nearest = (*made.nearest, named_weather(weather))
     elif weather is not None and not small(weather, made.nearest):
         strict.append(f"{weather_words(selection)} remains")
@@ -348,9 +337,9 @@ def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -
 
 def _with_rivals(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
     """A cause in doubt replaced by one that explains the log as well and is in none: a trim of another place, say."""
-    assert made.selection is not None and made.record is not None
+    assert made.selection is not None
     for other in instead_of_each(made.selection):
-        if not found or made.record.is_late:
+        if not found:
             break
         found = _instead(made, other, measure, found, say)
     return found

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..input_delay import lead_of
-from ..lacking import DRIFT, Lack, is_moved, lacks, question
+from ..lacking import Lack, is_moved, lacks, question
 from ..log import Log
 from ..weak_form import Rows
 from . import filter as fl
@@ -268,7 +268,7 @@ def lacking(made: First, found: Found, driver: str) -> list[str]:
               "beta": (float(made.k1.mean()), float(made.k1_std.mean())), **made.terms}
     constant, whole = len(model.node_a) == 1, slice(0, len(m.t))  # else the answer is of many numbers
     return [lack_words(lack, driver) for lack in lacks(asked, late)
-            if lack.what != DRIFT and not (lack.what == "delay" and lead is not None and holds(made, found, lead))
+            if not (lack.what == "delay" and lead is not None and holds(made, found, lead))
             and (lack.size is None or lack.is_most or (constant and is_moved(asked, whole, answer, lack)))]
 
 

@@ -9,6 +9,7 @@ from ..diagnosis.data.stamps import usable_rows
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS
 from ..log import Log
+from ..sums import combined, least_squares, products, square
 from ..weak_form import path_angle
 
 FEWEST = 100           # rows: below, noise levels and a held-out part are chance
@@ -115,10 +116,11 @@ def without_foreign_rate(c: Channels) -> Channels:
     if len(y) < 20:
         return c
     scale = np.sqrt(np.mean(phi**2, axis=0)) + 1e-300
-    xi, *_ = np.linalg.lstsq(phi / scale, y, rcond=None)
-    left = y - phi / scale @ xi
+    phi = phi / scale
+    xi = least_squares(phi, y)
+    left = y - combined(phi, xi)
     try:
-        covariance = np.linalg.inv((phi / scale).T @ (phi / scale)) * float(left @ left) / (len(y) - 3)
+        covariance = np.linalg.inv(products(phi, phi)) * square(left) / (len(y) - 3)
     except np.linalg.LinAlgError:
         return c
     xi, std = xi / scale, np.sqrt(np.diag(covariance)) / scale

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..sums import products
 from .channels import Channels
 from .model import Model, Pass, run
 
@@ -90,7 +91,7 @@ def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarra
     told[0][:, :q] = de[:, :q]
     score = -(e / s)[:, None] * de - (0.5 * (1.0 - e * e / s) / s)[:, None] * ds
     a, b = told[0] / np.sqrt(s)[:, None], told[1] / (math.sqrt(2.0) * s[:, None])
-    return score, a.T @ a + b.T @ b
+    return score, products(a, a) + products(b, b)
 
 
 def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -154,12 +155,12 @@ def sandwich(score: np.ndarray, information: np.ndarray, made: Pass, c: Channels
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
     block = (c.t[made.row[made.counted]] / BLOCK).astype(int)
     count = int(block.max()) + 1 if len(block) else 1
-    sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])])
-    sums -= sums.mean(axis=1, keepdims=True)
+    sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])], axis=1)
+    sums -= sums.mean(axis=0)
     lags = max(1, round(count ** (1.0 / 3.0)))
-    j = sums @ sums.T
+    j = products(sums, sums)
     for lag in range(1, min(lags, count - 1) + 1):
-        cross = sums[:, lag:] @ sums[:, :-lag].T
+        cross = products(sums[lag:], sums[:-lag])
         j += (1.0 - lag / (lags + 1)) * (cross + cross.T)
     robust = inverse @ j @ inverse
     ratio = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(inverse), 1e-300), 1.0))

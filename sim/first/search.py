@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..sums import combined, inner, square
 from . import filter as fl
 from . import weak
 from .channels import Channels
@@ -97,8 +98,8 @@ def source_of(c: Channels) -> int:
 def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
     """Share of y's variance that a line in x leaves."""
     y, x = y - y.mean(), x - x.mean()
-    below = float(x @ x) * float(y @ y)
-    return 1.0 - float(x @ y) ** 2 / below if below > 0.0 else 1.0
+    below = square(x) * square(y)
+    return 1.0 - inner(x, y) ** 2 / below if below > 0.0 else 1.0
 
 
 def servo_start(c: Channels) -> float:
@@ -113,8 +114,8 @@ def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], dela
     """The plain model with its first numbers: those of the weak form, and noises of the channels' own roughness."""
     _, y, phi = weak.columns(m, terms, m.at(delay))
     xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
-    left = y - phi @ weak.solve(phi, y)
-    numbers = {"q_a": max(float(left @ left) / len(left) / weak.INCREMENT, 1e-12), "delay": delay}
+    left = y - combined(phi, weak.solve(phi, y))
+    numbers = {"q_a": max(square(left) / len(left) / weak.INCREMENT, 1e-12), "delay": delay}
     free = ["q_a"]
     for name, channel in (("r_theta", c.theta), ("r_theta_dot", c.theta_dot)):
         if c.has(name[2:]):

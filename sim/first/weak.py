@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..sums import combined, least_squares, square
 from .channels import Channels
 from .model import command
 
@@ -87,7 +88,7 @@ def columns(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> tuple[np.ndarra
 def solve(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Least squares with columns of one size."""
     scale = np.sqrt(np.mean(phi**2, axis=0)) + 1e-300
-    return np.linalg.lstsq(phi / scale, y, rcond=1e-9)[0] / scale
+    return least_squares(phi / scale, y, 1e-9) / scale
 
 
 def left_square(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> float:
@@ -96,8 +97,8 @@ def left_square(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> float:
     count = max(1, round((t[-1] - t[0]) / PIECE))
     total = 0.0
     for part in np.array_split(np.arange(len(t)), count):
-        left = y[part] - phi[part] @ solve(phi[part], y[part])
-        total += float(left @ left)
+        left = y[part] - combined(phi[part], solve(phi[part], y[part]))
+        total += square(left)
     return total
 
 
@@ -114,6 +115,6 @@ def held_out(m: Motion, terms: tuple[str, ...], delay: float) -> float:
     first, last = t < split, t >= split
     if np.count_nonzero(first) <= phi.shape[1] or np.count_nonzero(last) < 5 * m.span:
         return 0.0
-    e, s = y[last] - phi[last] @ solve(phi[first], y[first]), y[last] - y[last].mean()
+    e, s = y[last] - combined(phi[last], solve(phi[first], y[first])), y[last] - y[last].mean()
     e = e - e.mean()  # a trim that is another one is no contradiction
-    return 1.0 - float(e @ e) / float(s @ s) if s @ s > 0.0 else 0.0
+    return 1.0 - square(e) / square(s) if square(s) > 0.0 else 0.0

@@ -14,7 +14,7 @@ LARGEST = 1e300  # a number beyond it is no physical quantity
 WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air"),
          "begins": (ANYWHERE, AT_REST)}  # keys that are no numbers
 POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
-            "time_limit"}
+            "time_limit", "effort"}
 SIGNED = {"kp", "kd", "ki"}
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...sections import Multisine
+from ...sums import combined, least_squares, products, square
 from ..data.record import THETA, Record
 from .command import controller_gains, later, recomputed, without_limit
 from .gaps import Seen, check_gaps
@@ -144,7 +145,7 @@ def _rms(x: np.ndarray, rows: np.ndarray, beside: np.ndarray) -> float:
     """Of x (n,) in these rows, the best multiples of `beside` (n, columns) taken off."""
     rest = x[rows]
     if beside.size:
-        rest = rest - beside[rows] @ np.linalg.lstsq(beside[rows], rest, rcond=None)[0]
+        rest = rest - combined(beside[rows], least_squares(beside[rows], rest))
     return float(np.sqrt(np.mean(rest**2)))
 
 
@@ -207,12 +208,12 @@ class _Told:
     def _gains_and_lag(self, parts: "_Parts", lag: float) -> ControllerCheck:
         wanted = (parts.logged - later(parts.test, lag))[self.fair]
         design = np.column_stack([later(parts.kp, lag), later(parts.kd, lag), parts.remembered])[self.fair]
-        values, *_ = np.linalg.lstsq(design, wanted, rcond=None)
+        values = least_squares(design, wanted)
         values[~design.any(axis=0)] = 1.0  # a part that the nominal does not have
-        after = float(np.sqrt(np.mean((wanted - design @ values)**2)))
-        spread = max(after, ROUNDING) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(design.T @ design)), 0.0))
-        slope = np.gradient(design @ values + later(parts.test, lag)[self.fair])
-        lag_std = max(after, ROUNDING) / max(float(np.sqrt(slope @ slope)), 1e-12)
+        after = float(np.sqrt(np.mean((wanted - combined(design, values))**2)))
+        spread = max(after, ROUNDING) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
+        slope = np.gradient(combined(design, values) + later(parts.test, lag)[self.fair])
+        lag_std = max(after, ROUNDING) / max(math.sqrt(square(slope)), 1e-12)
         tick = _period(self.record)
         return ControllerCheck("", 0.0, after, float(values[0]), float(values[1]), lag * tick,
                                (float(spread[0]), float(spread[1]), lag_std * tick))

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...sums import along, combined, least_squares, orthonormal, products
 from ..data.record import THETA, Record
 from .fill import errors_seen, on_board, run_backwards, shifted, test_issued
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
@@ -98,7 +99,7 @@ class Gaps:
         if record.logged is not None:
             self.fair &= record.logged[1:] & record.logged[:-1]
         self.surprise = shifted(_surprises(seen), late // m)[1:][self.fair]
-        self.known = np.linalg.qr(self.surprise)[0]
+        self.known = orthonormal(self.surprise)[0]
 
     def relation(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
         """(left-hand side (gaps,) [rad], right-hand side (gaps, 2) at the nominal's gains) with this filter [s]."""
@@ -116,11 +117,11 @@ class Gaps:
         fixed = [k for k in range(2) if k not in free]
         wanted = wanted - design[:, fixed].sum(axis=1)
         among = np.column_stack([design[:, list(free)], self.surprise])
-        values, *_ = np.linalg.lstsq(among, wanted, rcond=None)
-        rest = wanted - among @ values
+        values = least_squares(among, wanted)
+        rest = wanted - combined(among, values)
         gains, std = np.ones(2), np.zeros(2)
         gains[list(free)] = values[:len(free)]
-        spread = np.sqrt(np.mean(rest**2) * np.diag(np.linalg.pinv(among.T @ among)))
+        spread = np.sqrt(np.mean(rest**2) * np.diag(np.linalg.pinv(products(among, among))))
         std[list(free)] = spread[:len(free)]
         return Left(rest, gains, std, tau, len(free))
 
@@ -138,8 +139,8 @@ class Gaps:
     def rest(self, x: np.ndarray) -> np.ndarray:
         """(gaps,) [rad] that a controller's numbers x (3,) leave."""
         wanted, design = self.relation(self.tau * math.exp(x[2]))
-        rest = wanted - design @ x[:2]
-        return rest - self.known @ (self.known.T @ rest)
+        rest = wanted - combined(design, x[:2])
+        return rest - combined(self.known, along(self.known, rest))
 
     def noise_of(self, attitude: float) -> float:
         """What the noise of an attitude [rad] that the log does not have leaves in a gap [rad]."""
@@ -165,7 +166,7 @@ class Backwards:
         self.fair[:late + settling(self.period)] = False
         if record.logged is not None:
             self.fair &= record.logged
-        self.known = np.linalg.qr(shifted(_surprises(seen), late // 2)[self.fair])[0]
+        self.known = orthonormal(shifted(_surprises(seen), late // 2)[self.fair])[0]
 
     def rest(self, x: np.ndarray) -> np.ndarray:
         """(rows,) [rad] of the errors that a controller of these numbers must have seen less the predicted ones, times
@@ -175,7 +176,7 @@ class Backwards:
                       math.inf, self.logged, self.measured, error, self.commands.copy())
         gain = x[0] * self.kp + x[1] * self.kd / (self.tau * math.exp(x[2]) + self.period)
         rest = gain * (error - self.error)[::2][self.fair]
-        return rest - self.known @ (self.known.T @ rest)
+        return rest - combined(self.known, along(self.known, rest))
 
     def noise_of(self, attitude: float) -> float:
         """What the noise of an attitude [rad] that the log does not have makes of a command [rad]."""

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...sums import along, products
+
 NEUTRAL = np.array([1.0, 1.0, 0.0])
 SLOPE_STEPS = np.array([0.01, 0.01, 0.02])
 LARGEST_STEP = 0.3
@@ -33,9 +35,9 @@ def newton(residual: Residual, x: np.ndarray, iterations: int) -> tuple[np.ndarr
     for _ in range(iterations):
         r = residual(x)
         jacobian = np.column_stack([(residual(x + away) - r) / away.sum() for away in np.diag(SLOPE_STEPS)])
-        information = jacobian.T @ jacobian
+        information = products(jacobian, jacobian)
         information += RIDGE * np.trace(information) * np.eye(3)
-        step = -np.linalg.solve(information, jacobian.T @ r)
+        step = -np.linalg.solve(information, along(jacobian, r))
         x = np.clip(x + np.clip(step, -LARGEST_STEP, LARGEST_STEP), LOW, HIGH)
     return x, information
 

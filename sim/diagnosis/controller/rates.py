@@ -12,6 +12,7 @@ import numpy as np
 
 from ...effects import controller as effects
 from ...flight import excitation, packed
+from ...sums import combined, least_squares, products
 from ..data.record import THETA_DOT, Record
 from .check import EXPLAINED, LAG_STEP, LONGEST_LAG, SAME_RECOMPUTED
 from .command import later
@@ -52,9 +53,9 @@ def check_rate(record: Record) -> ControllerCheck | None:
         parts = apart(np.column_stack([kp_part, ki_part, logged - test_part]))
         design = parts[:, :2] if is_ki_free else parts[:, :1]
         wanted = parts[:, 2] if is_ki_free else parts[:, 2] - parts[:, 1]
-        scale, *_ = np.linalg.lstsq(design, wanted, rcond=None)
-        after = float(np.sqrt(np.mean((wanted - design @ scale)**2)))
-        spread = max(after, ROUNDING) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(design.T @ design)), 0.0))
+        scale = least_squares(design, wanted)
+        after = float(np.sqrt(np.mean((wanted - combined(design, scale))**2)))
+        spread = max(after, ROUNDING) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
         return after, scale, spread
 
     made = apart((logged - later(kp + ki + test, early))[:, None])

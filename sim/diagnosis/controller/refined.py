@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ...sums import along, combined, orthonormal, square
 from ..data.record import BETA, Record
 from .fill import Controller, as_believed, filled, on_board
 from .gaps import EXPLAINS, LATEST, Backwards, Gaps, Seen, gaps_of, is_noise, rms, with_numbers
@@ -67,7 +68,7 @@ def _fitted(record: Record, seen: Seen, found: ControllerCheck,
     evidence = _Evidence(record, seen, gaps, of, x)
     x, information = newton(evidence.residual, x, REFINING_STEPS)
     r = evidence.residual(x)
-    cost = 0.5 * float(r @ r) + record.rows * math.log(evidence.noise)
+    cost = 0.5 * square(r) + record.rows * math.log(evidence.noise)
     confirmed = evidence.of_nozzle(as_believed(record)) - evidence.of_nozzle(_controller(x, gaps))
     if not np.isfinite(record.z[:, BETA]).any():
         confirmed = math.inf if found.evidence > UNCONFIRMED else -math.inf
@@ -87,7 +88,7 @@ class _Evidence:
     def __init__(self, record: Record, seen: Seen, gaps: Gaps | Backwards, of: Vehicle, x: np.ndarray) -> None:
         self.record, self.seen, self.gaps, self.vehicle = record, seen, gaps, of
         self.noise = rms(gaps.rest(x))
-        self.basis = np.linalg.qr(of.slopes(self._filled(_controller(x, gaps))))[0]
+        self.basis = orthonormal(of.slopes(self._filled(_controller(x, gaps))))[0]
 
     def _filled(self, of: Controller) -> Record:
         return filled(self.record, self.seen.attitude, of)
@@ -95,12 +96,12 @@ class _Evidence:
     def innovations(self, of: Controller) -> np.ndarray:
         """(3 rows + 4,) whitened, a6 and k1 free within their tolerance, on the commands of this controller."""
         white = self.vehicle.residual(self._filled(of))
-        return white - self.basis @ (self.basis.T @ white)
+        return white - combined(self.basis, along(self.basis, white))
 
     def of_nozzle(self, of: Controller) -> float:
         """[nats] against these commands by the nozzle alone: a fault of another sensor does not move it."""
         rows = self.innovations(of)[:3 * self.record.rows].reshape(-1, 3)
-        return 0.5 * float(rows[:, BETA] @ rows[:, BETA])
+        return 0.5 * square(rows[:, BETA])
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """(gaps + 3 rows + 4,) at kp and kd over the nominal's and the logarithm of tau over the nominal's."""

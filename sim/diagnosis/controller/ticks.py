@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...sums import combined, least_squares
 from ..data.record import THETA, Record
 from .kind import NEAR_LIMIT
 
@@ -78,7 +79,7 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
     whole = np.isfinite(among).all(axis=1) & np.isfinite(wanted)
     if np.count_nonzero(whole) < FEWEST:
         return False
-    rest = wanted[whole] - among[whole] @ np.linalg.lstsq(among[whole], wanted[whole], rcond=None)[0]
+    rest = wanted[whole] - combined(among[whole], least_squares(among[whole], wanted[whole]))
     return float(np.median(np.abs(rest))) > NORMAL * OTHERS * noise * abs(
         own.kp + own.kd / (own.derivative_time_constant + own.period))
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...sums import along, inner, products, square
 from ..data.record import Record
 from .asked import of_noise, unsure
 from .fill import OnBoard, on_board, run_backwards, shifted, test_of
@@ -97,9 +98,9 @@ class _Heard:
         for _ in range(NEWTON_STEPS):
             left = self.rest(x)
             slopes = np.column_stack([(self.rest(x + SLOPE_STEP * np.eye(2)[k]) - left) / SLOPE_STEP for k in among])
-            information = slopes.T @ slopes
+            information = products(slopes, slopes)
             information += RIDGE * (np.trace(information) + RIDGE) * np.eye(len(among))
-            x[among] = np.clip(x[among] - np.linalg.solve(information, slopes.T @ left), *SCALES)
+            x[among] = np.clip(x[among] - np.linalg.solve(information, along(slopes, left)), *SCALES)
         std[among] = rms(self.rest(x)) * np.sqrt(np.diag(np.linalg.inv(information)))
         return x, std
 
@@ -201,13 +202,13 @@ def _in_doubt(record: Record, steps: np.ndarray, tells: np.ndarray) -> Record:
         return record
     lost = np.zeros(record.rows, bool) if record.lost is None else record.lost.copy()
     kicks = np.minimum(steps[jumps] * of_noise(record), 2.0 * own.limit) * min(1.0, own.period / record.period)
-    square = record.unknown**2 * np.count_nonzero(lost) + float(kicks @ kicks)
+    total = record.unknown**2 * np.count_nonzero(lost) + square(kicks)
     for k in jumps.tolist():
         until = k + 1
         while until < min(k + LONGEST_DOUBT, record.rows - 1) and not tells[until]:
             until += 1
         lost[k:until] = True
-    return replace(record, lost=lost, unknown=math.sqrt(square / np.count_nonzero(lost)))
+    return replace(record, lost=lost, unknown=math.sqrt(total / np.count_nonzero(lost)))
 
 
 def _checked(tries: list[_Heard]) -> tuple[_Heard, ControllerCheck | None, bool]:
@@ -245,4 +246,4 @@ def _is_coloured(x: np.ndarray) -> bool:
     """Whether errors x (n,) [rad] are no noise."""
     most = np.quantile(np.abs(x - np.median(x)), LARGE)
     x = np.clip(x - np.median(x), -most, most)
-    return float(x[1:] @ x[:-1]) > BY_CHANCE / math.sqrt(len(x)) * float(x @ x)
+    return inner(x[1:], x[:-1]) > BY_CHANCE / math.sqrt(len(x)) * square(x)

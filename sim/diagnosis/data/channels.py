@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ...sums import along, combined, products
 from .fault import Fault
 
 MEASURED = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
@@ -295,9 +296,9 @@ def _weights(x: np.ndarray, command: np.ndarray, marked: np.ndarray) -> np.ndarr
     rows[:, :6] -= centre
     good = rows[~near]
     # deviations from the cubic interpolation are what is fitted: the ridge then pulls towards it, not towards 0
-    matrix = good.T @ good
+    matrix = products(good, good)
     matrix[np.diag_indices_from(matrix)] *= 1.0 + 1e-9
-    weights, *_ = np.linalg.lstsq(matrix, good.T @ residual[~near], rcond=1e-12)
+    weights, *_ = np.linalg.lstsq(matrix, along(good, residual[~near]), rcond=1e-12)
     return np.asarray(weights)
 
 
@@ -305,7 +306,7 @@ def _residual(x: np.ndarray, command: np.ndarray, weights: np.ndarray) -> np.nda
     """What the neighbours do not interpolate (n,)."""
     rows = _neighbours(x, command)
     rows[:, :6] -= x.mean()
-    residual = np.asarray(_cubic_residual(x) - rows @ weights)
+    residual = np.asarray(_cubic_residual(x) - combined(rows, weights))
     for k in range(EDGE):  # with a neighbour on one side only the stencil mistakes the neighbour's error for the row's
         for row, beside in ((k, x[:EDGE_ROWS]), (len(x) - 1 - k, x[-EDGE_ROWS:])):
             residual[row] = x[row] - np.median(beside)

@@ -20,9 +20,10 @@ from ...flight import CLOCK_DIGITS
 from ...log import Log
 from ...nominal import Nominal
 from ...sections import Actuator, Controller
-from . import clock
+from ...sums import inner, square
 from .channels import MEASURED as CHANNELS
 from .check import DataCheck
+from .work import Work
 from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
@@ -67,7 +68,7 @@ class Record:
     at          (n,) steps from the first row to each;  fine  ticks a row, of parts of a command (rows between ticks)
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
-    until       [s] of `clock.now`, when the search of its causes has to end
+    work        what has been done on it, and may be, shared with all that are made of it
     fastest     [rad/s] of servos that the rows resolve; a faster one stands for none
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
@@ -110,7 +111,7 @@ class Record:
     noise: str = "bounded"
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
-    until: float = math.inf
+    work: Work = field(default_factory=Work)
     fastest: float = math.inf
     thinned: int = 1
 
@@ -121,11 +122,6 @@ class Record:
     @property
     def rows(self) -> int:
         return len(self.z)
-
-    @property
-    def is_late(self) -> bool:
-        """The time for its search is over."""
-        return clock.now() > self.until
 
     @property
     def period(self) -> float:
@@ -274,7 +270,8 @@ def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:
             break
     else:
         return False
-    off = t - np.polyval(np.polyfit(index - index.mean(), t, 1), index - index.mean())
+    place, off = index - index.mean(), t - t.mean()
+    off -= inner(place, off) / max(square(place), 1.0) * place
     return bool(np.ptp(off) <= (1.0 + ROUNDING_SLACK) * 10.0**-decimals)
 
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...sections import Nominal
+from ...sums import combined, least_squares, square
 from .fault import Fault
 
 DEGREES = 180.0 / math.pi  # in a radian
@@ -127,7 +128,7 @@ def _regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
         return NO_FIT
     y = y - y.mean()
     matrix = np.stack([part - part.mean() for part in parts], axis=1)
-    total = float(y @ y)
+    total = square(y)
     size = np.sqrt(np.sum(matrix * matrix, axis=0))
     if total <= 0.0 or not np.all(np.isfinite(size)) or size[0] <= 0.0:
         return NO_FIT
@@ -136,9 +137,9 @@ def _regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
         kept = [k for k in keep if size[k] > 0.0]
         scaled = matrix[:, kept] / size[kept]
         weights = np.zeros(len(parts))
-        weights[kept] = np.linalg.lstsq(scaled, y, rcond=1e-10)[0] / size[kept]
-        rest = y - matrix @ weights
-        return weights, float(rest @ rest)
+        weights[kept] = least_squares(scaled, y, 1e-10) / size[kept]
+        rest = y - combined(matrix, weights)
+        return weights, square(rest)
 
     gains, left = solved(list(range(len(parts))))
     without = [solved([j for j in range(len(parts)) if j != k])[1] for k in range(len(parts))]
@@ -307,7 +308,7 @@ def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tupl
     lags = max(2, round(NOZZLE_LAG / period))
     u, b = (_changes(x, max(1, round(LAG_SMOOTH / period))) for x in (command, nozzle))
     n = len(u)
-    norm = math.sqrt(float(u @ u) * float(b @ b))
+    norm = math.sqrt(square(u) * square(b))
     if n < 4 * lags or norm <= 0.0:
         return 1.0, 1.0
     # between rows too: of a narrow band the rows alone may hit the crest on one side only

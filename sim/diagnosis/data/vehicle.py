@@ -14,6 +14,7 @@ import numpy as np
 
 from ...log import Log
 from ...nominal import Nominal
+from ...sums import combined, inner, least_squares, square
 from .fault import Fault
 from .relations import DEGREES, block_means
 
@@ -84,11 +85,11 @@ def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.nd
 
     y = np.diff(block_means(log.theta_dot[rows], size)) if with_rate else np.diff(block_means(theta, size), n=2)
     beta, others = change(k1 * log.beta[rows]), np.stack([change(a6 * alpha), np.ones(len(y))], axis=1)
-    beta, y = (x - others @ np.linalg.lstsq(others, x, rcond=1e-10)[0] for x in (beta, y))
-    power, total = float(beta @ beta), float(y @ y)
+    beta, y = (x - combined(others, least_squares(others, x, 1e-10)) for x in (beta, y))
+    power, total = square(beta), square(y)
     if not (power > 0.0 and total > 0.0 and math.isfinite(power + total)):
         return math.nan, math.nan, 0.0
-    ratio = float(beta @ y) / power
+    ratio = inner(beta, y) / power
     left = float(np.sum((y - ratio * beta) ** 2))
     return ratio, math.sqrt(NEIGHBOURS * left / (len(y) - 3) / power), 1.0 - left / total
 

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from ...sums import square
 from ..model.level_fit import PRIOR
 from ..model.noise import Refilter, bounds, declared
 from ..model.weighing import Weighing
@@ -63,12 +64,12 @@ class Absorbing:
 
     def gain(self, change: np.ndarray) -> float:
         """[nats] to be expected of a cause with this change (3n + 5,) of the residual."""
-        own = 0.5 * float(change @ change)
+        own = 0.5 * square(change)
         return float(min([own, *(0.5 * self._energies(change) + self.costs)]))
 
     def multiple(self, change: np.ndarray, needed: float) -> float | None:
         """Smallest multiple of a change that gains so much [nats]; None where none does."""
-        energies = np.append(self._energies(change), float(change @ change))
+        energies = np.append(self._energies(change), square(change))
         missing = np.maximum(needed - np.append(self.costs, 0.0), 0.0)
         if np.any((energies <= 0.0) & (missing > 0.0)):
             return None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...sums import along, orthonormal, products, square
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS
 from ..search.profile import Model
@@ -49,10 +50,10 @@ def constancy(model: Model, index: int) -> Constancy:
     changes = np.zeros((len(whole), SEGMENTS))
     for k, (a, b) in enumerate(itertools.pairwise(cuts)):
         changes[wide * a:wide * b, k] = own[wide * a:wide * b]
-    changes = changes @ apart
+    changes = products(changes.T, apart)
     changes -= _within(whole, changes)
-    information = changes.T @ changes + NOTHING * float(slopes[:, column] @ slopes[:, column]) * np.eye(SEGMENTS - 1)
-    score = changes.T @ r
+    information = products(changes, changes) + NOTHING * square(slopes[:, column]) * np.eye(SEGMENTS - 1)
+    score = along(changes, r)
     moved = -np.linalg.solve(information, score)
     spread = apart @ np.linalg.solve(information, apart.T)
     alone = np.sqrt(np.diag(spread) * SEGMENTS / (SEGMENTS - 1.0))
@@ -71,5 +72,6 @@ def _cuts(own: np.ndarray, rows: int) -> list[int]:
 
 def _within(slopes: np.ndarray, of: np.ndarray) -> np.ndarray:
     """The part of `of` (m,) or (m, j) that columns of slopes (m, k) make."""
-    basis, _ = np.linalg.qr(slopes / norms(slopes))
-    return np.asarray(basis @ (basis.T @ of))
+    basis = orthonormal(slopes / norms(slopes))[0]
+    share = np.einsum("nk,n...->k...", basis, of)
+    return np.asarray(np.einsum("nk,k...->n...", basis, share))

@@ -30,7 +30,8 @@ class Diagnosis:
     remaining  why causes that are there beyond doubt do not explain everything, one line each
     remainder  what they leave (dominant)
     used       which rows of a log that is long were fitted; None: all
-    is_cut_short  the time limit ended the search: the best answer so far
+    is_cut_short  the emergency brake ended the search: nothing is concluded (`stopped`)
+    is_spent   the search ended with its effort: the best answer so far
     catalogue  whether all causes were allowed, missing terms too
     """
 
@@ -58,6 +59,13 @@ class Diagnosis:
     remaining: tuple[str, ...] = ()
     remainder: Remainder | None = None
     is_cut_short: bool = False
+    is_spent: bool = False
     used: Used | None = None
     threshold: float = THRESHOLD
     catalogue: bool = True
+
+    def stopped(self) -> "Diagnosis":
+        """What is left of it when the brake ends the search or its judgement: no verdict, no cause, no numbers."""
+        return Diagnosis(self.log, self.nominal, self.data, "unexplained", record=self.record,
+                         controller=self.controller, used=self.used, threshold=self.threshold,
+                         catalogue=self.catalogue, is_cut_short=True)

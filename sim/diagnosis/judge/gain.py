@@ -159,8 +159,6 @@ def trained(record: Record, causes: Sequence[Cause], start: Filter, mask: np.nda
     values given, whichever these rows prefer."""
     problem = Problem(record, start, mask)
     given = fit(problem, causes, np.zeros(DEVIATIONS))
-    if record.is_late:
-        return Trained(*_judged(record, given, start, mask))
     fitted = fit(problem, (), np.zeros(DEVIATIONS), iterations=0)
     for cause in causes:
         candidates = scan(problem, fitted, (cause.hypothesis,)) if not cause.hypothesis.is_timed else ()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...sums import products, square
 from ..causes import SOUGHT, Cause, Hypothesis, Values
 from ..data.record import Record
 from ..model.nuisance import Problem
@@ -109,11 +110,11 @@ def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit],
             if amount is not None and amount > most:
                 amount = None
         found.append(Limit(hypothesis.cause, size.name, hypothesis.unit(size.name), amount, hypothesis.neutral, at))
-        if change is not None and float(change @ change) > 0.0:
-            responses.append(change / np.sqrt(change @ change))
+        if change is not None and square(change) > 0.0:
+            responses.append(change / np.sqrt(square(change)))
             names.append(hypothesis.cause)
-    stack = np.array(responses)
-    return found, Isolability(tuple(names), stack @ stack.T)
+    stack = np.array(responses).reshape(len(names), len(project.residual))
+    return found, Isolability(tuple(names), products(stack.T, stack.T))
 
 
 def _away(hypothesis: Hypothesis, size: float) -> float:

@@ -147,9 +147,17 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     if gain.is_worse:
         return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
-        return [f"on data left out of the fit {100 * gain.share:.0f} % of the squared error over {gain.longest:g} s "
+        return [f"on data left out of the fit {percent(gain.share)[1]} of the squared error over {gain.longest:g} s "
                 f"remain (at most {100 * bounds.share:.0f} %)"]
     return []
+
+
+def percent(left: float) -> tuple[str, str]:
+    """What of a whole is gone and what is left, `left` of it, neither of which is all or nothing."""
+    whole = round(100.0 * left)
+    if whole < 1:
+        return "> 99 %", "< 1 %"
+    return ("< 1 %", "> 99 %") if whole > 99 else (f"{100 - whole} %", f"{whole} %")
 
 
 def too_noisy(noise: dict[str, dict[str, Any]], but: str = "") -> str | None:

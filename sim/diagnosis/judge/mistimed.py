@@ -46,8 +46,6 @@ def mistimed(selection: Selection) -> Mistimed | None:
     base = _fitted(model, others, record)
     for channel in record.channels:
         for way in (-1.0, 1.0) if CHANNELS.index(channel) == BETA else (-1.0,):
-            if record.is_late:
-                return None
             if base.cost - _fitted(model, others, moved(record, channel, way * STEP)).cost < SHAPE_LIMIT:
                 continue
             rows, best = _best(model, others, channel, way)

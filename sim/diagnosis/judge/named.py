@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...sums import square
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
 from ..data.record import LONG_STEP, Record
@@ -160,7 +161,7 @@ def _onset_std(model: Model, index: int, at: int) -> float:
         moved = list(fitted.causes)
         moved[index] = replace(moved[index], values=tuple(values))
         r = problem.residual(point_of(moved, fitted.delta))
-        costs = 0.5 * float(r @ r) - fitted.cost
+        costs = 0.5 * square(r) - fitted.cost
         if costs < UNTRIED:
             widest = max(widest, abs(away) / math.sqrt(2.0 * max(costs, 0.5)))
     return widest

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...sums import combined, inner, least_squares, square
 from ..data.record import CHANNELS, Record
 from ..model.nuisance import Problem
 from ..model.point import innovations
@@ -78,10 +79,10 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
         piece = signal * (PIECE / size)
         whole = (_moved(problem, fitted, record, place, piece) - project.residual) / PIECE
         change = project.out(whole)
-        energy = float(change @ change)
-        if energy * PIECE**2 < NO_ENERGY or energy < SHAPE_SHARE * float(whole @ whole):
+        energy = square(change)
+        if energy * PIECE**2 < NO_ENERGY or energy < SHAPE_SHARE * square(whole):
             continue
-        slope = float(change @ project.rest)
+        slope = inner(change, project.rest)
         found.append((place, name, -slope / energy, 0.5 * slope * slope / energy))
     return sorted(found, key=lambda each: -each[3])
 
@@ -111,9 +112,7 @@ def _gain_of(problem: Problem, fitted: Fit, place: str, signals: list[np.ndarray
         changes.append(project.out(_moved(problem, fitted, problem.record, place, size * signal) - project.residual)
                        / size)
     slopes = np.column_stack(changes)
-    found, *_ = np.linalg.lstsq(slopes, project.rest, rcond=NO_ENERGY)
-    explained = slopes @ found
-    return 0.5 * float(explained @ explained)
+    return 0.5 * square(combined(slopes, least_squares(slopes, project.rest, NO_ENERGY)))
 
 
 def swing_gain(problem: Problem, fitted: Fit) -> tuple[float, str, float]:

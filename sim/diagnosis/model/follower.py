@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...sums import least_squares
 from ..controller.gaps import Seen
 from ..data.record import THETA, Record
 from .noise import Filter, declared, first_filter
@@ -55,5 +56,7 @@ def _as_measured(record: Record, seen: Seen) -> Seen:
         return seen
     ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
     at = record.at[measured].astype(np.float64)
-    off = np.polynomial.Polynomial.fit(at, record.z[measured, THETA] - np.interp(at, ticks, seen.attitude), SLOW)
-    return seen._replace(attitude=seen.attitude + off(ticks))
+    middle, half = ticks.mean(), 0.5 * max(float(np.ptp(ticks)), 1.0)
+    off = record.z[measured, THETA] - np.interp(at, ticks, seen.attitude)
+    slow = least_squares(np.vander((at - middle) / half, SLOW + 1), off)
+    return seen._replace(attitude=seen.attitude + np.polyval(slow, (ticks - middle) / half))

@@ -36,6 +36,7 @@ class Problem:
 
     def white(self, point: Point) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """(whitened (n, 3), innovations, states, stayed with the log)."""
+        self.record.work.count(self.record.rows * self.record.every // self.record.at_once)
         e, states, stayed = innovations(self.record, self.filter, point)
         white = self.filter.whiten(e)
         if not stayed or not np.all(np.isfinite(white)):

@@ -28,7 +28,7 @@ def report(made: Diagnosis) -> dict[str, Any]:
         "remaining": list(made.remaining) if made.verdict == "dominant" else [],
         "gain": _gain_json(made.gain) if made.verdict in ("explained", "dominant", "unexplained") else None,
         "within_tolerance": [_cause_json(cause) for cause in made.open],
-        "cut_short": made.is_cut_short,
+        "cut_short": made.is_cut_short, "effort_spent": made.is_spent,
         "estimator": None if made.user is None else {
             name: {"error": dict(zip(("before", "after"), map(number, made.user.error[name]), strict=True)),
                    "coverage": dict(zip(("before", "after"), map(number, made.user.coverage[name]), strict=True))}

@@ -227,7 +227,7 @@ def ranking(made: Diagnosis) -> Figure | None:
         low, high = min(0.0, *values), max(least, *values)
         axis.set_xlim(low - (0.08 * (high - low) if low < 0.0 else 0.0), high + 0.1 * (high - low))
         axis.grid(False, axis="y")
-    axes[-1, 0].set_xlabel("evidence [nats]")
+    axes[-1, 0].set_xlabel("evidence at that step [nats]")
     return figure
 
 
@@ -345,6 +345,13 @@ def faults(made: Diagnosis) -> Figure | None:
                               textcoords="offset points", fontsize=7, bbox=PATCH)
     axes[-1, 0].set_xlabel("t [s]")
     return figure
+
+
+def drawable(made: Diagnosis) -> tuple[str, ...]:
+    """The pictures that this diagnosis may have: of the log where it is bad, none where no model was fitted to it."""
+    if made.verdict == "bad-data":
+        return ("faults.png",)
+    return () if made.selection is None else tuple(name for name in DRAWN if name != "faults.png")
 
 
 DRAWN: dict[str, Callable[[Diagnosis], Figure | None]] = {

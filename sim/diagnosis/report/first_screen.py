@@ -11,7 +11,7 @@ from ..judge.diagnosis import Diagnosis
 from ..judge.measure import NOISE
 from ..search.selection import needed
 from .markup import list_of, text
-from .words import NATS, alternatives, error_words, predicts_better, sentence, worth, would_decide
+from .words import NATS, alternatives, error_words, how_it_ended, predicts_better, sentence, worth, would_decide
 
 NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word
 THIN = 2.0              # times the evidence needed: less is worth a word
@@ -46,6 +46,8 @@ def rows(made: Diagnosis) -> str:
 def _cause_lines(made: Diagnosis) -> list[str]:
     if made.verdict == "bad-data":
         return [text(fault.message) for fault in made.data.faults]
+    if made.is_cut_short:
+        return [text(f"{words[0].upper()}{words[1:]}.") for words in how_it_ended(made)]
     if made.verdict == "consistent":
         return ["No cause is needed: what is measured less what is simulated is noise."]
     if made.causes:
@@ -111,7 +113,7 @@ def doubts(made: Diagnosis) -> list[str]:
     """What speaks against the verdict or bounds it; never empty."""
     if made.verdict == "bad-data":
         return ["Nothing about the vehicle is concluded from a log with faults."]
-    said = list(made.doubts)
+    said = [*how_it_ended(made), *made.doubts]
     for k, each in enumerate(made.causes):
         least = needed(made.threshold, k)
         if each.evidence < THIN * least:

@@ -56,7 +56,8 @@ PICTURES = {  # file: heading, and how to read it
         "Of whitened innovations; 1 is white noise. Lines are named that chance would make in 1 % of spectra; "
         "slow misfit rises to the left."),
     "ranking.png": ("Evidence for each hypothesis",
-        "Everything else refitted for each; dark: taken into the model, beside which the next is sought."),
+        "At each step, everything else refitted for each, beside the causes of the steps before; dark: taken into the "
+        "model, beside which the next is sought."),
     "sizes.png": ("Is the cause the same all along?",
         "Its size from eight parts of the log that tell equally much. A true cause agrees with itself."),
     "disturbance.png": ("What the nominal lacks",
@@ -105,13 +106,13 @@ def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) ->
 def _draw(made: Diagnosis, folder: Path) -> Drawn | None:
     """The figures that this diagnosis has, written and as PNG; None without matplotlib."""
     try:
-        from .figures import DRAWN, save
+        from .figures import DRAWN, drawable, save
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("matplotlib"):
             raise
         return None
     drawn = []
-    for name in PICTURES if made.verdict != "bad-data" else ("faults.png",):
+    for name in drawable(made):
         figure = DRAWN[name](made)
         if figure is not None:
             save(figure, folder / name)
@@ -157,8 +158,10 @@ def _figure(name: str, png: bytes) -> str:
 
 
 def _ranking(made: Diagnosis) -> str:
+    if made.selection is None:
+        return ""
     rows, chosen = [], []
-    for k, step in enumerate(made.selection.rankings if made.selection is not None else []):
+    for k, step in enumerate(made.selection.rankings):
         least = needed(made.threshold, k)
         for place, each in enumerate(step):
             hypothesis = each.cause.hypothesis
@@ -168,13 +171,15 @@ def _ranking(made: Diagnosis) -> str:
             rows.append((str(k + 1), text(hypothesis.cause), hypothesis.where, f"{each.evidence:.0f}",
                          f"{least:.0f}", text(values)))
             chosen.append(place == 0 and each.evidence >= least)
-    final = table(("in the model", "where", "evidence [nats]", "size +- one standard deviation"), [
+    head = ("in the model", "where", "evidence beside all others in it [nats]", "size +- one standard deviation")
+    final = table(head, [
         (text(each.label), text(each.where), f"{each.evidence:.0f}", text(", ".join(
             f"{name} {amount(value, each.std.get(name), each.units.get(name, ''))}"
             for name, value in each.values.items()))) for each in (*made.causes, *made.nearest)])
-    note = "Bold: taken into the model at that step. Hypotheses that promised nothing at first sight are left out."
+    note = "Evidence at a step is beside the causes of the steps before alone, another number than beside all that " \
+           "joined later. Bold: taken into the model. Hypotheses that promised nothing at first sight are left out."
     return f'{final}<p class="note">{note if rows else "No hypothesis promised anything."}</p>' + table(
-        ("step", "hypothesis", "where", "evidence [nats]", "needed", "values"), rows, chosen)
+        ("step", "hypothesis", "where", "evidence at that step [nats]", "needed", "values"), rows, chosen)
 
 
 def _gain(gain: Gain | None) -> str:
@@ -211,6 +216,8 @@ def _limits(made: Diagnosis) -> str:
     rows = [(text(each.cause), CATALOGUE[each.cause].where, text(_limit(each)),
              text(given(each)))
             for each in made.limits if each.size is not None]
+    if not made.limits:
+        return ""
     blind = ", ".join(each.cause for each in made.limits if each.size is None)
     return ('<p class="note">In this log, its manoeuvres, noise and columns, a cause of this size is found at even '
             "odds; a smaller one may be there unseen.</p>" + table(("cause", "where", "smallest size", "given"), rows)
@@ -227,7 +234,9 @@ def _limit(limit: Limit) -> str:
 
 
 def _pairs(made: Diagnosis) -> str:
-    rows = [] if made.isolability is None else [
+    if made.isolability is None:
+        return ""
+    rows = [
         (text(a), text(b), f"{c:.4f}", "no size tells them apart" if c >= LOOK_ALIKE else "hard to tell apart")
         for a, b, c in made.isolability.pairs(NEARLY_ALIKE)]
     return table(("cause", "and", "|cosine|", ""), rows) or \

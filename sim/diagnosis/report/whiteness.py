@@ -6,6 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ...sums import inner, square
 from ..data.record import CHANNELS
 
 LAGS = 25
@@ -38,8 +39,8 @@ def correlations(whitened: np.ndarray, lags: int = LAGS) -> list[Correlation]:
     for a in measured:
         for b in measured:
             x, y = whitened[:, a], whitened[:, b]
-            scale = math.sqrt(float(x @ x) * float(y @ y)) or 1.0
-            values = np.array([float(x[lag:] @ y[:n - lag]) / scale for lag in range(1, lags + 1)])
+            scale = math.sqrt(square(x) * square(y)) or 1.0
+            values = np.array([inner(x[lag:], y[:n - lag]) / scale for lag in range(1, lags + 1)])
             found.append(Correlation(CHANNELS[a], CHANNELS[b], values, BAND_99 / math.sqrt(n)))
     return found
 

@@ -8,12 +8,14 @@ from ..causes import RECORDS, Cause, what_decides, what_is_like
 from ..judge.diagnosis import Diagnosis
 from ..judge.gain import Gain
 from ..judge.limits import Limit
+from ..judge.measure import percent
 from ..judge.named import Named
 
 ANGULAR = ("rad", "rad/s", "rad/s^2")
 ALONE = 3              # digits of a value whose standard deviation nobody made
 NOTHING = 0.005        # of the error: rounded to percent, none
-NATS = ": by so much the log-likelihood rises with it; 3 nats are odds of 20 to 1"
+NATS = ": by so much the log-likelihood rises with it beside all else in the model, less a penalty for its numbers; " \
+       "3 nats are odds of 20 to 1"
 
 def error_words(gain: Gain) -> str:
     """What is called the error."""
@@ -102,15 +104,33 @@ def headline(made: Diagnosis) -> str:
         return f"BAD DATA: {len(made.data.faults)} fault(s) in the log; nothing about the vehicle is claimed."
     if made.verdict == "consistent":
         return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
+    if made.is_cut_short:
+        return "UNEXPLAINED: the search was stopped before its end; nothing is concluded from it."
     if made.verdict == "unexplained":
         return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
     causes = " and ".join(" or ".join((cause.label, *cause.rivals)) for cause in made.causes)
     if made.verdict == "dominant":
         share = made.gain.share if made.gain is not None else None
-        rest = "not all is explained" if share is None else \
-            f"{100.0 * (1.0 - share):.0f} % of the error explained, {100.0 * share:.0f} % remain"
+        rest = "not all is explained" if share is None else shares(share)
         return f"DOMINANT ({places(made)}): {causes}; {rest}."
     return f"EXPLAINED ({places(made)}): {causes}."
+
+
+def shares(left: float) -> str:
+    """How much of the error is explained and how much remains, where something does and `left` is its share."""
+    gone, rest = percent(left)
+    return f"{gone} of the error explained, {rest} remain"
+
+
+def how_it_ended(made: Diagnosis) -> list[str]:
+    """Why the search is not complete; [] where it is."""
+    own = made.nominal.diagnosis
+    if made.is_cut_short:
+        return [f"the search was stopped after {own.time_limit:g} s ([diagnosis] time_limit): whether a known cause "
+                "fits is not known"]
+    if made.is_spent:
+        return [f"the search ended with its effort ([diagnosis] effort, {own.effort:g}): the best answer so far"]
+    return []
 
 
 def worth(made: Diagnosis) -> str | None:
@@ -123,10 +143,10 @@ def worth(made: Diagnosis) -> str | None:
     elif gain.share is None:
         said = f"over {gain.longest:g} s the predictions were within noise before: there is no error that they could " \
                "take away"
-    elif gain.share < NOTHING:
+    elif gain.share < NOTHING and made.verdict == "explained":
         said = "the whole error is explained"
     else:
-        said = f"{100.0 * (1.0 - gain.share):.0f} % of the error is explained, {100.0 * gain.share:.0f} % remain"
+        said = shares(gain.share)
     if made.verdict != "dominant" or rest is None:
         return f"{said}."
     return f"{said}; what remains is at the {rest.where}: {rest.words}."
@@ -138,9 +158,7 @@ def lines(made: Diagnosis) -> list[str]:
     said += [f"  {fault.message}" for fault in made.data.faults]
     if made.used is not None:
         said.append(f"  {made.used.words}")
-    if made.is_cut_short:
-        said.append(f"  the search was ended after its time ({made.nominal.diagnosis.time_limit:g} s, [diagnosis] "
-                    "time_limit): the best answer so far")
+    said += [f"  {words}" for words in how_it_ended(made)]
     for k, cause in enumerate(made.causes):
         said.append(f"  {cause.label}: {sentence(cause)} (evidence {cause.evidence:.0f} nats{'' if k else NATS})")
         if cause.where == "controller" and made.controller is not None and made.controller.time_constant is not None:
@@ -193,7 +211,8 @@ def _gain_lines(made: Diagnosis) -> list[str]:
 def _ranking_lines(made: Diagnosis) -> list[str]:
     if made.selection is None or not made.selection.rankings or not made.selection.rankings[0]:
         return []
-    said = [f"ranking (nats of evidence after the penalty; {made.threshold:.0f} needed)"]
+    said = [f"ranking of the first cause (nats of evidence of each alone, before others join; {made.threshold:.0f} "
+            "needed)"]
     for each in made.selection.rankings[0]:
         values = values_words(each.cause, 0.0 if made.record is None else made.record.shift)
         said.append(f"  {each.cause.hypothesis.cause:<24}{each.evidence:>10.0f}  {values}")

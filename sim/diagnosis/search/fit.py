@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...sums import along, products, square
 from ..causes import Cause, Hypothesis
 from ..data.record import Record
 from ..model.noise import Filter
@@ -18,7 +19,6 @@ from ..model.nuisance import DEVIATION_STEPS, Problem, within_sign
 from ..model.point import DEVIATIONS, Point
 
 ITERATIONS = 12
-LATE = 1               # iterations when the time for the search is over: the judge begins where the search ended
 SMALL_GAIN = 0.02      # nats that a further step must promise; and of what it promised, the part it must keep
 FIRST_DAMPING = 1e-4   # of the curvature
 LEAST_DAMPING = 1e-9
@@ -130,12 +130,11 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
     """Levenberg-Marquardt from these values (Nocedal and Wright, Numerical Optimization, 2nd ed., ch. 10.3)."""
     causes = tuple(causes)
     r = problem.residual(point_of(causes, delta))
-    cost, damping = 0.5 * float(r @ r), FIRST_DAMPING
+    cost, damping = 0.5 * square(r), FIRST_DAMPING
     jacobian = slopes_at(problem, causes, delta, r)
+    hessian = products(jacobian, jacobian)
     for iteration in range(1, iterations + 1):
-        if iteration > LATE and problem.record.is_late:
-            break
-        hessian, slope = jacobian.T @ jacobian, jacobian.T @ r
+        slope = along(jacobian, r)
         scale = np.diag(hessian) + 1e-12 * np.max(np.diag(hessian)) + 1e-300
         promised = -0.5 * float(slope @ _step(hessian, LEAST_DAMPING * scale, slope))
         if promised < SMALL_GAIN:
@@ -147,7 +146,7 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
                 break
             made, d = unpack_values(causes, x + step, problem.record)
             new_r = problem.residual(point_of(made, d))
-            new_cost = 0.5 * float(new_r @ new_r)
+            new_cost = 0.5 * square(new_r)
             if new_cost < cost:
                 moved = made, d
                 break
@@ -161,7 +160,8 @@ def fit(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, iterations
         if gained > SLIGHT or iteration % RENEWED == 0:
             near = gained < NEARBY and iteration % RENEWED > 0
             jacobian = slopes_at(problem, causes, delta, r, jacobian if near else None)
-    return _finished(problem, causes, delta, cost, jacobian)
+            hessian = products(jacobian, jacobian)
+    return _finished(problem, causes, delta, cost, jacobian, hessian)
 
 
 def _step(hessian: np.ndarray, damping: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -169,9 +169,8 @@ def _step(hessian: np.ndarray, damping: np.ndarray, slope: np.ndarray) -> np.nda
 
 
 def _finished(problem: Problem, causes: tuple[Cause, ...], delta: np.ndarray, cost: float,
-              jacobian: np.ndarray) -> Fit:
+              jacobian: np.ndarray, hessian: np.ndarray) -> Fit:
     white, e, states, _ = problem.white(point_of(causes, delta))
-    hessian = jacobian.T @ jacobian
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     covariance = np.linalg.pinv(hessian / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
     return Fit(problem.record, problem.filter, causes, delta, cost, white, e, states, jacobian[:-DEVIATIONS],

@@ -48,7 +48,7 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
     """
     found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
     made = _model(record, found, mask)
-    for _ in range(ROUNDS if not record.is_late else 0):
+    for _ in range(ROUNDS):
         fitted = made.fit
         new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
         if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...effects.environment import gust_angle
+from ...sums import along, combined, products
 from ...vehicle.kernels import kernel
 from ..causes import Values
 from ..data.record import Record
@@ -65,10 +66,16 @@ def pieces(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray, sha
             begin = cell * size
             end = rows if cell + apart >= cells else (cell + apart) * size
             responses[cell, 3 * begin:3 * end] = change[begin:end].ravel()
-    inner = responses @ basis
-    energy = responses @ responses.T - inner @ inner.T
+    slope, energy, own = np.zeros(cells), np.zeros((cells, cells)), np.zeros((cells, basis.shape[1]))
+    for cell in range(cells):  # in whose rows only the last few pieces are not forgotten
+        active = slice(max(0, cell - apart + 1), cell + 1)
+        part = slice(3 * cell * size, 3 * (rows if cell == cells - 1 else (cell + 1) * size))
+        seen = responses[active, part].T
+        slope[active] += along(seen, rest[part])
+        energy[active, active] += products(seen, seen)
+        own[active] += products(seen, basis[part])
     ends = record.t[0] + record.period * np.minimum(size * np.arange(cells + 1), rows)
-    return Pieces(ends, responses @ rest, energy)
+    return Pieces(ends, slope, energy - products(own.T, own.T))
 
 
 def losses(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray) -> tuple[float, Values]:
@@ -106,8 +113,8 @@ def gusts(problem: Problem, base: Fit, basis: np.ndarray, rest: np.ndarray) -> t
               for begin in np.arange(record.t[0] - 0.3 * duration, record.t[-1] - 0.4 * duration, STARTS * duration)]
     weights = np.zeros((len(shapes), len(middle)))
     gust_angles(np.array(shapes), middle, weights)
-    slope = weights @ found.slope
-    energy = np.einsum("sj,jk,sk->s", weights, found.energy, weights, optimize=True)
+    slope = combined(weights, found.slope)
+    energy = np.einsum("sk,sk->s", products(weights.T, found.energy), weights)
     gain = np.where(energy > 1e-12 * energy.max(initial=0.0), 0.5 * slope**2 / np.maximum(energy, 1e-300), 0.0)
     k = int(np.argmax(gain))
     return float(gain[k]), (float(-slope[k] / max(energy[k], 1e-300)), *shapes[k])

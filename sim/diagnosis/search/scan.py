@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...sums import along, combined, inner, orthonormal, square
 from ..causes import Cause, Hypothesis, Start, Values
 from ..data.record import Record
 from ..model.nuisance import Problem
@@ -53,13 +54,12 @@ class Projector:
         prior = np.zeros((DEVIATIONS, slopes.shape[1]))
         prior[:, -DEVIATIONS:] = np.diag(1.0 / problem.prior)
         self.residual = problem.residual(base.point)
-        basis, _ = np.linalg.qr(np.concatenate([slopes, prior]) / norms(slopes))
-        self.basis = basis
+        self.basis = orthonormal(np.concatenate([slopes, prior]) / norms(slopes))[0]
         self.rest = self.out(self.residual)
 
     def out(self, vector: np.ndarray) -> np.ndarray:
         """The part of a vector (3n + 5,) that the model's own numbers cannot make."""
-        return vector - self.basis @ (self.basis.T @ vector)
+        return vector - combined(self.basis, along(self.basis, vector))
 
 
 def norms(slopes: np.ndarray) -> np.ndarray:
@@ -74,8 +74,6 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
     for hypothesis in hypotheses:
         if not hypothesis.visible(problem.record):
             continue
-        if found and problem.record.is_late:
-            break
         if hypothesis.is_line:
             found += [Candidate(hypothesis, values, gain) for values, gain in lines(problem, base)]
             continue
@@ -115,10 +113,10 @@ def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: H
     for shape in shapes:
         whole = response(problem, base, project, hypothesis, shape)
         change = project.out(whole)
-        energy = float(change @ change)
-        if not energy > OWN_SHARE * float(whole @ whole) or not math.isfinite(energy):
+        energy = square(change)
+        if not energy > OWN_SHARE * square(whole) or not math.isfinite(energy):
             continue
-        slope = float(change @ project.rest)
+        slope = inner(change, project.rest)
         amount = hypothesis.neutral - slope / energy
         if size.low < amount < size.high:
             tries.append(Candidate(hypothesis, (amount, *shape), 0.5 * slope * slope / energy))
@@ -131,11 +129,11 @@ def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: H
 
 def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
     assert hypothesis.sizes is not None
-    cost, tries = float(project.rest @ project.rest), []
+    cost, tries = square(project.rest), []
     for size, shape in itertools.product(hypothesis.sizes(problem.record), hypothesis.shapes(problem.record)):
         values = (size, *shape)
         rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, values))))
-        tries.append(Candidate(hypothesis, values, 0.5 * (cost - float(rest @ rest))))
+        tries.append(Candidate(hypothesis, values, 0.5 * (cost - square(rest))))
     return tries
 
 
@@ -159,7 +157,7 @@ def lines(problem: Problem, base: Fit, times: np.ndarray | None = None) -> Lines
         if times is not None:
             seen = times[part]
             of_part = np.fft.irfft(matched, size)[:len(seen)] * seen
-            matched, count = np.fft.rfft(of_part, size), float(seen @ seen)
+            matched, count = np.fft.rfft(of_part, size), square(seen)
         score += matched * np.exp(-2j * math.pi * np.arange(size // 2 + 1) * part.start / size)
         energy += np.sum(np.abs(transfer)**2, axis=1) * count
     return _strongest(record, score, energy, size)

@@ -123,15 +123,15 @@ def select_from(nominal: Model, known: Sequence[Hypothesis], threshold: float, m
     found = Selection(nominal, nominal if start is None else start, also=tuple(also))
     if start is not None and start.causes:  # what could stand in the place of the first is still told
         found.rankings.append(list(ranking) if ranking is not None else ranking_of(record, nominal, known))
-    while len(found.model.causes) < most and not record.is_late:
+    while len(found.model.causes) < most and not record.work.is_spent:
         say(f"cause {len(found.model.causes) + 1}: all hypotheses")
         before = len(found.model.causes)
         if not grown(found, known, threshold, blocks):
             break
         most += max(0, len(found.model.causes) - before - 1)  # a block counts as one cause
-    for swap in range(SWAPS if not record.is_late else 0, -1, -1):
+    for swap in range(SWAPS, -1, -1):
         found.model = _dropped(record, found.model, needed(threshold, 1))
-        if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 else math.inf):
+        if not _stood_in(record, found, known, SWAP_GAIN if swap > 0 and not record.work.is_spent else math.inf):
             break
     return found
 
@@ -214,7 +214,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
     enough = [pair for pair in ranked if pair[1] > THRESHOLD]
     stand = foreseen(base, [model for model, _ in enough])
     ranked = [pair for pair, stands in zip(enough, stand, strict=True) if stands] + ranked[len(enough):]
-    if ranked and not record.is_late:
+    if ranked:
         model, evidence = ranked[0]
         better = given_back(model)
         ranked[0] = better, evidence + better.log_likelihood - model.log_likelihood
@@ -231,7 +231,7 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
     promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
     most = known or 0.0
     for candidate in promising[:TRIED]:
-        if candidate.gain < HOPELESS * most or (record.is_late and fits):
+        if candidate.gain < HOPELESS * most:
             continue
         fitted = _joined(problem, start.fit, candidate)
         gained = start.fit.cost - fitted.cost
@@ -254,7 +254,7 @@ def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit
     for fitted, gain in sorted(fits, key=lambda pair: -pair[1]):
         name, most = fitted.causes[-1].hypothesis.label, max(each for _, each in fits)
         far = gain < most - NEAR and (len(seen) >= PROFILED or gain < FAR_BEHIND * most)
-        if name not in seen and not far and not (record.is_late and seen):
+        if name not in seen and not far:
             seen.add(name)
             yield fitted
 
@@ -369,7 +369,7 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
         else:
             without = profile(record, others, model.fit.delta, model.fit.filter)
             gain = model.log_likelihood - without.log_likelihood
-            asked = not (record.is_late or in_a_block(model.causes, k))
+            asked = not in_a_block(model.causes, k)
             models = _ranking(record, without, _allowed(record, known, others) if asked else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)

@@ -87,7 +87,7 @@ def select(record: Record, threshold: float = THRESHOLD, hypotheses: Iterable[Hy
                 return _in_weather(nominal, beside, known, threshold, say, carried)
         found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, two.model, one.rankings[0])
     beside = _weathered(found.model) if found.model.causes else first
-    if record.is_late or beside is None or beside.gain < needed(threshold, len(found.model.causes)):
+    if beside is None or beside.gain < needed(threshold, len(found.model.causes)):
         return found
     return _in_weather(nominal, beside, known, threshold, say, carried)
 
@@ -139,7 +139,7 @@ def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[H
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
         return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
-    if any(is_outside(cause.hypothesis) for cause in found.model.causes) and not record.is_late:
+    if any(is_outside(cause.hypothesis) for cause in found.model.causes):
         alone = _weathered(calm)
         if alone is not None and found.model.log_likelihood - alone.model.log_likelihood < LAW * alone.gain:
             apart = tuple(hypothesis for hypothesis in known if not is_outside(hypothesis))
