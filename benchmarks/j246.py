@@ -1,6 +1,7 @@
 """A foreign launcher as judge, JSBSim's J246: are hidden faults named, how large, is a true nominal consistent?
 
-    python benchmarks/j246.py [--cases NAME...] [--seeds FIRST COUNT] [--plain] [--gamma] [--keep DIR] [--json PATH]
+    python benchmarks/j246.py [--cases NAME...] [--seeds FIRST COUNT] [--plain] [--gamma] [--pole RATE]
+                              [--keep DIR] [--json PATH]
 
 Needs the `jsbsim` package (extra `judges`); flights, faults and nominals are those of `tests/foreign`.  Cases: six
 kinds if left out (weak_gimbal, k1_wrong, gust, slow_servo, gyro_bias, engine_out) and calm; `all`: every one.
@@ -8,7 +9,8 @@ Seeds below 1000 are for building, from 1000 on for judging: choose nothing on t
 is named, `alike` where the report says of a name that it cannot be told from it; a name is wrong that is neither,
 nor a look-alike of the case.  A size's error is relative to its distance from neutral (a scale's from 1).
 --plain: nominals without [drift] and [wind] and with a second-order servo.  --gamma: logs with the flight path as
-navigation has it.  --keep: logs and nominals stay in DIR.
+navigation has it.  --pole: nominals whose servo, of first order at 60 rad/s, is written as one of second order with
+this second pole [rad/s].  --keep: logs and nominals stay in DIR.
 """
 
 import argparse
@@ -53,12 +55,13 @@ def folder(keep: Path | None) -> Iterator[Path]:
         yield Path(made)
 
 
-def judged(name: str, seed: int, where: Path, plain: bool = False, navigated: bool = False) -> dict[str, Any]:
+def judged(name: str, seed: int, where: Path, plain: bool = False, navigated: bool = False,
+           pole: float | None = None) -> dict[str, Any]:
     """One flight: flown, written, diagnosed, compared."""
     of, flight = j246_cases.flown(name, seed)
     log, nominal = where / f"{name}_{seed}.csv", where / f"{name}_{seed}.toml"
     j246_cases.write_log(log, flight, navigated)
-    j246_cases.write_nominal(nominal, of, seed, plain)
+    j246_cases.write_nominal(nominal, of, seed, plain, pole=pole)
     begun = time.perf_counter()
     try:
         result = report(diagnose(read_log(log), load_nominal(nominal)))
@@ -138,6 +141,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 1), metavar=("FIRST", "COUNT"))
     parser.add_argument("--plain", action="store_true", help="nominals for commands without drift and wind")
     parser.add_argument("--gamma", action="store_true", help="logs with the column gamma")
+    parser.add_argument("--pole", type=float, metavar="RATE", help="rad/s, second pole of the nominals' servo")
     parser.add_argument("--keep", type=Path, metavar="DIR")
     parser.add_argument("--json", type=Path, metavar="PATH")
     args = parser.parse_args()
@@ -146,7 +150,7 @@ def main() -> None:
     with folder(args.keep) as where:
         for name in CASES if "all" in args.cases else args.cases:
             for seed in range(first, first + count):
-                rows.append(judged(name, seed, where, args.plain, args.gamma))
+                rows.append(judged(name, seed, where, args.plain, args.gamma, args.pole))
                 print(line(rows[-1]), flush=True)
     print("\n".join(table(rows)))
     if args.json:

@@ -193,7 +193,8 @@ def constants(nominal: Nominal) -> np.ndarray:
                      controller.kp, controller.kd, controller.derivative_time_constant,
                      sensors.theta_step, sensors.theta_dot_step, sensors.beta_step,
                      LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE,
-                     float(actuator.is_first_order), float(controller.is_rate_law), controller.ki])
+                     float(actuator.is_first_order), float(controller.is_rate_law), controller.ki,
+                     *np.zeros(st.N_CONSTANTS - st.PART)])
 
 
 def sections(nominal: Nominal) -> np.ndarray:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_diagnosis_used import as_record
 
-from sim.diagnosis.data.record import AT_ONCE, DIRECT, DIRECT_PARTS, WITHIN, Record, fastest_servo
+from sim.diagnosis.data.record import LONGEST_AT_ONCE, WITHIN, Record, no_servo
 from sim.diagnosis.data.used import thinned
 from sim.diagnosis.model.noise import declared, first_filter
-from sim.diagnosis.model.point import FASTEST, Point, innovations, servo_frequency
+from sim.diagnosis.model.point import FASTEST, Point, innovations, vehicle
 from sim.effects import effect
-from sim.flight import packed
+from sim.vehicle.step import FREQUENCY
 
 EFFECTS = ((), (effect("actuator_backlash", half_width=0.002),), (effect("actuator_delay", delay=0.013),),
            (effect("gyro_delay", delay=0.013),), (effect("gust", angle=0.05, time=2.0, duration=1.0),),
@@ -33,32 +33,28 @@ def record():
     return as_record(0.01)
 
 
-def frequency(record, *effects, later=0.0):
-    return servo_frequency(record, packed(record.nominal, effects, record.centre), later)
+def frequency(record, later):
+    return vehicle(record, Point(deviations=(0.0, 0.0, 0.0, 0.0, later))).constant[FREQUENCY]
 
 
-def test_a_quarter_of_a_row_at_most_is_integrated_at_once_and_what_resolves_the_servo(record):
+def test_a_quarter_of_a_row_at_most_is_integrated_at_once_whatever_the_servo(record):
     assert record.at_once == 1 and finer(record).at_once == 8 == int(WITHIN * record.period / finer(record).step)
     slow = finer(thinned(record, 4), 4)
-    assert slow.at_once * slow.step <= AT_ONCE / record.actuator.frequency < WITHIN * slow.period
+    assert slow.at_once * slow.step == pytest.approx(LONGEST_AT_ONCE) and LONGEST_AT_ONCE < WITHIN * slow.period
+    fast = dataclasses.replace(slow, actuator=dataclasses.replace(record.actuator, natural_frequency=2000.0))
+    assert fast.at_once == slow.at_once
     assert finer(record).resolution >= record.step  # no oscillation is sought that so long a step does not resolve
 
 
 def test_a_later_servo_is_slower_but_not_without_end(record):
     lag = record.actuator.lag
-    assert frequency(record) == 50.0 and frequency(record, later=lag) == pytest.approx(25.0)
-    assert frequency(record, later=-0.9 * lag) == pytest.approx(50.0 / FASTEST)
+    assert frequency(record, 0.0) == 50.0 and frequency(record, lag) == pytest.approx(25.0)
+    assert frequency(record, -0.9 * lag) == pytest.approx(50.0 / FASTEST)
 
 
-def test_a_servo_faster_than_the_rows_resolve_stands_for_none(record):
-    """Its lag is then a third of a row, whatever the nominal says; slower ones are what they are."""
-    fastest = fastest_servo(record.period)
-    assert fastest == pytest.approx(DIRECT / min(0.003, record.period / DIRECT_PARTS))
-    fast = dataclasses.replace(record, actuator=dataclasses.replace(record.actuator, natural_frequency=2000.0))
-    assert frequency(fast) == pytest.approx(fastest)
-    assert frequency(fast, effect("actuator_bandwidth", scale=0.5)) * 0.5 == pytest.approx(fastest)
-    assert frequency(fast, effect("actuator_bandwidth", scale=0.02)) == 2000.0  # 40 rad/s, as the log would show it
-    assert frequency(fast, effect("actuator_bandwidth", scale=0.02, lag=1.0)) == 2000.0  # in proportion to the servo
+@pytest.mark.parametrize(("period", "lag"), [(0.001, 0.001 / 3.0), (0.005, 0.005 / 3.0), (0.02, 0.003)])
+def test_the_servo_that_stands_for_none_lags_by_a_third_of_a_row_and_no_more_than_3_ms(period, lag):
+    assert no_servo(period).lag == pytest.approx(lag, rel=0.08)
 
 
 @pytest.mark.parametrize("effects", EFFECTS, ids=lambda each: each[0].name if each else "nominal")

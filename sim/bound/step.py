@@ -4,18 +4,21 @@ import math
 
 import numpy as np
 
+from ..vehicle.actuator import fastest_pole
 from ..vehicle.kernels import kernel
 from .world import MISALIGNMENT, MOMENT, PATH, TURBULENCE, WALK
 
 N_STATES = 4       # theta, theta_dot, beta, beta_dot
 N_AUGMENTED = 6    # and the held command and acceleration
-TAYLOR_ORDER = 12  # |A h| <= 0.6 here: the remainder is below 1e-12
+TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
+RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
 
 @kernel
 def transition(a6, k1, frequency, damping, h, f, fa, fk):
-    """exp(A h) of the augmented system and its derivatives for da6, dk1.  f, fa, fk (6, 6) out."""
+    """exp(A h) of the augmented system and its derivatives for da6, dk1: of a part of h, squared up (Moler and Van Loan
+    2003, method 3).  f, fa, fk (6, 6) out."""
     n = N_AUGMENTED
     a = np.zeros((n, n))
     a[0, 1] = 1.0
@@ -30,6 +33,8 @@ def transition(a6, k1, frequency, damping, h, f, fa, fk):
         a[3, 2] = -frequency * frequency
         a[3, 3] = -2.0 * damping * frequency
         a[3, 4] = frequency * frequency
+    squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / RESOLVED)))
+    h /= 2.0**squarings
     term, term_a, term_k = np.eye(n), np.zeros((n, n)), np.zeros((n, n))
     f[:, :] = np.eye(n)
     fa[:, :] = 0.0
@@ -50,6 +55,23 @@ def transition(a6, k1, frequency, damping, h, f, fa, fk):
         f += term
         fa += term_a
         fk += term_k
+    for _ in range(squarings):
+        fa[:, :] = product(fa, f) + product(f, fa)
+        fk[:, :] = product(fk, f) + product(f, fk)
+        f[:, :] = product(f, f)
+
+
+@kernel
+def product(a, b):
+    """a b (n, n), written out: numba's needs scipy, which an installation need not have."""
+    n = len(a)
+    out = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            if a[i, k] != 0.0:
+                for j in range(n):
+                    out[i, j] += a[i, k] * b[k, j]
+    return out
 
 
 @kernel

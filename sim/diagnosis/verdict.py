@@ -42,7 +42,7 @@ from .judge.outdone import outdone, outdone_beside
 from .judge.place import place, unheard
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
-from .model.follower import NominalFollower
+from .model.follower import NominalFollower, lost
 from .model.noise import ACCELERATION, LEVELS
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
@@ -109,6 +109,11 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
     r, made.controller = with_commands(shortened(r), NominalFollower())
     r, made.used = used(r, made.log.t[made.data.usable])
     made.record = r
+    if away := lost(r):
+        whole = plant_faults(made.log, made.nominal, made.data.masks)
+        made.verdict, made.limits = "unexplained", tuple(unseen())
+        made.doubts = (away, *(fault.message for fault in whole))
+        return made
     if bootstrap > 0:
         made.threshold = measured_threshold(r, bootstrap, say)
     made.threshold = max(made.threshold, r.unsure * r.rows)

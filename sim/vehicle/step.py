@@ -14,16 +14,28 @@ import numpy as np
 
 from ..effects import actuator, controller, environment, plant, sensor
 from ..effects.table import empty_table
-from .actuator import delayed_command, lag_slopes, servo_slopes
+from .actuator import (
+    RESOLVED,
+    as_line,
+    delayed_command,
+    fastest_pole,
+    free_servo,
+    lag_slopes,
+    parts_of,
+    servo_motion,
+    servo_slopes,
+)
 from .controller import N_SECTION, filtered, limited, pd_law, pi_law, pseudo_derivative
 from .kernels import inner, kernel
 from .plant import angle_of_attack, angular_acceleration, drift_rate
 from .sensors import measure
 
-# constant (f8); FIRST_ORDER and RATE_LAW: 1 yes, 0 no
+# constant (f8); FIRST_ORDER and RATE_LAW: 1 yes, 0 no; of a stiff servo behind them the part [s] and the frequency
+# [rad/s] of its last step, and the four numbers that follow of them, which most steps share
 (STEP, PERIOD, FREQUENCY, DAMPING, DELAY, LIMIT, KP, KD, TIME_CONSTANT,
- THETA_STEP, THETA_DOT_STEP, BETA_STEP, LOST_ANGLE, FIRST_ORDER, RATE_LAW, KI) = range(16)
-N_CONSTANTS = 16
+ THETA_STEP, THETA_DOT_STEP, BETA_STEP, LOST_ANGLE, FIRST_ORDER, RATE_LAW, KI, PART, PART_OF) = range(18)
+FREE = 18
+N_CONSTANTS = 22
 # state (f8)
 THETA, THETA_DOT, BETA, BETA_DOT, ERROR, DERIVATIVE, COMMAND, GAMMA, INTEGRAL = range(9)
 N_STATE = 9
@@ -200,46 +212,79 @@ def write_row(v, i, tick, u, row):
 
 
 @inner
+def nozzle_stages(c, w, rate, reach, u, h, b, r):
+    """(beta of the four stages, the nozzle's acceleration of the four, beta and beta_dot at the end) of a Runge-Kutta
+    step of h [s] from beta b [rad] and beta_dot r [rad/s]: of a servo that the step resolves."""
+    s1, r1, n1 = servo_flow(c, w, rate, reach, u, b, r)
+    b2, rr2 = b + 0.5 * h * s1, r + 0.5 * h * r1
+    s2, r2, n2 = servo_flow(c, w, rate, reach, u, b2, rr2)
+    b3, rr3 = b + 0.5 * h * s2, r + 0.5 * h * r2
+    s3, r3, n3 = servo_flow(c, w, rate, reach, u, b3, rr3)
+    b4, rr4 = b + h * s3, r + h * r3
+    s4, r4, n4 = servo_flow(c, w, rate, reach, u, b4, rr4)
+    return (b, b2, b3, b4, n1, n2, n3, n4, b + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4),
+            actuator.limited_rate(reach, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4)))
+
+
+@inner
+def stiff_stages(c, w, rate, reach, u, h, b, r):
+    """The same of a stiff servo: the lines that its motion and its rate's are to the vehicle (`vehicle.actuator`); the
+    jolt of a command that jumps is in them."""
+    is_lag = c[FIRST_ORDER] != 0.0
+    parts = parts_of(fastest_pole(w, c[DAMPING]), rate, h)
+    if c[PART] != h / parts or c[PART_OF] != w:
+        c[PART], c[PART_OF] = h / parts, w
+        c[FREE], c[FREE + 1], c[FREE + 2], c[FREE + 3] = free_servo(w, c[DAMPING], is_lag, h / parts)
+    end, end_rate, once, twice = servo_motion(w, c[DAMPING], is_lag, rate, reach, c[FREE:], parts, h, u, b, r)
+    before = actuator.limited_rate(rate, r)
+    after = servo_flow(c, w, rate, reach, u, end, end_rate)[0]
+    b1, b2, b4 = as_line(h, once, twice)
+    n1, n2, n4 = as_line(h, after - before, end - b - h * before)
+    return b1, b2, b2, b4, n1, n2, n2, n4, end, end_rate
+
+
+@inner
 def runge_kutta_4(v, i, n, u, disturbance):
     """One step of the classical fourth-order scheme for theta, theta_dot, beta, beta_dot, gamma and the plant's modes,
-    n of the flight's steps long.
+    n of the flight's steps long; of a stiff servo beta and beta_dot are exact.
 
     u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
-    over the step.  In a stage: q = theta_dot, r = the servo's rate, s = beta' (r within its limit), al = the angle of
-    attack, g = gamma; q1, r1 and g1 their derivatives; n1 the nozzle's acceleration.
+    over the step.  In a stage: q = theta_dot, b = beta, al = the angle of attack, g = gamma; q1 and g1 their
+    derivatives; n1 the nozzle's acceleration.
     """
     c, x, modes, winds = v.constant, v.state, v.plant, v.environment
     h, t = n * c[STEP], i * c[STEP]
     w, rate, reach = actuator.servo(v.actuator, c[FREQUENCY], c[DAMPING])
-    if c[FIRST_ORDER] != 0.0:
+    stiff = fastest_pole(w, c[DAMPING]) * h > RESOLVED
+    if c[FIRST_ORDER] != 0.0 and not stiff:
         jolt(v, w, rate, u)
-    th, q, b, r, g = x[THETA], x[THETA_DOT], x[BETA], x[BETA_DOT], x[GAMMA]
+    th, q, g = x[THETA], x[THETA_DOT], x[GAMMA]
     a_0, a_1, a_2 = v.a6[2 * i], v.a6[2 * i + n], v.a6[2 * (i + n)]
     k_0, k_1, k_2 = v.k1[2 * i], v.k1[2 * i + n], v.k1[2 * (i + n)]
     w_0, w_2 = wind_at(v, i), wind_at(v, i + n)
     w_1 = 0.5 * (w_0 + w_2)
     plant.begin_modes(modes)
+    if stiff:
+        b, b2, b3, b4, n1, n2, n3, n4, end, end_rate = stiff_stages(c, w, rate, reach, u, h, x[BETA], x[BETA_DOT])
+    else:
+        b, b2, b3, b4, n1, n2, n3, n4, end, end_rate = nozzle_stages(c, w, rate, reach, u, h, x[BETA], x[BETA_DOT])
 
     al = angle_of_attack(th, g, w_0)
-    s1, r1, n1 = servo_flow(c, w, rate, reach, u, b, r)
     q1 = acceleration(modes, winds, a_0, k_0, t, disturbance, al, th, q, b, n1)
     g1 = drifting(v, 2 * i, t, al, b)
     plant.advance_modes(modes, 1.0, 0.5 * h, q1, b)
-    th2, qq2, b2, rr2 = th + 0.5 * h * q, q + 0.5 * h * q1, b + 0.5 * h * s1, r + 0.5 * h * r1
+    th2, qq2 = th + 0.5 * h * q, q + 0.5 * h * q1
     al2 = angle_of_attack(th2, g + 0.5 * h * g1, w_1)
-    s2, r2, n2 = servo_flow(c, w, rate, reach, u, b2, rr2)
     q2 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al2, th2, qq2, b2, n2)
     g2 = drifting(v, 2 * i + n, t + 0.5 * h, al2, b2)
     plant.advance_modes(modes, 2.0, 0.5 * h, q2, b2)
-    th3, qq3, b3, rr3 = th + 0.5 * h * qq2, q + 0.5 * h * q2, b + 0.5 * h * s2, r + 0.5 * h * r2
+    th3, qq3 = th + 0.5 * h * qq2, q + 0.5 * h * q2
     al3 = angle_of_attack(th3, g + 0.5 * h * g2, w_1)
-    s3, r3, n3 = servo_flow(c, w, rate, reach, u, b3, rr3)
     q3 = acceleration(modes, winds, a_1, k_1, t + 0.5 * h, disturbance, al3, th3, qq3, b3, n3)
     g3 = drifting(v, 2 * i + n, t + 0.5 * h, al3, b3)
     plant.advance_modes(modes, 2.0, h, q3, b3)
-    th4, qq4, b4, rr4 = th + h * qq3, q + h * q3, b + h * s3, r + h * r3
+    th4, qq4 = th + h * qq3, q + h * q3
     al4 = angle_of_attack(th4, g + h * g3, w_2)
-    s4, r4, n4 = servo_flow(c, w, rate, reach, u, b4, rr4)
     q4 = acceleration(modes, winds, a_2, k_2, t + h, disturbance, al4, th4, qq4, b4, n4)
     g4 = drifting(v, 2 * (i + n), t + h, al4, b4)
     plant.advance_modes(modes, 1.0, h, q4, b4)
@@ -247,8 +292,7 @@ def runge_kutta_4(v, i, n, u, disturbance):
     plant.end_modes(modes, h)
     x[THETA] = th + h / 6.0 * (q + 2.0 * qq2 + 2.0 * qq3 + qq4)
     x[THETA_DOT] = q + h / 6.0 * (q1 + 2.0 * q2 + 2.0 * q3 + q4)
-    x[BETA] = b + h / 6.0 * (s1 + 2.0 * s2 + 2.0 * s3 + s4)
-    x[BETA_DOT] = actuator.limited_rate(reach, r + h / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4))
+    x[BETA], x[BETA_DOT] = end, end_rate
     x[GAMMA] = g + h / 6.0 * (g1 + 2.0 * g2 + 2.0 * g3 + g4)
     if c[FIRST_ORDER] != 0.0:
         x[BETA_DOT] = lag_slopes(w, rate, u, x[BETA])[0]

@@ -203,10 +203,19 @@ def write_log(path: Path, flight: Flight, navigated: bool = False) -> None:
     path.write_text(",".join(names) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows), encoding="utf-8")
 
 
-def write_nominal(path: Path, of: Case, seed: int, plain: bool = False, duration: float = DURATION) -> None:
+def servo_lines(pole: float) -> str:
+    """A servo of second order with this second pole [rad/s], as late as the vehicle's of first order at 60 rad/s."""
+    slow = 1.0 / (1.0 / 60.0 - 1.0 / pole)
+    frequency = math.sqrt(slow * pole)
+    return f"natural_frequency = {frequency!r}\ndamping_ratio = {0.5 * (slow + pole) / frequency!r}"
+
+
+def write_nominal(path: Path, of: Case, seed: int, plain: bool = False, duration: float = DURATION,
+                  pole: float | None = None) -> None:
     """What the simulation believes: a TOML file, and beside it the profiles NAME.vehicle.csv and NAME.drift.csv.
 
-    plain  without [drift] and [wind], and with a second-order servo: for commands that know no others
+    plain  without [drift] and [wind], and with a second-order servo without delay: for commands that know no others
+    pole   [rad/s] with a second-order servo that has this second pole
     """
     ref = j246.reference()
     at = np.arange(0, round(duration / j246.PERIOD) + 1, round(NODE / j246.PERIOD))
@@ -214,11 +223,8 @@ def write_nominal(path: Path, of: Case, seed: int, plain: bool = False, duration
     _write_profile(path, "vehicle", "t,a6,k1", (t, ref["a6"][at], of.k1_scale * ref["k1"][at]))
     nodes_t, nodes = j246.guidance(seed)
     noise = j246.NOISE
-    servo = f"time_constant = {1.0 / 60.0!r}\ndelay = {0.5 * j246.STEP!r}"
-    if plain:  # poles p and PLAIN_POLE with the lag of one at 60 rad/s
-        pole = 1.0 / (1.0 / 60.0 - 1.0 / PLAIN_POLE)
-        frequency = math.sqrt(pole * PLAIN_POLE)
-        servo = f"natural_frequency = {frequency!r}\ndamping_ratio = {0.5 * (pole + PLAIN_POLE) / frequency!r}"
+    servo = servo_lines(PLAIN_POLE) if plain else \
+        f"{f'time_constant = {1.0 / 60.0!r}' if pole is None else servo_lines(pole)}\ndelay = {0.5 * j246.STEP!r}"
     world = ""
     if not plain:
         _write_profile(path, "drift", "t,z_alpha,z_beta", (t, ref["z_alpha"][at], ref["z_beta"][at]))

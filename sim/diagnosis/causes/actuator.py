@@ -22,7 +22,6 @@ from .hypothesis import (
 RATE_SHARES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command: the servo follows a part of it
 FASTEST = 0.999        # quantile of the command's rate that counts as its largest
 PLAYS = (3e-4, 1e-3, 3e-3, 1e-2)    # rad
-SERVO_RESOLVED = 0.9   # rad a step, of the servo: Runge-Kutta 4 stays stable up to 2.7
 FIRST_WIND_UP = 0.3    # from where its search starts, and the share of the rate limit that it makes up for
 MOST_WIND_UP = 20.0
 RATE = Free("rate", 0.01, 1e-3, 50.0, logarithmic=True)  # rad/s
@@ -45,10 +44,6 @@ def _rates(record: Record) -> list[float]:
 
 def _plays(record: Record) -> list[float]:
     return list(PLAYS)
-
-
-def _resolved(record: Record) -> float:
-    return max(SERVO_RESOLVED / (record.at_once * record.step * record.actuator.frequency), 1.0)
 
 
 def _as_lag(record: Record, values: Values) -> Values:
@@ -77,7 +72,7 @@ LIMITED = "the nozzle cannot move faster than {rate}"
 LIMITED_WOUND_UP = "the nozzle cannot move faster than {rate}, and what is asked of it runs ahead by {wind_up} of that"
 
 LAG = Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 1.0),), 1.0, SLOW_AS_LAG,
-                 visible=_command_is_known, fixed=(("lag", 1.0),), resolved=_resolved)
+                 visible=_command_is_known, fixed=(("lag", 1.0),))
 WIND_UP = Hypothesis("actuator_rate_limit", (RATE, size("wind_up", 0.05, 0.0, MOST_WIND_UP)), math.inf,
                      LIMITED_WOUND_UP, lambda record: [(FIRST_WIND_UP,)], _command_is_known, _rates)
 
@@ -87,8 +82,7 @@ CAUSES = (
                form=Form(LAG, _as_lag, "lag"), decides=(("actuator_bandwidth", FAST_NOZZLE_SENSOR),),
                like=(("actuator_bandwidth", LIKE_A_DELAY),), floor=as_timed, late=by_its_size),
     Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 5.0),), 1.0, SLOWER, visible=_command_is_known,
-               late=_by_its_lag,
-               resolved=_resolved, form=Form(LAG, _as_slow, "lag")),
+               late=_by_its_lag, form=Form(LAG, _as_slow, "lag")),
     Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0,
                "the servo moves {scale} of what is commanded (a nozzle sensor that shows so much of it looks the same "
                "within the tolerance of k1)", visible=_command_is_known,

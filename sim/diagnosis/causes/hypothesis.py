@@ -155,7 +155,6 @@ class Hypothesis:
     start    how the search begins
     amounts  so many of the free numbers, from the first, are sizes of it
     limit_at of a record: values of the other parameters for which the limit is given;  largest: a larger is none
-    resolved of a record: the largest size that the integration step resolves; None: any
     form     another law of it; steps: it may come gradually;  tells_onset: what begins with the log is another cause
     is_mode  an oscillation of the vehicle, at its free[1]; may_repeat: there may be two
     twin     the cause that it cannot be told from, and so does not join, where no sensor tells the nozzle
@@ -182,7 +181,6 @@ class Hypothesis:
     amounts: int = 1
     limit_at: Callable[[Record], Values] = nothing_given
     largest: float = math.inf
-    resolved: Callable[[Record], float] | None = None
     form: Form | None = None
     steps: Steps | None = None
     tells_onset: bool = False

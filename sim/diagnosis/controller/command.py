@@ -14,11 +14,10 @@ from ...errors import InputError
 from ...flight import excitation, packed, sections
 from ...log import Log
 from ...nominal import Nominal
-from ...sections import Actuator
 from ...vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
-from ..data.record import BETA, DIRECT, DIRECT_DAMPING, THETA, Record, on_grid
+from ..data.record import BETA, THETA, Record, no_servo, on_grid
 from .ticks import between, falls_between, issued_at, lined, over_grid, ticks_of
 
 LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
@@ -63,7 +62,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
                              "command from; expected one of them")
     if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
         draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
-                        actuator=Actuator(natural_frequency=DIRECT / draft.step, damping_ratio=DIRECT_DAMPING))
+                        actuator=no_servo(draft.period))
     else:
         command = _shared(command, draft.held, draft.held_phase)
         known = np.isfinite(command)
@@ -84,7 +83,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     if draft.fine > 1:
         return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
-        early = 0.5 + 2.0 * DIRECT_DAMPING / DIRECT / draft.every
+        early = 0.5 + draft.actuator.lag / draft.period
         issued = issued + early * np.diff(issued, append=issued[-1])
     m = draft.every // draft.tick
     ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
@@ -156,7 +155,7 @@ def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) 
     if source != "beta" and _is_held(changed):
         at[1:] = np.where(changed, 0.5 * (at[1:] + at[:-1]), at[1:])
     if source == "beta":
-        return np.interp(ticks + 2.0 * DIRECT_DAMPING / DIRECT, at, values)
+        return np.interp(ticks + draft.actuator.lag / draft.step, at, values)
     return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])
 
 

@@ -21,6 +21,7 @@ from ...log import Log
 from ...nominal import Nominal
 from ...sections import Actuator, Controller
 from ...sums import inner, square
+from ...vehicle.actuator import fastest_pole
 from .channels import MEASURED as CHANNELS
 from .check import DataCheck
 from .work import Work
@@ -30,16 +31,14 @@ THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s of the grid
 LONGEST_AT_ONCE = 0.005  # s of steps that are integrated at once
 WITHIN = 0.25            # of a row at once: late commands, losses, moments and gusts begin within a step, unseen
-SERVO_STEP = 0.2         # rad a step of the grid, of the servo
-AT_ONCE = 0.3            # rad of it at once: Runge-Kutta 4 is then exact to (wh)^4/120 = 7e-5 of what it moves
-FAST_SERVO = 300.0       # rad/s: of a faster one, which stands for none, only where it ends counts
-FAST_STEP = 0.6          # rad a step of it: exact to 1e-3 of its transient, which is over within 10 ms
+ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
+FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
 CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
 MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
-DIRECT = 1.5             # rad a step: the servo that stands for none is as fast as the step resolves
+DIRECT = 4.5             # rad a row: the servo that stands for none lags by a third of a row
+SLOWEST_DIRECT = 500.0   # rad/s: but by no more than 3 ms
 DIRECT_DAMPING = 0.7
-DIRECT_PARTS = 3         # steps a row then: its lag is a third of a row
 MOST_DECIMALS = 6        # of a stamp that a logger rounded
 ULPS = 4.0               # that a number printed with so many is off, read again
 ROUNDING_SLACK = 0.02    # of the last one, beyond half of which either way no stamp is off
@@ -69,7 +68,6 @@ class Record:
     world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     work        what has been done on it, and may be, shared with all that are made of it
-    fastest     [rad/s] of servos that the rows resolve; a faster one stands for none
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
     between     [rad] one sigma by which its commands between rows are off beside that
@@ -112,7 +110,6 @@ class Record:
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
     work: Work = field(default_factory=Work)
-    fastest: float = math.inf
     thinned: int = 1
 
     def __post_init__(self) -> None:
@@ -137,17 +134,22 @@ class Record:
     @functools.cached_property
     def at_once(self) -> int:
         """Steps of the grid that are integrated at once, within one command: of a jittered or thinned log many stand
-        for a row.  Whatever the effects: models are compared, and integrated otherwise they would differ by that."""
-        servo = self.actuator.frequency
-        longest = DIRECT / self.fastest if servo >= self.fastest else \
-            min(LONGEST_AT_ONCE, (FAST_STEP if servo > FAST_SERVO else AT_ONCE) / servo)
-        return max(1, int(min(longest, WITHIN * self.period) / self.step * (1.0 + 1e-9)))
+        for a row.  Whatever the servo: one that is stiff over so long a step is integrated exactly."""
+        return max(1, int(min(LONGEST_AT_ONCE, WITHIN * self.period) / self.step * (1.0 + 1e-9)))
 
     @functools.cached_property
     def tau(self) -> np.ndarray:
         """(2 steps + 1,) at every half step: time from -1 at the first row to 1 at the last"""
         half = np.arange(len(self.a6)) - 2 * self.first_step
         return np.clip(half / max((self.rows - 1) * self.every, 1) - 1.0, -1.0, 1.0)
+
+    @functools.cached_property
+    def farthest(self) -> float:
+        """[rad] An attitude from which on a model does not follow the log: no body turns so far in it, however it
+        spins."""
+        turned = self.z[:, THETA] if np.isfinite(self.z[:, THETA]).any() else \
+            np.cumsum(np.nan_to_num(self.z[:, THETA_DOT])) * self.period
+        return ESCAPED + float(np.nanmax(np.abs(turned)))
 
     @property
     def t(self) -> np.ndarray:
@@ -170,26 +172,33 @@ class Record:
         return self.input != "beta"
 
 
-def fastest_servo(period: float) -> float:
-    """[rad/s] A faster one stands for none where rows are a period [s] apart: its lag is a third of that."""
-    return DIRECT / min(LONGEST_STEP, period / DIRECT_PARTS)
+def no_servo(period: float) -> Actuator:
+    """The servo that stands for none where rows are a period [s] apart."""
+    return Actuator(natural_frequency=max(DIRECT / period, SLOWEST_DIRECT), damping_ratio=DIRECT_DAMPING)
 
 
-def longest_step(frequency: float, fastest: float) -> float:
-    """[s] of the grid, that resolves a servo [rad/s] and the vehicle."""
-    if frequency >= fastest:
-        return DIRECT / fastest
-    return min(LONGEST_STEP, (FAST_STEP if frequency > FAST_SERVO else SERVO_STEP) / frequency)
+def as_seen(servo: Actuator, period: float) -> Actuator:
+    """The servo as rows a period [s] apart can show it: without a second pole that is far faster than they and the
+    first, it is one of first order as late.  A servo of first order may have been written so, and is then no other:
+    what slows it slows the pole that is seen."""
+    if servo.is_first_order or not servo.damping_ratio > 1.0:
+        return servo
+    fast = fastest_pole(servo.frequency, servo.damping_ratio)
+    slow = servo.frequency**2 / fast
+    if fast < FAR_FASTER * max(slow, 1.0 / period):
+        return servo
+    return replace(servo, natural_frequency=math.nan, damping_ratio=math.nan, time_constant=servo.lag)
 
 
-def integration_step(period: float, tick: float, longest: float) -> float:
-    """The longest step [s], at most `longest`, that divides both periods."""
-    for parts in range(max(1, math.ceil(period / longest - 1e-9)), 200):
+def integration_step(period: float, tick: float) -> float:
+    """The longest step [s], at most LONGEST_STEP, that divides both periods."""
+    fewest = max(1, math.ceil(period / LONGEST_STEP - 1e-9))
+    for parts in range(fewest, 200):
         step = period / parts
         ratio = tick / step
         if abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1:
             return step
-    return period / max(1, math.ceil(period / longest - 1e-9))
+    return period / fewest
 
 
 def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) -> tuple[Record, np.ndarray]:
@@ -225,7 +234,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     reference, command = column("theta_ref"), column("beta_cmd")
     own = nominal.controller
     nominal = _shifted(_answerable(nominal), shift)
-    actuator = nominal.actuator or Actuator(natural_frequency=DIRECT / step, damping_ratio=DIRECT_DAMPING)
+    actuator = no_servo(period) if nominal.actuator is None else as_seen(nominal.actuator, period)
     first_step = round((t[0] - shift) / step)
     at = every * np.arange(n, dtype=np.int64)
     if fine > 1:
@@ -237,7 +246,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     wind = _known_wind(nominal, half[::2] + shift, t, path)
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
                    first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
-                   wind=wind, path_is_known=bool(np.isfinite(path).any()), fastest=fastest_servo(period),
+                   wind=wind, path_is_known=bool(np.isfinite(path).any()),
                    law=own if own is not None and (own.filters or own.is_rate_law) else None,
                    rate_reference=column("rate_ref"))
     return draft, command
@@ -280,14 +289,12 @@ def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int,
     tick_period = nominal.controller.period if nominal.controller is not None else period
     off_tick = abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
         abs(period / tick_period - round(period / tick_period)) > 1e-6
-    longest = longest_step(nominal.actuator.frequency if nominal.actuator is not None else math.inf,
-                           fastest_servo(period))
     if jittered or off_tick:
-        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS, longest)
+        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS)
         step = min(step, period / JITTER_STEPS)
         tick = round(period / JITTER_TICKS / step)
         return step, JITTER_TICKS * tick, tick, JITTER_TICKS
-    step = integration_step(period, tick_period, longest)
+    step = integration_step(period, tick_period)
     return step, round(period / step), round(tick_period / step), 1
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...nominal import Nominal
 from .check import DataCheck
-from .record import Record, fastest_servo, longest_step
+from .record import LONGEST_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 NEARLY = 1.0 + 1e-9    # of the longest step: rounding
@@ -96,7 +96,7 @@ def thinned(record: Record, every: int) -> Record:
                    commands=commands, logged=None if record.logged is None else some(record.logged),
                    issued=None if record.issued is None else some(record.issued),
                    held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
-                   held_phase=0, fastest=fastest_servo(record.period * every), thinned=record.thinned * every)
+                   held_phase=0, thinned=record.thinned * every)
 
 
 def _lost(record: Record, every: int) -> np.ndarray | None:
@@ -108,10 +108,10 @@ def _lost(record: Record, every: int) -> np.ndarray | None:
 
 
 def coarser(record: Record) -> Record:
-    """The longest integration step that still resolves the servo and meets every row and tick."""
-    longest = longest_step(record.actuator.frequency, record.fastest)
+    """The longest integration step that meets every row and tick."""
     whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
-    times = max(m for m in range(1, whole + 1) if whole % m == 0 and (m == 1 or m * record.step < longest * NEARLY))
+    times = max(m for m in range(1, whole + 1)
+                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * NEARLY))
     return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
                    first_step=record.first_step // times, at=record.at // times,
                    a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),

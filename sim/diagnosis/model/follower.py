@@ -6,11 +6,10 @@ import numpy as np
 
 from ...sums import least_squares
 from ..controller.gaps import Seen
-from ..data.record import THETA, Record
+from ..data.record import ESCAPED, THETA, Record
 from .noise import Filter, declared, first_filter
 from .nuisance import Problem
 from .point import Point, innovations, predicted_attitude
-from .predictor import ESCAPED
 
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
 SLOW = 2       # powers of time in what a biased gyro takes the attitude off
@@ -32,6 +31,19 @@ class Vehicle:
         return Problem(record, self.filter).deviation_slopes()
 
 
+def lost(record: Record) -> str:
+    """Why there is no likelihood of this log, in words; "" where there is one.  The nominal, at its declared noise,
+    runs away from the log or predicts what is no number: what causes gained over that would be no evidence."""
+    filt = first_filter(record, declared(record))
+    _, _, states, stayed = Problem(record, filt).white(Point())
+    if stayed:
+        return ""
+    gone = np.flatnonzero(~np.isfinite(states[:, THETA]))
+    since = f"from {record.t[gone[0]] + record.shift:.6g} s on" if len(gone) else "somewhere"
+    return f"{since} the nominal's simulation is off by more than {ESCAPED:g} rad, or no number, although every row " \
+           "corrects it"
+
+
 class NominalFollower:
     """The nominal without causes (`controller.issued.Follower`)."""
 
@@ -41,7 +53,7 @@ class NominalFollower:
         levels[:len(ALERT)] *= ALERT
         gains = first_filter(record, levels)
         seen = Seen(predicted_attitude(record, gains), innovations(record, gains, Point())[0])
-        return _as_measured(record, seen) if np.all(np.abs(seen.attitude) < ESCAPED) else None
+        return _as_measured(record, seen) if np.all(np.abs(seen.attitude) < record.farthest) else None
 
     def vehicle(self, record: Record) -> Vehicle:
         """At the declared noise."""

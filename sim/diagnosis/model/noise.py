@@ -360,7 +360,6 @@ def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:
 def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
     """Covariance (m, m) before the first row; the state begins at the first measured values, or at rest."""
     p = np.zeros((dyn.f.shape[1], dyn.f.shape[1]))
-    w = min(record.actuator.frequency, record.fastest)
     level_of = {state: level for (state, _), level in zip(dyn.fresh, levels[5:], strict=True)}
     for state, variance in dyn.first:
         p[state, state] = level_of[state]**2 if variance < 0.0 else variance
@@ -372,7 +371,7 @@ def _start(record: Record, levels: np.ndarray, dyn: Dynamics) -> np.ndarray:
     if "beta" not in record.channels:  # it begins where it was sent, or anywhere that it is sent to
         nozzle = max(nozzle, float(np.std(record.commands)))
     p[2, 2] = nozzle**2
-    p[3, 3] = (nozzle * w)**2
+    p[3, 3] = (nozzle * record.actuator.frequency)**2
     return p
 
 

@@ -39,7 +39,8 @@ class Problem:
         self.record.work.count(self.record.rows * self.record.every // self.record.at_once)
         e, states, stayed = innovations(self.record, self.filter, point)
         white = self.filter.whiten(e)
-        if not stayed or not np.all(np.isfinite(white)):
+        stayed = stayed and bool(np.all(np.isfinite(white)))
+        if not stayed:
             white[:] = WORST_WHITE
         np.clip(white, -WORST_WHITE, WORST_WHITE, out=white)
         return self.counted(white), e, states, stayed

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ...effects import Effect, actuator, plant, sensor
-from ...effects.table import CODE, MEMORY, P0, P1, Table
+from ...effects.table import CODE, MEMORY, P0, Table
 from ...flight import packed
 from ...sections import AT_REST
 from ...vehicle import step as st
@@ -50,11 +50,11 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
         half = np.arange(len(a6)) * (0.5 * record.step)
         plant.parameters_over_time(table.plant, half, a6, k1)
     servo = record.actuator
-    frequency = servo_frequency(record, table, later)
+    frequency = servo.frequency / max(1.0 + later / servo.lag, FASTEST)
     constant = np.zeros(st.N_CONSTANTS)
     constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY, st.FIRST_ORDER]] = (
         record.step, record.tick * record.step, frequency, servo.damping_ratio, servo.delay, servo.is_first_order)
-    constant[st.LIMIT] = constant[st.LOST_ANGLE] = math.inf
+    constant[st.LIMIT], constant[st.LOST_ANGLE] = math.inf, record.farthest
     counter = np.zeros(st.N_COUNTERS + 1, np.int64)
     counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY, AT_ONCE]] = (
         record.first_step, record.tick, record.every, record.at_once)
@@ -89,22 +89,6 @@ def _settle(table: Table, beta: float) -> None:
     for row in table.actuator:
         if row[CODE] in (actuator.ACTUATOR_BACKLASH, actuator.ACTUATOR_BANDWIDTH):
             row[MEMORY] = beta
-
-
-def servo_frequency(record: Record, table: Table, later: float) -> float:
-    """The servo's natural frequency [rad/s] before the table's effects, answering `later` [s] than the nominal's.
-
-    One that is faster than the log resolves stands for none: it is as slow as its rows allow (`Record.fastest`), since
-    only where it ends counts.
-    """
-    servo = record.actuator
-    own = seen = servo.frequency / max(1.0 + later / servo.lag, FASTEST)
-    for row in table.actuator:
-        if row[CODE] == actuator.ACTUATOR_BANDWIDTH:
-            seen, lag = actuator.slowed(row[P0], row[P1], seen, servo.damping_ratio)
-            if lag > 0.0:
-                return own  # a lag before the servo is in proportion to it
-    return own * min(1.0, record.fastest / seen)
 
 
 def _first(values: np.ndarray) -> float:

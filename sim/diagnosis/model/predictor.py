@@ -24,6 +24,7 @@ from ...vehicle.step import (
     DAMPING,
     DELAY,
     FREQUENCY,
+    LOST_ANGLE,
     N_COUNTERS,
     PERIOD,
     STEP,
@@ -39,7 +40,6 @@ from .likelihood import N_CHANNELS
 
 AT_ONCE = N_COUNTERS  # of the vehicle's counters, behind the simulator's
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
-ESCAPED = 1.0e3     # rad: a model that diverges from the log is not followed further
 WHOLE = 1.0e-6      # of a step: nearer to its end a command begins there
 DEAF = 0.1          # least scale factor of a gyro that is made good: of one that shows less, noise would be the rate
 
@@ -220,7 +220,7 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
         correct_row(v, slots, held, world, air, i, k, z, gains, row)
         for c in range(N_CHANNELS):
             innovations[k, c] = math.nan if np.isnan(z[k, c]) else row[c]
-        if not abs(v.state[THETA]) < ESCAPED:
+        if not abs(v.state[THETA]) < v.constant[LOST_ANGLE]:
             innovations[k:] = math.nan
             states[k:] = math.nan
             return False

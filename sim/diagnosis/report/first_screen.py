@@ -54,6 +54,8 @@ def _cause_lines(made: Diagnosis) -> list[str]:
         return [f"<b>{text(each.label)}</b>: {text(sentence(each))}"
                 + text(f"; or, as well, {' or '.join(alternatives(made, each))}" if each.rivals else "") + "."
                 for each in made.causes]
+    if made.selection is None:
+        return ["None was sought: over a simulation that runs away no cause has evidence."]
     near = ", ".join(f"{each.label}, {sentence(each)} ({each.evidence:.0f} nats)" for each in made.nearest)
     lines = ["None of the catalogue. " + text(f"The nearest, which is not the cause: {near}." if near else
                                               "No known cause comes near.")]

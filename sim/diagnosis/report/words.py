@@ -106,6 +106,8 @@ def headline(made: Diagnosis) -> str:
         return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
     if made.is_cut_short:
         return "UNEXPLAINED: the search was stopped before its end; nothing is concluded from it."
+    if made.verdict == "unexplained" and made.selection is None:
+        return "UNEXPLAINED: the simulation does not stay with the log, so no cause was sought."
     if made.verdict == "unexplained":
         return f"UNEXPLAINED: simulation and measurement part at the {made.where}, and no known cause fits."
     causes = " and ".join(" or ".join((cause.label, *cause.rivals)) for cause in made.causes)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...sums import along, products, square
-from ..causes import Cause, Hypothesis
+from ..causes import Cause
 from ..data.record import Record
 from ..model.noise import Filter
 from ..model.nuisance import DEVIATION_STEPS, Problem, within_sign
@@ -85,19 +85,17 @@ def unpack_values(causes: Sequence[Cause], x: np.ndarray, record: Record) -> tup
         values = []
         for free in cause.hypothesis.free:
             value = math.exp(min(x[k], LARGEST_LOGARITHM)) if free.logarithmic else float(x[k])
-            values.append(min(max(value, free.low), free.high, _resolved(cause.hypothesis, free.name, record)))
+            values.append(min(max(value, free.low), free.high, _resolved(free.name, record)))
             k += 1
         made.append(Cause(cause.hypothesis, tuple(values)))
     return tuple(made), within_sign(x[k:k + DEVIATIONS])
 
 
-def _resolved(hypothesis: Hypothesis, name: str, record: Record) -> float:
+def _resolved(name: str, record: Record) -> float:
     """The largest value of a parameter that the integration step resolves, and the log's end for a time."""
     if name == "time":
         return float(record.t[-1])
-    if name == "frequency":
-        return RESOLVED / record.resolution
-    return math.inf if hypothesis.resolved is None else hypothesis.resolved(record)
+    return RESOLVED / record.resolution if name == "frequency" else math.inf
 
 
 def steps_of(causes: Sequence[Cause]) -> np.ndarray:
