@@ -187,6 +187,7 @@ def _fill_regression(config: Config, fixed: rg.Fixed) -> None:
     plan[rg.TERM_A6_DOT], plan[rg.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
     plan[rg.MEASURED] = int(config.formulation == "measured")
     plan[rg.INTEGRAL] = int(config.formulation == "integral")
+    plan[rg.HELD] = int(config.beta_held)
     fixed.threshold[rg.RAW] = 0.0 if config.threshold is None else config.threshold
     fixed.threshold[rg.OWN_SHARE] = default_own_share(config.terms) if config.threshold is None else 0.0
     fixed.saturation[:] = math.inf

@@ -14,8 +14,8 @@ from .stuck import N_LEARNED, N_WATCHED
 from .window import EQUATIONS, Outcome, view_outcome
 
 # plan (i8): what is fixed at construction
-KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, ENOUGH = range(9)
-N_PLAN = 9
+KEEP, SOLVER, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH = range(10)
+N_PLAN = 10
 
 # threshold (f8): what a term must exceed to stay
 RAW, OWN_SHARE = range(2)

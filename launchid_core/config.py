@@ -31,6 +31,8 @@ class Config:
                            integral: at the bound in 1 s windows of constant dynamics; where a6 and k1 vary, none
                            of the first three can be trusted under noise.  filtered reaches the Cramer-Rao bound
     model                  what the filtered formulation believes of the vehicle; None for the others
+    beta_held              beta acts from each sample to the next, as a command that is held does; False: it moves
+                           between them.  For `integral`, which then integrates its steps exactly
     noise                  `estimated`: the model's noise levels are a prior, followed in flight; `declared`: exact
     solver                 stls (the paper's), sr3, ssr or lasso
     threshold              coefficients below it are cut, in the raw units of each; None: a term goes that explains
@@ -54,6 +56,7 @@ class Config:
     library: str | tuple[str, ...] = "rigid-body"
     formulation: str = "integral"
     model: Model | None = None
+    beta_held: bool = False
     noise: str = "estimated"
     solver: str = "stls"
     threshold: float | None = None
@@ -77,6 +80,8 @@ class Config:
         self._require_name("formulation", FORMULATIONS)
         self._require_name("solver", SOLVERS)
         self._require_name("noise", NOISE_LEVELS)
+        if not isinstance(self.beta_held, bool):
+            raise ValueError(f"beta_held={self.beta_held!r}: expected True or False")
         if isinstance(self.library, list):
             object.__setattr__(self, "library", tuple(self.library))
         if not isinstance(self.library, str) and not (

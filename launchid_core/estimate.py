@@ -11,10 +11,12 @@ from .status import EstimateStatus
 
 
 class Tracked(NamedTuple):
-    """The tracked estimate at a window's end: all data so far, the slow deviation from the nominal followed.
+    """The tracked estimate at a window's end, or at the last sample where `estimate` is asked later: all data so far,
+    the slow deviation from the nominal followed.
 
     valid        at least one parameter is known better than before the first sample
-    a6, k1       [1/s^2] at t_end, with standard deviations and correlation; NaN if not valid
+    a6, k1       [1/s^2] then: what is believed of their share times the nominal at that time, with standard deviations
+                 and correlation; NaN if not valid
     """
 
     valid: bool

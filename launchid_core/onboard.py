@@ -359,10 +359,13 @@ def update_filtered(fixed, state, work, learner, learning, sigma, gauge, t, thet
 
 @merged
 def report_now(fixed, state, gauge, rep):
-    """Everything that leaves beside the outcome, as of now."""
-    t_end = state.clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
+    """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
+    counts, clock = state.counts, state.clock
+    t = clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
+    if counts[rb.ROWS] > counts[rb.CLOSED_BACK]:
+        t = clock[rb.T_LAST]
     contradicted = state.check.flag[RAISED] == 1
-    report_tracked(fixed.belief, state.bank.total, contradicted, t_end, rep)
+    report_tracked(fixed.belief, state.bank.total, contradicted, t, rep)
     report_air(fixed.belief, state.filter, state.bank.total, contradicted, rep)
     report_changes(fixed.belief, state.watch, rep)
     report_level(gauge, rep)

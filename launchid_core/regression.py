@@ -14,6 +14,7 @@ import numpy as np
 from . import ring as rb
 from .batch import (
     ENOUGH,
+    HELD,
     INTEGRAL,
     KEEP,
     MEASURED,
@@ -140,7 +141,7 @@ def report_attitude(fixed, work, out, at, y, n, rows):
     rotate(at, work.tau, q, series, 0 if width > 0 else 1 + PAIR, 2 + PAIR if known else 1 + PAIR)  # in time
     if width > 0:
         if plan[INTEGRAL] == 1:
-            integral_error(fixed.codes, work, n, work.xi)
+            integral_error(fixed.codes, work, n, work.xi, plan[HELD])
         report_spread(plan, work, out, count, rows - width)
         report_others(plan, work, out, at, count, width, rows - width)
     if size < q:
@@ -266,8 +267,8 @@ def close_integral(fixed, state, work):
         t_centre = state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
         fill_states(work, n, t_centre)
         standardise(work, fixed.centred, kept, n)
-        integral_rows(fixed.codes, work, n, kept)
-        drift_integral(work, n, kept, t_centre)
+        integral_rows(fixed.codes, work, n, kept, fixed.plan[HELD])
+        drift_integral(work, n, kept, t_centre, fixed.plan[HELD])
         centre_segments(work.drift[:PAIR * kept].reshape((PAIR, kept)), work, kept)
         pieces = centre_segments(work.phi[:q * kept].reshape((q, kept)), work, kept)
         centre_segments(work.target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), work, kept)

@@ -52,7 +52,7 @@ N_CHANGED = 2
 class Report(NamedTuple):
     """What leaves beside the outcome, as of now."""
 
-    tracked: np.ndarray  # (N_TRACKED,) 1/s^2 at t_end
+    tracked: np.ndarray  # (N_TRACKED,) 1/s^2 as of now
     level: np.ndarray    # (2, N_LEVEL) of a6 and of k1
     band: np.ndarray     # (2,) int64 place in BANDS, or NO_BAND
     raised: np.ndarray   # (2,) int64, 1 while the out-of-range alarm is
@@ -81,9 +81,9 @@ def view_report(f, at, i, m):
 
 
 @once
-def report_tracked(belief, total, contradicted, t_end, rep):
-    """The tracked estimate at t_end [s]: valid once a parameter is known better than before the first sample, unless
-    the innovations contradict the model."""
+def report_tracked(belief, total, contradicted, t, rep):
+    """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
+    the first sample, unless the innovations contradict the model."""
     rep.tracked[:] = np.nan
     first = KNOWN * FIRST_STD
     known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
@@ -91,7 +91,7 @@ def report_tracked(belief, total, contradicted, t_end, rep):
     rep.flag[IS_TRACKED] = int(known)
     if not known:
         return
-    a6, k1 = profile_at(belief, rep.cell, t_end)
+    a6, k1 = profile_at(belief, rep.cell, t)
     rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
     rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
     rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])

@@ -32,7 +32,7 @@ from .kernels import inner, once
 from .lanes import divide, dot, lagged, multiply, subtract, weigh
 from .linsolve import EPS, apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
 from .ring import ATTACK, BETA, T
-from .rows import integrate
+from .rows import integrate, integrate_held
 from .sparse import ACTIVE_TOLERANCE, solve_active
 from .window import O_A6, O_A6_STD, O_CORRELATION
 
@@ -143,13 +143,16 @@ def drift_pointwise(work, count, t_centre):
 
 
 @once
-def drift_integral(work, n, count, t_centre):
-    """Their running integrals at the kept rows, by the weights of `rows.fill_weights`."""
+def drift_integral(work, n, count, t_centre, held):
+    """Their running integrals at the kept rows, by the weights of `rows.fill_weights`; held  1: beta stays."""
     drift = work.drift[:PAIR * count].reshape((PAIR, count))
     for d in range(PAIR):
         for i in range(n):
             work.value[i] = (work.signal[T, i] - t_centre) * work.signal[ATTACK if d == 0 else BETA, i]
-        integrate(work, n, work.value, work.half)
+        if d == 1 and held == 1:
+            integrate_held(work, n, work.value, work.half)
+        else:
+            integrate(work, n, work.value, work.half)
         for r in range(count):
             drift[d, r] = work.half[work.kept[r]]
 

@@ -198,15 +198,37 @@ def integrate(work, n, x, total):
 
 
 @once
-def integral_rows(codes, work, n, count):
-    """Running integrals of the library columns, and the states, at the kept rows."""
+def integrate_held(work, n, x, total):
+    """Running integral total (>=n,) of x (>=n,) that stays from each row to the next, as `integrate`."""
+    running = 0.0
+    for i in range(n):
+        if i == 0 or work.segment[i] != work.segment[i - 1]:
+            running = 0.0
+        else:
+            running += (work.signal[T, i] - work.signal[T, i - 1]) * x[i - 1]
+        total[i] = running
+
+
+@inner
+def is_held(code, held):
+    """Whether a term of code (6,) is a power of beta alone, which is held if `held` is 1."""
+    return held == 1 and code[0] == 0 and code[1] == 0 and code[2] > 0 and code[3] == 0 and code[4] == 0
+
+
+@once
+def integral_rows(codes, work, n, count, held):
+    """Running integrals of the library columns, and the states, at the kept rows; held  1: beta stays from each row to
+    the next."""
     q = codes.shape[0]
     phi = work.phi[:q * count].reshape((q, count))
     target = work.target[:EQUATIONS * count].reshape((EQUATIONS, count))
     fill_weights(work, n)
     for j in range(q):
         library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.value)
-        integrate(work, n, work.value, work.half)
+        if is_held(codes[j], held):
+            integrate_held(work, n, work.value, work.half)
+        else:
+            integrate(work, n, work.value, work.half)
         for r in range(count):
             phi[j, r] = work.half[work.kept[r]]
     for r in range(count):
@@ -217,16 +239,16 @@ def integral_rows(codes, work, n, count):
 
 
 @once
-def integral_error(codes, work, n, xi):
+def integral_error(codes, work, n, xi, held):
     """Add to work.error by how much the running integral of the solved acceleration may be off at every row.
 
     xi (q,) in  coefficients of the terms as they are
     The quadrature's next term with its sign, so that errors cancel here which cancel from step to step: 11/720 of a
     step's fourth difference, at the ends of a piece, where one parabola stands alone, 1/24 of its third.  0 in a piece
-    of fewer than four rows.
+    of fewer than four rows.  What is held (1) is exact.
     """
     time, f, bend = work.signal[T], work.value, work.half
-    accelerations(codes, work, n, xi, f)
+    accelerations(codes, work, n, xi, f, held)
     first = 0
     for end in range(1, n + 1):
         if end < n and work.segment[end] == work.segment[first]:
@@ -248,8 +270,9 @@ def integral_error(codes, work, n, xi):
 
 
 @once
-def accelerations(codes, work, n, xi, f):
-    """The sum of the terms at every row, f (>=n,) out, for coefficients xi (q,) of the terms as they are."""
+def accelerations(codes, work, n, xi, f, held):
+    """The sum of the terms that are not held at every row, f (>=n,) out, for coefficients xi (q,) of them as they
+    are."""
     q = codes.shape[0]
     for i in range(n):
         f[i] = 0.0
@@ -257,7 +280,7 @@ def accelerations(codes, work, n, xi, f):
         share = 0.0
         for k in range(q):
             share += xi[k] * work.tt[k, j]
-        if share != 0.0:
+        if share != 0.0 and not is_held(codes[j], held):
             library_column(codes[j], work.z, work.raw[codes[j, 5]], n, work.half)
             for i in range(n):
                 f[i] += share * work.half[i]

@@ -12,6 +12,8 @@ import numpy as np
 from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
 
 from .believed import MODELLED, onboard_model
+from .diagnosis.data.rates import OWN
+from .diagnosis.data.stops import saturations
 from .errors import InputError, UsageError
 from .identify_fit import judge, withdrawn
 from .input_delay import delay
@@ -82,7 +84,7 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
         except ValueError:
             raise UsageError(f"--window {window!r}: expected seconds or 'all'") from None
     try:
-        return Config(**timing, formulation=formulation, model=model, **choices)
+        return Config(**timing, formulation=formulation, model=model, **saturations(log) | choices)
     except ValueError as error:
         if str(error).startswith("sample_period"):
             raise InputError(f"{log.path}: column t: {error}{slow_hint(log.period)}") from None
@@ -150,7 +152,7 @@ def change_json(change: Change) -> dict[str, Any]:
 
 
 def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
-           log: Log | None = None) -> dict[str, Any]:
+           log: Log | None = None, kind: str = OWN) -> dict[str, Any]:
     """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
 
     log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
@@ -165,12 +167,12 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         windows = [window_json(estimate) for estimate in estimates]
     else:
         found = None if estimator.config.formulation == "filtered" else delay(log, estimator.config)
-        judged = judge(log, estimator.config, estimates, found)
+        judged = judge(log, estimator.config, estimates, found, kind)
         estimates = judged.estimates
         windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
                    for estimate, fit in zip(estimates, judged.fits, strict=True)]
         if estimator.config.formulation != "filtered":
-            lead = {"delay": found, "lacks": [dataclasses.asdict(lack) for lack in judged.lacks]}
+            lead = {"delay": found, "lacks": [lack_json(lack) for lack in judged.lacks]}
             if judged.lacks:
                 lead["next"] = "; ".join(lack_words(lack, estimator.config) for lack in judged.lacks)
     if tracked:
@@ -218,10 +220,18 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
             "`launchid diagnose` looks for the cause")
 
 
+def lack_json(lack: Lack) -> dict[str, Any]:
+    """What an answer lacks, in the JSON."""
+    return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
+            "size": None if lack.size is None else number(lack.size)}
+
+
 def lack_words(lack: Lack, config: Config) -> str:
     """What an answer lacks, what it would gain, and what to do, in one line."""
     after, before = 100.0 * lack.after, 100.0 * lack.before
     shares = f"with it {after:.3g} % of the rows left out are predicted, without {before:.3g} %"
+    if lack.what == "interpolated":
+        return "what beta did between its own values, fewer than the rows, is not in the log: log it as it acts"
     if lack.size is None:
         return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be known"
                 if lack.what == "placebo" else "the answer predicts nothing of rows left out")

@@ -2,7 +2,8 @@
 
 A window is refused (`MODEL`) where most of the error is something that it lacks (`lacking`), or where that would move
 its coefficients by more than their standard deviation and 2 %; numbers that it leaves where they are stand.  Windows
-that could not tell a6 and k1 apart, or saw only noise, say what is missing instead.  `filtered` judges itself.
+that could not tell a6 and k1 apart, or saw only noise, say what is missing instead.  A
+beta between whose values a resampling drew lines is not known, nor is what it causes.  `filtered` judges itself.
 """
 
 import dataclasses
@@ -13,6 +14,7 @@ import numpy as np
 
 from launchid_core import Config, Estimate, EstimateStatus
 
+from .diagnosis.data.rates import INTERPOLATED, OWN
 from .lacking import Lack, Question, active_terms, is_moved, lacks, question
 from .log import Log
 from .sums import combined, inner, least_squares, square
@@ -96,10 +98,11 @@ class Judged:
     lacks: list[Lack]
 
 
-def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, float] | None = None) -> Judged:
+def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, float] | None = None,
+          kind: str = OWN) -> Judged:
     """Judge the windows of a log (`filtered` judges itself: of it the fits alone).
 
-    lead   `delay` of the log
+    lead   `delay` of the log;  kind  of its beta, as `diagnosis.data.rates` tells it
     """
     rows = usable(log)
     if rows is None or not estimates:
@@ -109,6 +112,8 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, f
         fits = [dataclasses.replace(fit, whiteness=e.whiteness if math.isfinite(e.whiteness) else None)
                 for fit, e in zip(fits, estimates, strict=True)]
         return Judged(estimates, fits, [])
+    if kind == INTERPOLATED:
+        return Judged([refused(e) if e.valid else e for e in estimates], fits, [Lack(kind, math.nan, math.nan)])
     delayed = lead["value"] if lead is not None and abs(lead["value"]) > SURE * lead["std"] else None
     asked = question(rows, asked_terms(config, estimates), delayed, max(e.t_end - e.t_start for e in estimates))
     if asked is None:

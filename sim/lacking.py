@@ -45,7 +45,7 @@ def active_terms(estimate: Estimate) -> tuple[str, ...]:
 class Lack:
     """Something that the answer lacks and that predicts rows left out better.
 
-    what     a term; `delay`, `placebo` or `nothing`
+    what     a term; `delay`, `placebo`, `nothing`, or `interpolated`: beta is not known between its own values
     before, after   share of the variance of the increments left out that is predicted without and with it
     size     coefficient of the term [its units], delay [s]; None for the others
     """
@@ -142,7 +142,7 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
 
     terms    of the answer;  delayed [s]  by how much beta leads, None: not asked;  longest [s]  of the windows
     """
-    span, block, around = rows.span, BLOCK * rows.span, slope_rows(rows.t)
+    span, block = rows.span, BLOCK * rows.span
     count = max(1, len(rows.t) // max(round(PIECE / rows.period), round(longest / rows.period), FOLDS * block))
     bends = max(1, round(len(rows.t) * rows.period / (count * PIECE)))
     betas = [rows.beta if delayed is None else np.interp(rows.t - delayed, rows.t, rows.beta)]
@@ -153,7 +153,7 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
         if (end - first) // block >= FOLDS:
             at = slice(first, end)
             names, columns = candidates(rows, at, terms, betas, bends)
-            starts, made = increments(rows.t[at][around:len(columns) + around], columns, span, max(1, span // STARTS))
+            starts, made = increments(rows.t[at], columns, span, max(1, span // STARTS))
             within = starts % block <= block - span
             pieces.append(piece_of(made[within], starts[within] // block))
     base = [j for j, name in enumerate(names) if name in (*terms, *slopes_of(terms))]

@@ -138,14 +138,18 @@ def averaged(t: np.ndarray, columns: np.ndarray, rows: int) -> np.ndarray:
 
 
 def increments(t: np.ndarray, integrals: np.ndarray, span: int, stride: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """(first rows (k,), increments (k, c) of integrals (n, c)) over `span` rows, from every `stride`-th row on which no
-    gap follows within it."""
-    first = np.arange(0, max(len(t) - span, 0), stride)
+    """(first rows (k,), increments (k, c) of integrals) over `span` rows, from every `stride`-th row.
+
+    t (n,) [s];  integrals (n - 2 m, c)  of the rows but for the first and last m, over which each was averaged
+    Without those that a gap is within, be it by what was averaged.
+    """
+    margin = (len(t) - len(integrals)) // 2
+    first = np.arange(0, max(len(integrals) - span, 0), stride)
     if len(first) == 0:
         return first, integrals[:0]
     step = np.diff(t)
     gaps = np.concatenate([[0], np.cumsum(step > GAP * np.median(step))])
-    first = first[gaps[first + span] == gaps[first]]
+    first = first[gaps[first + span + 2 * margin] == gaps[first]]
     return first, integrals[first + span] - integrals[first]
 
 

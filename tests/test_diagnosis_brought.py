@@ -30,8 +30,8 @@ def test_a_channel_of_another_rate_that_was_filled_forward_is_as_slow_as_it_is(c
     made = check(log, NOMINAL)
     assert made.masks[channel].sum() == pytest.approx(len(log.t) / every, abs=1)
     assert [fault.message for fault in made.faults] == [
-        f"{channel} is of {100 / every:.3g} Hz, each value repeated in the rows up to the next: the first of each "
-        "counts, the repeats are left out"]
+        f"{channel} is of {100 / every:.3g} Hz, each value repeated in the rows up to the next; these rows are "
+        "left out"]
     assert judged(log)["verdict"] == "consistent"
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from launchid_core import BANDS, Config, Estimate, Level, Model
 
+from ..diagnosis.data.stops import saturations
 from ..errors import InputError
 from ..identify import number, onboard_model, run
 from ..log import Log
@@ -57,7 +58,8 @@ def follow(log: Log, nominal: Nominal, window: float) -> list[Estimate]:
     assert nominal.uncertainty is not None
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")
-    config = Config(window=window, sample_period=log.period, formulation="filtered", model=model)
+    config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
+                    **saturations(log))
     return run(config, log.samples())[0]
 
 

@@ -6,12 +6,14 @@ impossible, or where the channel moves on with a jump that nothing beside it has
 spike is what its neighbours (and for the nozzle the command) do not interpolate.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
 from ...sums import along, combined, products
 from .fault import Fault
+from .runs import runs_of
+from .stops import SENSED, stopped
 
 MEASURED = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
 NOZZLE, COMMAND = "beta", "beta_cmd"
@@ -53,15 +55,12 @@ def _plural(count: int, word: str) -> str:
     return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
-def runs_of(flag: np.ndarray) -> np.ndarray:
-    """(runs, 2): start and end (exclusive) of each run of True in flag (n,)."""
-    edges = np.diff(np.concatenate(([0], flag.astype(np.int8), [0])))
-    return np.stack((np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)), axis=1)
+def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
+           repeating: Collection[str]) -> tuple[dict[str, np.ndarray], list[Fault]]:
+    """(masks as `check.DataCheck`'s, faults) of every column (n,) by itself.
 
-
-def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray) \
-        -> tuple[dict[str, np.ndarray], list[Fault]]:
-    """(masks as `check.DataCheck`'s, faults) of every column (n,) by itself; usable (n,) bool: of the stamps."""
+    usable (n,) bool: of the stamps;  repeating  columns of a slower channel, whose repeats are no fault
+    """
     masks: dict[str, np.ndarray] = {}
     faults: list[Fault] = []
     for name, x in columns.items():
@@ -72,7 +71,10 @@ def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray)
     for name in MEASURED:
         x = columns[name]
         command = _filled(columns[COMMAND], masks[COMMAND]) if name == NOZZLE else np.full(len(x), np.nan)
-        faults += frozen_runs(name, t, x, masks[name], resting)
+        if name in SENSED:
+            faults += stopped(name, t, x, masks[name])
+        if name not in repeating:
+            faults += frozen_runs(name, t, x, masks[name], resting)
         faults += spikes(name, t, x, masks[name], command)
     return masks, faults
 

@@ -1,6 +1,6 @@
 """The data check: is the log what its columns say, before anything is concluded from it.
 
-Time stamps, infinite values, dropouts, stale runs, spikes, units, signs, exchanged
+Time stamps, infinite values, dropouts, stale runs, end stops, spikes, units, signs, exchanged
 columns, columns of a slower channel.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
 may do passes.  What is wrong is named and masked.
 
@@ -17,7 +17,7 @@ from ...log import SHORTEST, Log
 from ...sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
-from .filled import filled_forward
+from .rates import HELD, rate_of, slower
 
 __all__ = ["DataCheck", "Fault", "check"]
 
@@ -51,12 +51,12 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     nominal  for the sample period (unit of time), the actuator's and the controller's equations
     """
     clock = stamps.clock(log.t, nominal.sensors.period)
-    masks, faults = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, clock.usable)
+    rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.MEASURED}
+    repeating = [name for name, rate in rates.items() if rate.kind == HELD]
+    masks, faults = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, clock.usable, repeating)
     faults += _between(log, nominal, clock, masks)
-    for name in channels.MEASURED:  # last, since between the channels every row counts
-        filled = list(filled_forward(name, log.t, getattr(log, name), masks[name]))
-        if filled:  # its longest repeats looked frozen
-            faults = [fault for fault in faults if (fault.kind, fault.channel) != ("stale", name)] + filled
+    for name, rate in rates.items():  # last, since between the channels every row counts
+        faults += slower(name, log.t, rate, masks[name])
     return DataCheck((*clock.faults, *faults), clock.usable, masks)
 
 
