@@ -27,8 +27,7 @@ from real_known import KNOWN, Known
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.verdict import diagnose
 from sim.errors import InputError, UsageError
-from sim.identify import log_config, run
-from sim.identify import report as identified
+from sim.identify import identified, log_config, report_of
 from sim.log import MEASURED, Log, read_log
 from sim.nominal import STANDS, load_nominal
 
@@ -92,7 +91,7 @@ def fitted(log: Log, known: Known) -> dict[str, Any]:
     source = as_input(log)
     try:
         config = log_config(source, None, "all", None, False, library=known.library)
-        result = identified(*run(config, source.samples()), False, source)
+        result = report_of(identified(config, source))
     except (InputError, UsageError, ValueError) as error:
         return {"status": "refused", "why": str(error), "a6": None, "k1": None, "terms": {}, "delay": None}
     windows = result["windows"] or [{"status": "NO WINDOW", "a6": None, "k1": None, "terms": {}}]

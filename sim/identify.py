@@ -4,28 +4,27 @@ import collections
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimate, Estimator, Model, Sample, Status
+from launchid_core import Change, Config, Estimate, Estimator, Model, Status
 
 from .believed import MODELLED, onboard_model
-from .diagnosis.data.rates import OWN
 from .diagnosis.data.stops import saturations
 from .errors import InputError, UsageError
-from .identify_fit import judge, withdrawn
-from .input_delay import delay
+from .identified import Identified, identified
+from .identify_fit import Judged, withdrawn
 from .lacking import Lack
 from .log import Log
 from .nominal import Nominal
+from .running import run
 from .sections import Offsets
 from .shown import slow_hint, with_std
 from .weak_form import near_all
 
-__all__ = ["MODELLED", "chosen_formulation", "log_config", "number", "onboard_model", "report", "run",
-           "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
+__all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
+           "report_of", "run", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
@@ -93,19 +92,6 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
         raise UsageError(f"{error}{slow_hint(log.period)}") from None
 
 
-def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
-    """Feed samples one at a time; the estimate of every window that closed, and the estimator for its counters."""
-    estimator = Estimator(config)
-    update = estimator.update
-    estimates = []
-    for sample in samples:
-        if update(sample) == Status.WINDOW_COMPLETE:
-            estimate = estimator.estimate()
-            assert estimate is not None
-            estimates.append(estimate)
-    return estimates, estimator
-
-
 def whole_log(rows: int, period: float, t_first: float, t_last: float) -> dict[str, float]:
     """Config fields `window` and `sample_period` that make one window of a whole log."""
     span = max(t_last - t_first, period)
@@ -152,42 +138,45 @@ def change_json(change: Change) -> dict[str, Any]:
 
 
 def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
-           log: Log | None = None, kind: str = OWN) -> dict[str, Any]:
+           judged: Judged | None = None) -> dict[str, Any]:
     """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
 
-    log   as it was fed: windows that it contradicts are refused, and their `fit` and the `delay` are given
-
-    Of `filtered` also those are refused that a contradiction of the model follows within 20 s.
+    judged   of a log that is whole: the estimates, each with its fit, and what they lack; None: of one that goes on, in
+             which a contradiction of the model takes back the windows of the 20 s before it
     """
-    counts = estimator.counts
-    lead: dict[str, Any] = {}
-    if estimator.config.formulation == "filtered":
-        estimates = withdrawn(estimates)
-    if log is None:
-        windows = [window_json(estimate) for estimate in estimates]
-    else:
-        found = None if estimator.config.formulation == "filtered" else delay(log, estimator.config)
-        judged = judge(log, estimator.config, estimates, found, kind)
+    counts, config = estimator.counts, estimator.config
+    said: dict[str, Any] = {}
+    if judged is not None:
         estimates = judged.estimates
-        windows = [window_json(estimate) | {"fit": {"r2_held_out": fit.r2, "whiteness": fit.whiteness}}
-                   for estimate, fit in zip(estimates, judged.fits, strict=True)]
-        if estimator.config.formulation != "filtered":
-            lead = {"delay": found, "lacks": [lack_json(lack) for lack in judged.lacks]}
-            if judged.lacks:
-                lead["next"] = "; ".join(lack_words(lack, estimator.config) for lack in judged.lacks)
+    elif config.formulation == "filtered":
+        estimates = withdrawn(estimates)
+    windows = [window_json(estimate) for estimate in estimates]
+    if judged is not None:
+        for window, fit in zip(windows, judged.fits, strict=True):
+            window["fit"] = {"r2_held_out": fit.r2, "whiteness": fit.whiteness}
+        if config.formulation != "filtered":
+            said["lacks"] = [lack_json(lack) for lack in judged.lacks]
+        if judged.lacks:
+            said["next"] = "; ".join(lack_words(lack, config) for lack in judged.lacks)
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
     if not any(window["valid"] for window in windows):
-        lead["why"] = why(windows)
-    if estimator.config.model is not None and (asked := next_step(windows, estimator.config.model)):
-        lead["next"] = asked
+        said["why"] = why(windows)
+    if config.model is not None and (asked := next_step(windows, config.model)):
+        said["next"] = asked
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
-    return {"windows": windows, **changes, **lead,
+    return {"windows": windows, **changes, **said,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
                         "rejected": {status.name: counts[status.name] for status in Status
                                      if status < 0 and counts[status.name] > 0}},
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
+
+
+def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
+    """The identify JSON of a whole log."""
+    lead = {} if made.config.formulation == "filtered" else {"delay": made.delay}
+    return report(made.estimates, made.estimator, tracked, made.judged) | lead
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",

@@ -18,7 +18,7 @@ from .diagnosis.data.rates import INTERPOLATED, OWN
 from .lacking import Lack, Question, active_terms, is_moved, lacks, question
 from .log import Log
 from .sums import combined, inner, least_squares, square
-from .weak_form import Rows, usable, window_increments
+from .weak_form import Rows, thinned, usable, window_increments
 
 SURE = 3.0           # standard deviations by which beta must lead or lag
 WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
@@ -115,7 +115,8 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, f
     if kind == INTERPOLATED:
         return Judged([refused(e) if e.valid else e for e in estimates], fits, [Lack(kind, math.nan, math.nan)])
     delayed = lead["value"] if lead is not None and abs(lead["value"]) > SURE * lead["std"] else None
-    asked = question(rows, asked_terms(config, estimates), delayed, max(e.t_end - e.t_start for e in estimates))
+    longest = max(e.t_end - e.t_start for e in estimates)
+    asked = question(thinned(rows), asked_terms(config, estimates), delayed, longest)
     if asked is None:
         return Judged(estimates, fits, [])
     missing = lacks(asked, delayed)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,67 +10,91 @@ from launchid_core import Config
 
 from .lacking import PIECE, SHIFTS, STARTS
 from .log import Log
-from .sums import combined, inner, least_squares, square
-from .weak_form import Rows, increments, left, term_integrals, usable
+from .sums import along, combined, inner, least_squares, orthonormal, square
+from .weak_form import Rows, increments, left, term_integrals, thinned, usable
 
 SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
 MOST_DELAY = 0.3     # s either way
+COARSE = 12          # steps of the first search either way, in each of which the second makes as many
 
 
 def delay(log: Log, config: Config) -> dict[str, float] | None:
     """By how much the beta of a log leads [s], and its standard deviation; None where beta explains nothing."""
     rows = usable(log)
-    return None if rows is None else lead_of(rows, config.terms)
+    return None if rows is None else lead_of(thinned(rows), config.terms)
+
+
+class Stretch(NamedTuple):
+    """A piece of a log: its rows, how many of them there are from an increment to the next; what the terms without beta
+    leave of the increments of theta_dot, y (k,), and an orthonormal basis of theirs (k, q)."""
+
+    at: slice
+    stride: int
+    y: np.ndarray
+    basis: np.ndarray
+
+    def columns(self, rows: Rows, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
+        """(k, b) what the terms without beta leave of the increments of those in a beta (n,)."""
+        integrals = term_integrals(rows, self.at, terms, beta)
+        made = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
+        return made - np.column_stack([combined(self.basis, along(self.basis, x)) for x in made.T])
 
 
 def lead_of(rows: Rows, terms: tuple[str, ...]) -> dict[str, float] | None:
     """By how much beta leads what it causes through the terms, as of `delay`: the shift at which it explains most."""
-    if not any("beta" in term for term in terms):
+    inputs = tuple(term for term in terms if "beta" in term)
+    if not inputs:
         return None
-    pieces, stride = pieces_of(rows), max(1, rows.span // STARTS)
-    own = [k for k, term in enumerate(terms) if "beta" not in term]
-
-    def of(at: slice, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        made = increments(rows.t[at], np.column_stack([term_integrals(rows, at, terms, beta),
-                                                       rows.theta_dot[at]]), rows.span, stride)[1]
-        return made[:, :-1], made[:, -1]
+    stretches = [stretch for at in pieces_of(rows) if (stretch := _stretch(rows, at, terms)) is not None]
 
     def explained(beta: np.ndarray) -> float:
-        total = 0.0
-        for at in pieces:
-            phi, y = of(at, beta)
-            if len(y) > len(terms):
-                total += float(np.sum(left(phi[:, own], y) ** 2) - np.sum(left(phi, y) ** 2))
-        return total
+        return sum(square(each.y) - square(left(each.columns(rows, inputs, beta), each.y)) for each in stretches)
 
     def moved(lead: float) -> np.ndarray:
         return np.interp(rows.t - lead, rows.t, rows.beta)
 
-    step = max(rows.period, MOST_DELAY / 60.0)
-    most = round(MOST_DELAY / step)
-    gains = [explained(moved(k * step)) for k in range(-most, most + 1)]
-    best = int(np.argmax(gains))
-    vain = [explained(np.roll(rows.beta, round(share * len(rows.t)))) for share in SHIFTS]
-    if not gains[best] > 0.0 or best in (0, 2 * most) or max(vain) >= SEARCHED * gains[best]:
+    def gain(step: int) -> float:
+        if step not in gains:
+            gains[step] = explained(moved(step * fine))
+        return gains[step]
+
+    fine, gains = max(rows.period, MOST_DELAY / (COARSE * COARSE)), dict[int, float]()
+    most = round(MOST_DELAY / fine)
+    stride = max(1, round(most / COARSE))
+    near = max(range(-most // stride * stride, most + 1, stride), key=gain)
+    best = max(range(max(near - stride, -most), min(near + stride, most) + 1), key=gain)
+    vain = max(explained(np.roll(rows.beta, round(share * len(rows.t)))) for share in SHIFTS)
+    if not gain(best) > 0.0 or abs(best) >= most or vain >= SEARCHED * gain(best):
         return None
-    low, middle, high = gains[best - 1:best + 2]
+    low, middle, high = (gain(best + side) for side in (-1, 0, 1))
     bend = low - 2.0 * middle + high
-    value = (best - most) * step + (0.5 * step * (low - high) / bend if bend < 0.0 else 0.0)
+    value = best * fine + (0.5 * fine * (low - high) / bend if bend < 0.0 else 0.0)
     above = below = 0.0
-    for at in pieces:
-        phi, y = of(at, moved(value))
-        if len(y) <= len(terms):
-            continue
-        xi = least_squares(phi, y)
-        later, sooner = (of(at, moved(value + side * step))[0] for side in (1, -1))
-        steep = left(phi, combined(later - sooner, xi) / (2.0 * step))
-        v = steep * (y - combined(phi, xi))
-        lags = min(2 * rows.span // stride, len(v) - 1)
+    for each in stretches:
+        phi = each.columns(rows, inputs, moved(value))
+        xi = least_squares(phi, each.y)
+        later, sooner = (each.columns(rows, inputs, moved(value + side * fine)) for side in (1, -1))
+        steep = left(phi, combined(later - sooner, xi) / (2.0 * fine))
+        v = steep * (each.y - combined(phi, xi))
+        lags = min(2 * rows.span // each.stride, len(v) - 1)
         above += square(v) + 2.0 * sum((1.0 - k / (lags + 1)) * inner(v[k:], v[:-k]) for k in range(1, lags + 1))
         below += square(steep)
     if not (below > 0.0 and above >= 0.0):
         return None
     return {"value": value, "std": math.sqrt(above) / below}
+
+
+def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
+    """A piece; None where it has too few increments to say anything."""
+    stride = max(1, rows.span // STARTS)
+    others = tuple(term for term in terms if "beta" not in term)
+    integrals = np.column_stack([term_integrals(rows, at, others, rows.beta), rows.theta_dot[at]])
+    made = increments(rows.t[at], integrals, rows.span, stride)[1]
+    if len(made) <= len(terms):
+        return None
+    basis = orthonormal(made[:, :-1])[0]
+    y = made[:, -1] - combined(basis, along(basis, made[:, -1]))
+    return Stretch(at, stride, y, basis)
 
 
 def pieces_of(rows: Rows) -> list[slice]:

@@ -14,6 +14,7 @@ from .sums import combined, least_squares
 
 INCREMENT = 0.2      # s: within it a loop's period is seen, and sensor noise is small beside what moves
 SLOPE = 0.05         # s to either side of a rate that is the slope of a column: small beside an increment
+FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
 LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
 ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
 GAP = 1.5            # median steps: no increment, and no parabola of the quadrature, reaches over a longer one
@@ -69,6 +70,26 @@ def usable(log: Log) -> Rows | None:
     t, theta = log.t[finite], log.theta[finite]
     rate = log.theta_dot[finite] if has_rate else slope(t, theta)
     return Rows(t, theta, path_angle(t, log.flight_path[finite]), rate, log.beta[finite], span)
+
+
+def thinned(rows: Rows) -> Rows:
+    """The rows as means over as many of them as make FINE: all that is linear between them holds of the means too.
+
+    Groups over a gap, or longer than the others, are left out.
+    """
+    many = int(FINE / rows.period * (1.0 + 1e-9))
+    if many < 2:
+        return rows
+    count = len(rows.t) // many
+
+    def means(x: np.ndarray) -> np.ndarray:
+        return x[:count * many].reshape(count, many).mean(axis=1)
+
+    lasts = np.diff(rows.t[:count * many].reshape(count, many)[:, [0, -1]], axis=1)[:, 0]
+    whole = lasts <= GAP * many * rows.period
+    t, theta, gamma, theta_dot, beta = (means(x)[whole] for x in (rows.t, rows.theta, rows.gamma, rows.theta_dot,
+                                                                  rows.beta))
+    return Rows(t, theta, gamma, theta_dot, beta, max(1, round(INCREMENT / (many * rows.period))))
 
 
 def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Answers from logs: identify, uncertainty, diagnose, fit-lft."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +11,12 @@ from launchid_core import Config, Estimate
 
 from ..asked import integer, real, word
 from ..checked import data_warnings, ideal_note, profile_note, rate_note
-from ..diagnosis.data.rates import HELD, as_held, rate_of
-from ..diagnosis.data.stops import without_stops
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
 from ..diagnosis.verdict import diagnose as examine
 from ..errors import UsageError
-from ..identify import log_config, report, run, table
+from ..identify import identified, log_config, report_of, table
 from ..log import Log
 from ..nominal import Nominal, write_nominal
 from ..result import Columns, drawn
@@ -92,13 +89,10 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
                  "standard deviations are wider for it",)
     if config.formulation == "filtered":
         said += profile_note(nominal, level.log_span(log)[1], log.path)
-    kind = rate_of(log.t, log.beta).kind
-    if kind == HELD and config.formulation == "integral":
-        config = dataclasses.replace(config, beta_held=True)
+    made = identified(config, log)
+    if made.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    estimates, estimator = run(config, log.samples())
-    made = report(estimates, estimator, tracked, without_stops(as_held(log) if kind == HELD else log), kind)
-    return Identification(log, nominal, config, estimates, made, library, said)
+    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library, said)
 
 
 # ---- uncertainty

@@ -1,0 +1,50 @@
+"""The one way from a log to judged windows: for `identify`, `launchid.identify` and `reproduce`."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from launchid_core import Config, Estimate, Estimator
+
+from .diagnosis.data.rates import HELD, as_held, rate_of
+from .diagnosis.data.stops import without_stops
+from .identify_fit import Judged, judge, withdrawn
+from .input_delay import delay
+from .log import Log
+from .running import run
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What became of a log.
+
+    config     as it was used;  estimator  for its counters and changes
+    estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
+    delay      by how much beta leads [s], of what no nominal judges
+    """
+
+    config: Config
+    estimator: Estimator
+    estimates: list[Estimate]
+    judged: Judged
+    delay: dict[str, float] | None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether beta was integrated as held from each of its values to the next."""
+        return self.config.beta_held
+
+
+def identified(config: Config, log: Log) -> Identified:
+    """Feed a log to the estimator and judge its windows.
+
+    Of `filtered`, which judges itself, those are refused that a contradiction of the model follows within 20 s.
+    """
+    kind = rate_of(log.t, log.beta).kind
+    if kind == HELD and config.formulation == "integral":
+        config = dataclasses.replace(config, beta_held=True)
+    estimates, estimator = run(config, log.samples())
+    measured = without_stops(as_held(log) if kind == HELD else log)
+    is_filtered = config.formulation == "filtered"
+    lead = None if is_filtered else delay(measured, config)
+    judged = judge(measured, config, withdrawn(estimates) if is_filtered else estimates, lead, kind)
+    return Identified(config, estimator, estimates, judged, lead)
