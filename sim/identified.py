@@ -17,11 +17,12 @@ from .running import run
 class Identified:
     """What became of a log.
 
-    config     as it was used;  estimator  for its counters and changes
+    log        as it was fed;  config  as it was used;  estimator  for its counters and changes
     estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
     delay      by how much beta leads [s], of what no nominal judges
     """
 
+    log: Log
     config: Config
     estimator: Estimator
     estimates: list[Estimate]
@@ -47,4 +48,4 @@ def identified(config: Config, log: Log) -> Identified:
     is_filtered = config.formulation == "filtered"
     lead = None if is_filtered else delay(measured, config)
     judged = judge(measured, config, withdrawn(estimates) if is_filtered else estimates, lead, kind)
-    return Identified(config, estimator, estimates, judged, lead)
+    return Identified(log, config, estimator, estimates, judged, lead)

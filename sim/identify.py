@@ -74,7 +74,8 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
         choices["library"] = stand_library(nominal)
     model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
     if window == "all":
-        t = log.t[np.isfinite(log.t)]
+        t = log.t[log.in_range("t") & log.in_range("theta") & log.in_range("beta")]
+        t = t if len(t) else log.t[np.isfinite(log.t)]
         t = t[near_all(t, log.period)]
         timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
     else:
@@ -175,8 +176,10 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
 
 def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
     """The identify JSON of a whole log."""
-    lead = {} if made.config.formulation == "filtered" else {"delay": made.delay}
-    return report(made.estimates, made.estimator, tracked, made.judged) | lead
+    said = report(made.estimates, made.estimator, tracked, made.judged)
+    if "why" in said and (beyond := made.log.out_of_range()):
+        said["why"] += f"; {beyond}"
+    return said if made.config.formulation == "filtered" else said | {"delay": made.delay}
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
@@ -189,7 +192,7 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
 def why(windows: list[dict[str, Any]]) -> str:
     """Why no window is valid, in one plain sentence."""
     if not windows:
-        return "no window of this log is valid: the log is shorter than one window"
+        return "no window of this log is valid: none is complete"
     counts = collections.Counter(window["status"] for window in windows)
     said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
     return f"no window of this log is valid: {'; '.join(said)}"

@@ -73,6 +73,18 @@ class Log(Result):
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
 
+    def out_of_range(self) -> str:
+        """Which columns the estimator rejects rows for, in how many of them, in words; "" if for none."""
+        from launchid_core import Config
+        units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
+        said = []
+        for name in self.columns:
+            limit = getattr(Config, f"{name}_limit", math.inf)
+            beyond = int(np.count_nonzero(np.abs(getattr(self, name)) > limit))
+            if beyond:
+                said.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {beyond} of {len(self.t)} rows")
+        return "; ".join(said) + ", which rejects them: expected SI units" if said else ""
+
     def table(self) -> "Table":
         return {name: x.tolist() for name, x in self.measured().items()}
 

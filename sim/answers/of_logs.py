@@ -70,6 +70,8 @@ class Identification(Answer):
 
 def _too_short(log: Log, window: float) -> str:
     t = log.t[np.isfinite(log.t)]
+    if beyond := log.out_of_range():
+        return f"no window of {window:g} s is complete: {beyond}"
     return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
             "expected a longer log, or a smaller window")
 
