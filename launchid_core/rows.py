@@ -37,8 +37,8 @@ def fill_rate(work, n):
 def fill_attack(work, n):
     """Turn the flight-path angle gamma of every row into the angle of attack theta - gamma, which a6 multiplies.
 
-    Rows without gamma lie on the line between the known ones, before the first and after the last on its value; a
-    window without any has gamma = 0.
+    Rows without gamma lie on the line between the known ones, before the first and after the last on its value; of a
+    window without any the angle of attack is theta.
     """
     time, gamma = work.signal[T], work.signal[GAMMA]
     last = -1
@@ -148,11 +148,11 @@ def pointwise_rows(codes, work, count):
 
 @once
 def fill_weights(work, n):
-    """Weights (4, n) of the four rows around every step in the integral over it, into work.weight: row i is of the step
-    that ends at row i, for rows i - 2 .. i + 1.
+    """Weights (4, n) of the four rows around every step in the integral over it, into work.weight: column i is of the
+    step that ends at row i, for the rows from i - 2 on.
 
     The mean of the parabolas through either neighbour (Gregory's rule; of equal steps h/24*(-1, 13, 13, -1)), one of
-    them at the ends of a gap-free piece, none in a piece of two rows.  A step that begins a piece has weight 0.
+    them at the ends of a gap-free piece, none in a piece of two rows.  A step that begins a piece has no weight.
     """
     time, segment = work.signal[T], work.segment
     for i in range(n):

@@ -150,11 +150,11 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
     names: tuple[Name, ...] = ()
     pieces = []
     for first, end in itertools.pairwise(np.linspace(0, len(rows.t), count + 1).astype(int).tolist()):
-        if (end - first) // block >= FOLDS:
-            at = slice(first, end)
-            names, columns = candidates(rows, at, terms, betas, bends)
-            starts, made = increments(rows.t[at], columns, span, max(1, span // STARTS))
-            within = starts % block <= block - span
+        at = slice(first, end)
+        names, columns = candidates(rows, at, terms, betas, bends)
+        starts, made = increments(rows.t[at], columns, span, max(1, span // STARTS))
+        within = starts % block <= block - span
+        if len(np.unique(starts[within] // block)) >= FOLDS:
             pieces.append(piece_of(made[within], starts[within] // block))
     base = [j for j, name in enumerate(names) if name in (*terms, *slopes_of(terms))]
     return Question(rows, terms, names, base, betas, pieces) if pieces else None

@@ -558,6 +558,7 @@ def test_too_few_rows_are_not_searched(monkeypatch):
         found: list[int] = []
         monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
         monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
+        monkeypatch.setattr(verdict, "lost", lambda r: "")
         monkeypatch.setattr(verdict, "select", lambda *given, found=found: found.append(1) or Found())
         monkeypatch.setattr(verdict, "_judge", lambda *given: None)
         monkeypatch.setattr(verdict, "limits", lambda *given: ([], None))
@@ -573,6 +574,7 @@ def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     record = SimpleNamespace(rows=verdict.FEWEST_ROWS, work=Work(), unsure=0.0)
     monkeypatch.setattr(verdict, "with_commands", lambda r, model: (r, None))
     monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
+    monkeypatch.setattr(verdict, "lost", lambda r: "")
     monkeypatch.setattr(verdict, "measured_threshold", lambda r, flights, say: 9.0 + flights)
     monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
     monkeypatch.setattr(verdict, "_judge", lambda *given: None)
@@ -594,6 +596,7 @@ def test_a_second_log_is_read_once_and_when_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(verdict, "sparser", lambda data, *given: data)
     monkeypatch.setattr(verdict, "shortened", lambda r: r)
     monkeypatch.setattr(verdict, "used", lambda r, t: (r, None))
+    monkeypatch.setattr(verdict, "lost", lambda r: "")
     monkeypatch.setattr(verdict, "on_another", lambda r, model, nominal, controller, is_named: r)
     measure = verdict._measure(Diagnosis(None, None, None), LOG)
     assert read == []

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
-from test_diagnosis import PATIENT, log_of
+from test_diagnosis import log_of
 from test_effects_outside import MODEL_A6, MODEL_K1, PERIOD, exact, probed, short
 
 from sim.bound.flights import flight_bound
@@ -141,7 +141,7 @@ def test_no_servo_is_too_fast_to_fly(servo, text):
 @example(servo=STIFF, seed=1)
 @example(servo=first_order(60.0), seed=1)
 def test_a_clean_flight_is_consistent_whatever_its_servo(servo, seed):
-    nominal = short(15.0, actuator=servo, diagnosis={"time_limit": PATIENT})
+    nominal = short(15.0, actuator=servo)
     made = diagnose(log_of(fly_whole(nominal, seed)), nominal)
     assert made.verdict == "consistent" and made.record.period / made.record.step < 5.0
 
@@ -158,7 +158,7 @@ def test_a_diagnosis_is_the_same_in_both_forms():
                         ("gust:angle=0.02,time=6,duration=2", "gust")):
         found = []
         for servo in (first_order(60.0), STIFF):
-            nominal = short(15.0, actuator=servo, diagnosis={"time_limit": PATIENT})
+            nominal = short(15.0, actuator=servo)
             flown = fly_whole(short(15.0, actuator=first_order(60.0)), 2, effects=[from_text(text)])
             found.append(diagnose(log_of(flown), nominal))
         assert [made.causes[0].cause for made in found] == [cause] * 2
