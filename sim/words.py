@@ -63,7 +63,7 @@ def add_choices(sub: argparse.ArgumentParser) -> None:
                      help="of the sparse regression (default %(default)s)")
     sub.add_argument("--threshold", type=float, metavar="X",
                      help="a term whose coefficient is smaller, in its own unit, is left out (default: one that "
-                          "explains less than 0.5 %% of the acceleration by itself, whatever its unit; inside lpv none)")
+                          "explains less than 0.5 %% of the acceleration by itself, in any unit; inside lpv none)")
     sub.add_argument("--seed", type=int, default=0, metavar="N",
                      help="of the rows that compression keeps, from 0 on (default %(default)s)")
     sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
