@@ -28,6 +28,8 @@ def fill_rate(work, n):
         for i in range(n):
             if np.isnan(work.signal[THETA_DOT, i]):
                 work.signal[THETA_DOT, i] = work.slope[0, i]
+            else:
+                work.error[i] = 0.0
     else:
         for i in range(n):
             work.error[i] = 0.0

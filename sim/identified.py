@@ -8,7 +8,7 @@ from launchid_core import Config, Estimate, Estimator
 from .diagnosis.data.rates import HELD, as_held, rate_of
 from .diagnosis.data.stops import without_stops
 from .identify_fit import Judged, judge, withdrawn
-from .input_delay import delay
+from .input_delay import Lead, delay
 from .log import Log
 from .running import run
 
@@ -19,7 +19,7 @@ class Identified:
 
     log        as it was fed;  config  as it was used;  estimator  for its counters and changes
     estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
-    delay      by how much beta leads [s], of what no nominal judges
+    delay      by how much beta leads, of what no nominal judges
     """
 
     log: Log
@@ -27,7 +27,7 @@ class Identified:
     estimator: Estimator
     estimates: list[Estimate]
     judged: Judged
-    delay: dict[str, float] | None
+    delay: Lead | None
 
     @property
     def is_held(self) -> bool:

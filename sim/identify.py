@@ -158,7 +158,10 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         if config.formulation != "filtered":
             said["lacks"] = [lack_json(lack) for lack in judged.lacks]
         if judged.lacks:
-            said["next"] = "; ".join(lack_words(lack, config) for lack in judged.lacks)
+            missing = [lack.what for lack in judged.lacks if lack.size is not None
+                       and lack.what not in ("delay", "beta_ddot")]
+            library = ",".join((*config.terms, *missing))
+            said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
             window["tracked"] = tracked_json(estimate)
@@ -179,7 +182,9 @@ def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
     said = report(made.estimates, made.estimator, tracked, made.judged)
     if "why" in said and (beyond := made.log.out_of_range()):
         said["why"] += f"; {beyond}"
-    return said if made.config.formulation == "filtered" else said | {"delay": made.delay}
+    if made.config.formulation == "filtered":
+        return said
+    return said | {"delay": None if made.delay is None else made.delay.json}
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
@@ -218,8 +223,8 @@ def lack_json(lack: Lack) -> dict[str, Any]:
             "size": None if lack.size is None else number(lack.size)}
 
 
-def lack_words(lack: Lack, config: Config) -> str:
-    """What an answer lacks, what it would gain, and what to do, in one line."""
+def lack_words(lack: Lack, library: str) -> str:
+    """What an answer lacks, what it would gain, and what to do, in one line; library  with all terms that it lacks."""
     after, before = 100.0 * lack.after, 100.0 * lack.before
     shares = f"with it {after:.3g} % of the rows left out are predicted, without {before:.3g} %"
     if lack.what == "interpolated":
@@ -234,7 +239,6 @@ def lack_words(lack: Lack, config: Config) -> str:
         return (f"the acceleration of beta acts too, with {lack.size:.3g} ({shares}): no library has it, "
                 "`launchid diagnose` does (nozzle_inertia)")
     what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else f"the term {lack.what} ({lack.size:.3g})"
-    library = ",".join((*config.terms, lack.what))
     return f"{what} is in the log ({shares}): --library {library}"
 
 

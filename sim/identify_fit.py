@@ -1,7 +1,7 @@
 """What the log itself says against a window's answer, where no nominal does.
 
-A window is refused (`MODEL`) where most of the error is something that it lacks (`lacking`), or where that would move
-its coefficients by more than their standard deviation and 2 %; numbers that it leaves where they are stand.  Windows
+A window is refused (`MODEL`) where something that it lacks (`lacking`) is most of the error, or would move a
+coefficient by more than its standard deviation and 2 %; numbers that it leaves where they are stand.  Windows
 that could not tell a6 and k1 apart, or saw only noise, say what is missing instead.  A
 beta between whose values a resampling drew lines is not known, nor is what it causes.  `filtered` judges itself.
 """
@@ -15,12 +15,12 @@ import numpy as np
 from launchid_core import Config, Estimate, EstimateStatus
 
 from .diagnosis.data.rates import INTERPOLATED, OWN
+from .input_delay import Lead
 from .lacking import Lack, Question, active_terms, is_moved, lacks, question
 from .log import Log
 from .sums import combined, inner, least_squares, square
 from .weak_form import Rows, thinned, usable, window_increments
 
-SURE = 3.0           # standard deviations by which beta must lead or lag
 WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
@@ -68,8 +68,8 @@ def refused(estimate: Estimate) -> Estimate:
     xi, support = np.full_like(estimate.xi, math.nan), np.zeros_like(estimate.support)
     xi.flags.writeable = support.flags.writeable = False
     return dataclasses.replace(estimate, valid=False, status=EstimateStatus.MODEL, xi=xi, support=support, absent={},
-                               a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
-                               a6_bound=nan, k1_bound=nan, condition=nan)
+                               terms_std={}, a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan,
+                               k1_dot=nan, a6_bound=nan, k1_bound=nan, condition=nan)
 
 
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
@@ -98,7 +98,7 @@ class Judged:
     lacks: list[Lack]
 
 
-def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, float] | None = None,
+def judge(log: Log, config: Config, estimates: list[Estimate], lead: Lead | None = None,
           kind: str = OWN) -> Judged:
     """Judge the windows of a log (`filtered` judges itself: of it the fits alone).
 
@@ -114,9 +114,9 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: dict[str, f
         return Judged(estimates, fits, [])
     if kind == INTERPOLATED:
         return Judged([refused(e) if e.valid else e for e in estimates], fits, [Lack(kind, math.nan, math.nan)])
-    delayed = lead["value"] if lead is not None and abs(lead["value"]) > SURE * lead["std"] else None
-    longest = max(e.t_end - e.t_start for e in estimates)
-    asked = question(thinned(rows), asked_terms(config, estimates), delayed, longest)
+    delayed = lead.significant() if lead is not None else None
+    longest, fewer = max(e.t_end - e.t_start for e in estimates), thinned(rows)
+    asked = None if fewer is None else question(fewer, asked_terms(config, estimates), delayed, longest)
     if asked is None:
         return Judged(estimates, fits, [])
     missing = lacks(asked, delayed)

@@ -13,15 +13,37 @@ from .log import Log
 from .sums import along, combined, inner, least_squares, orthonormal, square
 from .weak_form import Rows, increments, left, term_integrals, thinned, usable
 
+SURE = 3.0           # standard deviations by which beta must lead or lag
 SEARCHED = 0.5       # of the gain at the best delay, which was sought, that a placebo, which was not, may have
 MOST_DELAY = 0.3     # s either way
 COARSE = 12          # steps of the first search either way, in each of which the second makes as many
 
 
-def delay(log: Log, config: Config) -> dict[str, float] | None:
-    """By how much the beta of a log leads [s], and its standard deviation; None where beta explains nothing."""
+class Lead(NamedTuple):
+    """By how much beta leads what it causes [s], and its standard deviation.
+
+    is_vain  a beta of another time explains nearly as much: of a search for the best shift that is no proof
+    """
+
+    value: float
+    std: float
+    is_vain: bool
+
+    @property
+    def json(self) -> dict[str, float] | None:
+        """The delay as the JSON has it; None where it is not proved."""
+        return None if self.is_vain else {"value": self.value, "std": self.std}
+
+    def significant(self) -> float | None:
+        """The shift [s]; None where it may be 0."""
+        return self.value if abs(self.value) > SURE * self.std else None
+
+
+def delay(log: Log, config: Config) -> Lead | None:
+    """By how much the beta of a log leads; None where beta explains nothing."""
     rows = usable(log)
-    return None if rows is None else lead_of(thinned(rows), config.terms)
+    rows = None if rows is None else thinned(rows)
+    return None if rows is None else lead_of(rows, config.terms)
 
 
 class Stretch(NamedTuple):
@@ -40,7 +62,7 @@ class Stretch(NamedTuple):
         return made - np.column_stack([combined(self.basis, along(self.basis, x)) for x in made.T])
 
 
-def lead_of(rows: Rows, terms: tuple[str, ...]) -> dict[str, float] | None:
+def lead_of(rows: Rows, terms: tuple[str, ...]) -> Lead | None:
     """By how much beta leads what it causes through the terms, as of `delay`: the shift at which it explains most."""
     inputs = tuple(term for term in terms if "beta" in term)
     if not inputs:
@@ -64,7 +86,7 @@ def lead_of(rows: Rows, terms: tuple[str, ...]) -> dict[str, float] | None:
     near = max(range(-most // stride * stride, most + 1, stride), key=gain)
     best = max(range(max(near - stride, -most), min(near + stride, most) + 1), key=gain)
     vain = max(explained(np.roll(rows.beta, round(share * len(rows.t)))) for share in SHIFTS)
-    if not gain(best) > 0.0 or abs(best) >= most or vain >= SEARCHED * gain(best):
+    if not gain(best) > 0.0 or abs(best) >= most:
         return None
     low, middle, high = (gain(best + side) for side in (-1, 0, 1))
     bend = low - 2.0 * middle + high
@@ -81,7 +103,7 @@ def lead_of(rows: Rows, terms: tuple[str, ...]) -> dict[str, float] | None:
         below += square(steep)
     if not (below > 0.0 and above >= 0.0):
         return None
-    return {"value": value, "std": math.sqrt(above) / below}
+    return Lead(value, math.sqrt(above) / below, vain >= SEARCHED * gain(best))
 
 
 def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
@@ -99,6 +121,6 @@ def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
 
 def pieces_of(rows: Rows) -> list[slice]:
     """Pieces of about PIECE."""
-    count = max(1, round((rows.t[-1] - rows.t[0]) / PIECE))
+    count = max(1, round(len(rows.t) * rows.period / PIECE))
     edges = np.linspace(0, len(rows.t), count + 1).astype(int).tolist()
     return [slice(a, b) for a, b in itertools.pairwise(edges)]

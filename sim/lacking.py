@@ -3,8 +3,8 @@
 The question is put for the terms of LACKING, for a beta that acts later or sooner, for a beta of another time (the
 placebo: a k1 that it gives as well is none), and for no term at all.  All in the weak form (`weak_form`): increments of
 theta_dot over 0.2 s against the integrals of the terms, every column averaged over 0.05 s before and after, so that the
-acceleration of beta is one of them.  Within a piece of the log coefficients are constants and lines in time; where
-pieces are long they may bend (DRIFT).
+acceleration of beta is one of them.  Within a piece of the log coefficients are constants, a6 and k1 lines in time,
+which may bend (DRIFT).
 """
 
 import functools
@@ -17,7 +17,7 @@ import numpy as np
 from launchid_core import Estimate
 
 from .sums import combined, least_squares, products, square
-from .weak_form import Rows, averaged, increments, running_integral, slope, slope_rows, term_integrals
+from .weak_form import SLOPE, Rows, averaged, increments, running_integral, slope, slope_rows, term_integrals
 
 PIECE = 5.0          # s over which one set of coefficients, with their slopes in time, holds
 BLOCK = 2            # increments that are left out together
@@ -29,6 +29,7 @@ FINEST = 1.0e-6      # of the squares: what predicts less more is the integrals'
 MOST = 0.5           # of the error of rows left out
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
+LEAST_BENDS = 2      # straight parts of a piece in which a6 and k1 may drift; of longer ones every PIECE
 DRIFT = "drift"      # of a6 and k1, beyond a line in time
 OF_A6, OF_K1 = range(2)
 LACKING = ("1", "theta_dot", "sign(theta_dot)", "sin(theta)", "beta_ddot", "beta^2")
@@ -57,8 +58,8 @@ class Lack:
 
     @property
     def is_most(self) -> bool:
-        """Most of the error left out is gone with it."""
-        return self.after - self.before > MOST * (1.0 - self.before)
+        """Most of the error left out is gone with it, and it is more than TOLERANCE of the motion (rms)."""
+        return self.after - self.before > max(MOST * (1.0 - self.before), TOLERANCE**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,6 @@ class Question:
     """
 
     rows: Rows
-    terms: tuple[str, ...]
     names: tuple[Name, ...]
     base: list[int]
     betas: list[np.ndarray]
@@ -133,7 +133,7 @@ class Question:
     def instead(self, k: int, columns: list[int]) -> list[int]:
         """The columns with another beta in every term that has one."""
         terms = [name[0] if isinstance(name, tuple) else name for name in (self.names[j] for j in columns)]
-        return [self.names.index((term, k)) if (term, k) in self.names else j
+        return [self.names.index((term, k)) if term != DRIFT and (term, k) in self.names else j
                 for term, j in zip(terms, columns, strict=True)]
 
 
@@ -144,7 +144,7 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
     """
     span, block = rows.span, BLOCK * rows.span
     count = max(1, len(rows.t) // max(round(PIECE / rows.period), round(longest / rows.period), FOLDS * block))
-    bends = max(1, round(len(rows.t) * rows.period / (count * PIECE)))
+    bends = max(LEAST_BENDS, round(len(rows.t) * rows.period / (count * PIECE)))
     betas = [rows.beta if delayed is None else np.interp(rows.t - delayed, rows.t, rows.beta)]
     betas += [np.roll(rows.beta, round(share * len(rows.t))) for share in SHIFTS]
     names: tuple[Name, ...] = ()
@@ -157,7 +157,7 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
         if len(np.unique(starts[within] // block)) >= FOLDS:
             pieces.append(piece_of(made[within], starts[within] // block))
     base = [j for j, name in enumerate(names) if name in (*terms, *slopes_of(terms))]
-    return Question(rows, terms, names, base, betas, pieces) if pieces else None
+    return Question(rows, names, base, betas, pieces) if pieces else None
 
 
 def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
@@ -174,10 +174,11 @@ def candidates(rows: Rows, at: slice, terms: tuple[str, ...], betas: list[np.nda
     """
     t, slopes = rows.t[at], slopes_of(terms)
     bent = "theta" in terms and bool(np.max(np.abs(rows.attack)) > LARGE)
-    lacking = tuple(term for term in LACKING if term not in terms and (term != "sin(theta)" or bent))
+    lacking = tuple(term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
+                    and (term != "beta_ddot" or (rows.has_rate and rows.period <= SLOPE)))
     inputs = tuple(term for term in (*terms, *slopes) if "beta" in term)
-    drifting = {k: x for k, (term, x) in enumerate((("tau*theta", rows.attack[at]), ("tau*beta", rows.beta[at])))
-                if term in slopes}
+    drifting = {k: x for k, (term, x) in enumerate((("theta", rows.attack[at]), ("beta", rows.beta[at])))
+                if term in terms}
     drift = [running_integral(t, x * hat) for x in drifting.values() for hat in hats(t, bends)]
     integrals = np.column_stack([term_integrals(rows, at, (*terms, *slopes), rows.beta),
                                  *(term_integrals(rows, at, inputs, beta) for beta in betas), *drift,
@@ -218,8 +219,9 @@ def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: n
     The squares differ by d'd + 2 d'e with d the difference of the predictions and e the errors after, of which chance
     is the second part: its sum over blocks has the squares' sum as its variance.
     """
-    gain = square(before) - square(after)
+    gains = np.bincount(block, before**2 - after**2)
     chance = np.bincount(block, 2.0 * after * (before - after))
+    gain = float(np.sum(gains) - np.max(gains))  # what moves in one block alone decides nothing
     return gain > max(BETTER * math.sqrt(square(chance)), FINEST * square(whole))
 
 
@@ -260,7 +262,7 @@ def lacks(q: Question, delayed: float | None) -> list[Lack]:
 
 def _predicted(errors: np.ndarray, whole: np.ndarray) -> float:
     """Share of the squares that is predicted."""
-    return 1.0 - square(errors) / square(whole)
+    return 1.0 - square(errors) / square(whole) if square(whole) > 0.0 else 0.0
 
 
 def pooled(q: Question, beside: list[int], place: int) -> float:
@@ -269,8 +271,9 @@ def pooled(q: Question, beside: list[int], place: int) -> float:
     return above / below if below > 0.0 else 0.0
 
 
-def moved_by(q: Question, at: slice, terms: tuple[str, ...], lack: Lack) -> dict[str, float]:
-    """By how much the coefficients of an answer for the rows `at` would move with what it lacks."""
+def moved_by(q: Question, at: slice, terms: tuple[str, ...], lack: Lack) -> dict[str, tuple[float, float]]:
+    """(By how much the coefficients of an answer for the rows `at` would move with what it lacks, sizes of their
+    columns) by term."""
     rows = q.rows
     around = slope_rows(rows.t)
     if at.stop - at.start <= len(terms) + 1 + 2 * around:
@@ -285,16 +288,20 @@ def moved_by(q: Question, at: slice, terms: tuple[str, ...], lack: Lack) -> dict
         off = solved(y, q.betas[0]) - solved(y, rows.beta)
     else:
         off = solved(lack.size * lacking_columns(rows, at, (lack.what,), q.betas[0])[:, 0], rows.beta)
-    return dict(zip(terms, off.tolist(), strict=True))
+    phi = averaged(rows.t[at], term_integrals(rows, at, terms, rows.beta), around)
+    sizes = np.sqrt(np.sum((phi - phi.mean(axis=0)) ** 2, axis=0))
+    return dict(zip(terms, zip(off.tolist(), sizes.tolist(), strict=True), strict=True))
 
 
 def is_moved(q: Question, at: slice, answer: dict[str, tuple[float, float]], lack: Lack) -> bool:
-    """Whether most of the error is what the answer lacks, or a coefficient would move by more than its standard
-    deviation and by more than TOLERANCE.
+    """Whether what the answer lacks is most of the error, or would move a coefficient by more than TOLERANCE and its
+    standard deviation, in a term that is more than rounding beside the largest.
 
     at      rows of the answer;  answer  (coefficient, standard deviation) of its terms
     """
     if lack.size is None or lack.is_most:
         return True
-    return any(abs(by) > max(answer[term][1], TOLERANCE * abs(answer[term][0]))
-               for term, by in moved_by(q, at, tuple(answer), lack).items())
+    moved = moved_by(q, at, tuple(answer), lack)
+    least = math.sqrt(FINEST) * max((abs(answer[term][0]) * size for term, (_, size) in moved.items()), default=0.0)
+    return any(abs(by) > max(answer[term][1], TOLERANCE * abs(answer[term][0])) and abs(by) * size > least
+               for term, (by, size) in moved.items())

@@ -26,7 +26,7 @@ class Rows:
     """The usable rows of a log: times that increase, everything finite.
 
     t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
-    span   rows in an increment of INCREMENT
+    span   rows in an increment of INCREMENT;  has_rate  theta_dot was measured, not made of theta
     """
 
     t: np.ndarray
@@ -35,6 +35,7 @@ class Rows:
     theta_dot: np.ndarray
     beta: np.ndarray
     span: int
+    has_rate: bool = True
 
     @property
     def attack(self) -> np.ndarray:
@@ -69,13 +70,13 @@ def usable(log: Log) -> Rows | None:
         return None
     t, theta = log.t[finite], log.theta[finite]
     rate = log.theta_dot[finite] if has_rate else slope(t, theta)
-    return Rows(t, theta, path_angle(t, log.flight_path[finite]), rate, log.beta[finite], span)
+    return Rows(t, theta, path_angle(t, log.flight_path[finite]), rate, log.beta[finite], span, has_rate)
 
 
-def thinned(rows: Rows) -> Rows:
+def thinned(rows: Rows) -> Rows | None:
     """The rows as means over as many of them as make FINE: all that is linear between them holds of the means too.
 
-    Groups over a gap, or longer than the others, are left out.
+    Groups over a gap, or longer than the others, are left out; None where too few are left for two increments.
     """
     many = int(FINE / rows.period * (1.0 + 1e-9))
     if many < 2:
@@ -89,7 +90,8 @@ def thinned(rows: Rows) -> Rows:
     whole = lasts <= GAP * many * rows.period
     t, theta, gamma, theta_dot, beta = (means(x)[whole] for x in (rows.t, rows.theta, rows.gamma, rows.theta_dot,
                                                                   rows.beta))
-    return Rows(t, theta, gamma, theta_dot, beta, max(1, round(INCREMENT / (many * rows.period))))
+    span = max(1, round(INCREMENT / (many * rows.period)))
+    return Rows(t, theta, gamma, theta_dot, beta, span, rows.has_rate) if len(t) > 2 * span + 2 else None
 
 
 def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:

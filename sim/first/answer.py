@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..diagnosis.data.rates import INTERPOLATED, rate_of
 from ..errors import InputError
-from ..input_delay import lead_of
+from ..input_delay import Lead, lead_of
 from ..lacking import Lack, is_moved, lacks, question
 from ..log import Log
 from ..weak_form import Rows
@@ -71,6 +72,10 @@ def first(log: Log) -> First:
     if np.nanmax(moving) == np.nanmin(moving):
         raise InputError(f"{c.path}: column {'theta' if c.has('theta') else 'theta_dot'}: the same value in every row; "
                          "nothing can be told of a vehicle that does not move")
+    for name in ("beta", "beta_cmd"):
+        rate = rate_of(log.t, getattr(log, name))
+        if rate.kind == INTERPOLATED:
+            raise InputError(f"{log.path}: column {name}: it is {rate.words}; log it as it acts")
     found = search(c)
     made = answer(found, c)
     return replace(made, refused=tuple(reasons(made, found, c)))
@@ -238,8 +243,7 @@ def wind(fitted: Fitted) -> dict[str, Number]:
 
 def reasons(made: First, found: Found, c: Channels) -> list[str]:
     """Why a number of the nominal cannot be told; none: it can."""
-    model = found.fitted.model
-    driver = "beta_cmd" if model.source != fl.MEASURED and c.has("beta_cmd") else "beta"
+    driver = "beta" if c.has("beta") else "beta_cmd"
     if is_constant(c):
         return [f"k1 cannot be told: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in which "
                 "it moves"]
@@ -254,13 +258,13 @@ def lacking(made: First, found: Found, driver: str) -> list[str]:
     """What the log holds that the model lacks, by rows left out (`sim.lacking`), where that is most of the error or, of
     constant coefficients, would move them."""
     m, model = found.motion, found.fitted.model
-    a6, k1 = (x / np.max(np.abs(x)) if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
+    a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:
         a6 = np.ones(len(m.t))
-    rows = Rows(m.t, a6 * m.theta, a6 * m.gamma, m.rate, k1 * m.u, m.span)
+    rows = Rows(m.t, a6 * m.theta, a6 * m.gamma, m.rate, k1 * m.u, m.span, "theta_dot" in made.noise)
     terms = (*found.terms, "1")
     lead = lead_of(rows, terms)
-    late = None if lead is None or abs(lead["value"]) < SURE * lead["std"] else lead["value"]
+    late = None if lead is None else lead.significant()
     asked = question(rows, terms, late, float(m.t[-1] - m.t[0]))
     if asked is None:
         return []
@@ -272,14 +276,14 @@ def lacking(made: First, found: Found, driver: str) -> list[str]:
             and (lack.size is None or lack.is_most or (constant and is_moved(asked, whole, answer, lack)))]
 
 
-def holds(made: First, found: Found, lead: dict[str, float]) -> bool:
+def holds(made: First, found: Found, lead: Lead) -> bool:
     """Whether the model has the input lead what it causes by as much: by its delay, and the lag of a servo that no
     sensor sees; by nothing where the nozzle is measured behind a command."""
     value, std = made.delay or (0.0, 0.0)
     if found.fitted.model.source == fl.COMMAND:
         (frequency, _), (damping, _) = made.servo or ((math.inf, 0.0), (0.0, 0.0))
         value = 0.0 if "beta" in made.noise else value + 2.0 * damping / frequency
-    return abs(lead["value"] - value) < SURE * math.hypot(std, lead["std"]) + made.period
+    return abs(lead.value - value) < SURE * math.hypot(std, lead.std)
 
 
 def lack_words(lack: Lack, driver: str) -> str:

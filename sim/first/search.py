@@ -18,7 +18,6 @@ from .scoring import Fitted, fit, penalised, scores, solved
 
 HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
 LARGE_ANGLE = 0.5      # rad: below, sin(theta) is theta within 4 %
-BETTER = 0.01          # of the held-out share of variance, by which sin(theta) must be better
 FOLLOWS = 0.5          # share of the nozzle's variance that a delayed command explains, if it drives it
 SERVO = 40.0           # rad/s, where a servo's frequency is first looked for
 SERVO_DAMPING = 0.7
@@ -44,7 +43,7 @@ STANDS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
 class Found:
     """What the search ends with.
 
-    fitted  the model at its maximum;  refined  the same with nodes between the nodes, None: constant
+    fitted  the model at its maximum;  finer  the same with nodes between the nodes, None: constant
     motion, terms, delay   of the weak form;  r2  held out
     """
 
