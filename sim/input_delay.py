@@ -35,8 +35,9 @@ class Lead(NamedTuple):
         return None if self.is_vain else {"value": self.value, "std": self.std}
 
     def significant(self) -> float | None:
-        """The shift [s]; None where it may be 0."""
-        return self.value if abs(self.value) > SURE * self.std else None
+        """The shift [s]; None where it may be 0, or is to before the cause without proof."""
+        is_one = abs(self.value) > SURE * self.std and not (self.is_vain and self.value < 0.0)
+        return self.value if is_one else None
 
 
 def delay(log: Log, config: Config) -> Lead | None:
@@ -120,7 +121,7 @@ def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
 
 
 def pieces_of(rows: Rows) -> list[slice]:
-    """Pieces of about PIECE."""
-    count = max(1, round(len(rows.t) * rows.period / PIECE))
+    """Pieces of about PIECE, each of a few increments at least."""
+    count = max(1, min(round(len(rows.t) * rows.period / PIECE), len(rows.t) // (4 * rows.span)))
     edges = np.linspace(0, len(rows.t), count + 1).astype(int).tolist()
     return [slice(a, b) for a, b in itertools.pairwise(edges)]

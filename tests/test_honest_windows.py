@@ -1,6 +1,6 @@
 """Windows without a nominal: standard deviations that hold, refusals where a number would lie, limits of absent terms.
 
-The law of the covariance is numpy's; the gates have each a window that passes without them.
+The law of the covariance is numpy's.
 """
 
 import dataclasses
@@ -12,6 +12,7 @@ import pytest
 from compiled import compiled
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status, residual
+from sim.answers.of_logs import identify
 from sim.cli import main
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
@@ -19,7 +20,7 @@ from sim.identify import run
 from sim.identify_fit import judge, ljung_box
 from sim.input_delay import delay
 from sim.lacking import active_terms
-from sim.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
+from sim.log import OPTIONAL, REQUIRED, Log, log_of, read_log, write_flight
 from sim.nominal import load_nominal
 from sim.weak_form import usable
 
@@ -275,7 +276,7 @@ def early(log: Log, rows: int) -> Log:
 
 @pytest.mark.parametrize(("rows", "refused"), [(0, False), (12, True)])
 def test_a_delay_that_moves_a6_and_k1_by_more_than_they_are_known_refuses_them(clean, rows, refused):
-    """120 ms: without the gate the windows are valid, and k1 is wrong by more than its standard deviation says."""
+    """120 ms: by themselves the windows are valid, and k1 is wrong by more than its standard deviation says."""
     log = early(clean, rows)
     config, estimates = windows(log, 10.0)
     assert any(e.valid for e in estimates)
@@ -330,6 +331,37 @@ def test_one_wrong_stamp_changes_little(clean, stamp):
     t[3000] = stamp
     rows = usable(dataclasses.replace(clean, t=t))
     assert len(rows.t) == len(t) - 1 and (np.diff(rows.t) > 0.0).all()
+
+
+@pytest.mark.parametrize("stamps", [
+    pytest.param(np.arange(400) * 10.0, id="rows ten seconds apart"),
+    pytest.param(np.concatenate([np.arange(1000) * 0.01, 12000.0 + np.arange(1000) * 0.01]), id="a long pause"),
+    pytest.param(np.concatenate([np.arange(2000) * 0.01, 15000.0 + np.arange(99) * 0.01]), id="a late end"),
+    pytest.param((np.arange(400)[:, None] * 0.008 + np.arange(4) * 0.001).ravel(), id="bursts"),
+    pytest.param(np.arange(60) * 0.01, id="less than a piece")])
+@pytest.mark.parametrize("still", [False, True])
+def test_odd_stamps_and_a_body_at_rest_are_judged_or_not_but_never_a_crash(stamps, still):
+    rng = np.random.default_rng(1)
+    n = len(stamps)
+    theta, rate = (0.0 * stamps, 0.0 * stamps) if still else (0.01 * rng.normal(size=n), 0.01 * rng.normal(size=n))
+    log = log_of({"t": stamps, "theta": theta, "theta_dot": rate, "beta": 0.01 * rng.normal(size=n)})
+    made = identify(log, window=2.0 if stamps[-1] > 10000.0 else "all")
+    assert all(w["status"] != "OK" or w["terms"] for w in made.report["windows"])
+
+
+def test_one_rate_that_is_not_measured_costs_little(clean):
+    """What differencing may be off is of the row that was differenced alone (if of all, half of the windows went)."""
+    rate = clean.theta_dot.copy()
+    rate[150::200] = np.nan
+    whole, holed = (windows(log, 5.0)[1] for log in (clean, dataclasses.replace(clean, theta_dot=rate)))
+    assert sum(e.valid for e in holed) >= sum(e.valid for e in whole) - 2
+
+
+def test_a_late_beta_of_a_vehicle_that_drifts_is_named_over_the_whole_log(clean):
+    """Where pieces are long a6 and k1 may bend, and the shift is asked for beside that."""
+    log = early(clean, 6)
+    made = identify(log, window="all")
+    assert "delay" in [lack["what"] for lack in made.report["lacks"]]
 
 
 def test_ljung_box_is_the_chi_square_of_four_lags():
