@@ -25,6 +25,7 @@ FOLDS = 6            # of the blocks of a piece; each is predicted by the others
 STARTS = 8           # increments that begin within the length of one
 RANK = 1.0e-10       # of the squares of the columns: what moves less in the other folds is not fitted there
 BETTER = 2.0         # standard errors by which rows left out must be predicted better
+ONE = 1              # block: what moves in one alone is no term of the vehicle
 FINEST = 1.0e-6      # of the squares: what predicts less more is the integrals' own error
 MOST = 0.5           # of the error of rows left out
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
@@ -211,17 +212,18 @@ def lacking_columns(rows: Rows, at: slice, names: tuple[str, ...], beta: np.ndar
     return np.column_stack(columns) if columns else np.zeros((len(t) - 2 * around, 0))
 
 
-def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: np.ndarray) -> bool:
+def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: np.ndarray,
+              left_out: int = 0) -> bool:
     """Errors (k,) whose squares are less by more than BETTER standard errors, and FINEST of those of `whole` (k,).
 
-    block (k,)  which belong together
+    block (k,)  which belong together;  left_out  so many blocks, of the largest gain, must not be needed for it
 
     The squares differ by d'd + 2 d'e with d the difference of the predictions and e the errors after, of which chance
     is the second part: its sum over blocks has the squares' sum as its variance.
     """
-    gains = np.bincount(block, before**2 - after**2)
+    gains = np.sort(np.bincount(block, before**2 - after**2))
     chance = np.bincount(block, 2.0 * after * (before - after))
-    gain = float(np.sum(gains) - np.max(gains))  # what moves in one block alone decides nothing
+    gain = float(np.sum(gains[:len(gains) - left_out]))
     return gain > max(BETTER * math.sqrt(square(chance)), FINEST * square(whole))
 
 
@@ -242,7 +244,7 @@ def lacks(q: Question, delayed: float | None) -> list[Lack]:
         if delayed is not None and q.instead(0, columns) != columns:
             asked["delay"] = q.instead(0, columns)
         errors = {what: q.left_out(each) for what, each in asked.items()}
-        better = [what for what in errors if is_better(own, errors[what], q.block, whole)]
+        better = [what for what in errors if is_better(own, errors[what], q.block, whole, ONE)]
         if not better:
             break
         what = min(better, key=lambda each: square(errors[each]))
