@@ -31,6 +31,7 @@ MOST = 0.5           # of the error of rows left out
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 LEAST_BENDS = 2      # straight parts of a piece in which a6 and k1 may drift; of longer ones every PIECE
+MOST_BENDS = 24      # of the longest: work and memory are bounded
 DRIFT = "drift"      # of a6 and k1, beyond a line in time
 OF_A6, OF_K1 = range(2)
 LACKING = ("1", "theta_dot", "sign(theta_dot)", "sin(theta)", "beta_ddot", "beta^2")
@@ -145,7 +146,7 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
     """
     span, block = rows.span, BLOCK * rows.span
     count = max(1, len(rows.t) // max(round(PIECE / rows.period), round(longest / rows.period), FOLDS * block))
-    bends = max(LEAST_BENDS, round(len(rows.t) * rows.period / (count * PIECE)))
+    bends = min(max(LEAST_BENDS, round(len(rows.t) * rows.period / (count * PIECE))), MOST_BENDS)
     betas = [rows.beta if delayed is None else np.interp(rows.t - delayed, rows.t, rows.beta)]
     betas += [np.roll(rows.beta, round(share * len(rows.t))) for share in SHIFTS]
     names: tuple[Name, ...] = ()

@@ -3,6 +3,7 @@
 No differencing makes it noisy: what a sensor's noise adds to an increment does not grow as the rows come closer.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from .sums import combined, least_squares
 
 INCREMENT = 0.2      # s: within it a loop's period is seen, and sensor noise is small beside what moves
 SLOPE = 0.05         # s to either side of a rate that is the slope of a column: small beside an increment
+MOST_ROWS = 50_000   # that are judged: of a long log means of more of them
 FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
 LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
 ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
@@ -74,11 +76,11 @@ def usable(log: Log) -> Rows | None:
 
 
 def thinned(rows: Rows) -> Rows | None:
-    """The rows as means over as many of them as make FINE: all that is linear between them holds of the means too.
+    """The rows as means over as many of them as make FINE, or leave MOST_ROWS: all that is linear between them holds of the means too.
 
     Groups over a gap, or longer than the others, are left out; None where too few are left for two increments.
     """
-    many = int(FINE / rows.period * (1.0 + 1e-9))
+    many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / MOST_ROWS))
     if many < 2:
         return rows
     count = len(rows.t) // many

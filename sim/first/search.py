@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..lacking import LARGE
 from ..sums import combined, inner, square
+from ..weak_form import INCREMENT
 from . import filter as fl
 from . import weak
 from .channels import Channels
@@ -17,7 +19,6 @@ from .model import Model, command, run
 from .scoring import Fitted, fit, penalised, scores, solved
 
 HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
-LARGE_ANGLE = 0.5      # rad: below, sin(theta) is theta within 4 %
 FOLLOWS = 0.5          # share of the nozzle's variance that a delayed command explains, if it drives it
 SERVO = 40.0           # rad/s, where a servo's frequency is first looked for
 SERVO_DAMPING = 0.7
@@ -73,7 +74,7 @@ def sizes(c: Channels, m: weak.Motion) -> dict[str, float]:
     u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
     return {"theta": size(m.theta), "theta_dot": size(m.rate), "beta": size(u),
             "beta_rate": size(np.diff(u)) / c.period + 1e-12,
-            "moment": size(m.rate[m.span:] - m.rate[:-m.span]) / weak.INCREMENT}
+            "moment": size(m.rate[m.span:] - m.rate[:-m.span]) / INCREMENT}
 
 
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
@@ -114,7 +115,7 @@ def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], dela
     _, y, phi = weak.columns(m, terms, m.at(delay))
     xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
     left = y - combined(phi, weak.solve(phi, y))
-    numbers = {"q_a": max(square(left) / len(left) / weak.INCREMENT, 1e-12), "delay": delay}
+    numbers = {"q_a": max(square(left) / len(left) / INCREMENT, 1e-12), "delay": delay}
     free = ["q_a"]
     for name, channel in (("r_theta", c.theta), ("r_theta_dot", c.theta_dot)):
         if c.has(name[2:]):
@@ -167,7 +168,7 @@ def search(c: Channels) -> Found:
 
 def large(c: Channels) -> bool:
     """Angles at which sin(theta) is not theta; a log without theta does not tell where 0 is."""
-    return c.has("theta") and bool(np.nanmax(np.abs(c.theta)) > LARGE_ANGLE)
+    return c.has("theta") and bool(np.nanmax(np.abs(c.theta)) > LARGE)
 
 
 def best_delay(c: Channels, m: weak.Motion, terms: tuple[str, ...]) -> float:

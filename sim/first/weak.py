@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..sums import combined, least_squares, square
+from ..weak_form import INCREMENT
 from .channels import Channels
 from .model import command
 
-INCREMENT = 0.2        # s: above it sensor noise is small beside what moves, below it a loop's period is seen
 SLOPE_HALF = 0.02      # s to either side, of the line that gives a rate from theta alone
 PIECE = 10.0           # s over which one set of coefficients and one trim hold
 HELD_OUT = 0.4         # the last part of the log
