@@ -78,7 +78,8 @@ def usable(log: Log) -> Rows | None:
 def thinned(rows: Rows) -> Rows | None:
     """The rows as means over as many of them as make FINE, or leave MOST_ROWS.
 
-    All that is linear between the columns holds of their means too.  Groups over a gap, or longer than the others, are left out; None where too few are left for two increments.
+    All that is linear between the columns holds of their means too.  Groups over a gap, or longer than the others, are
+    left out; None where too few are left for two increments.
     """
     many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / MOST_ROWS))
     if many < 2:
