@@ -229,6 +229,9 @@ def lack_words(lack: Lack, library: str) -> str:
     shares = f"with it {after:.3g} % of the rows left out are predicted, without {before:.3g} %"
     if lack.what == "interpolated":
         return "what beta did between its own values, fewer than the rows, is not in the log: log it as it acts"
+    if lack.what == "coefficients":
+        return (f"other coefficients of the same terms predict {after:.3g} % of the motion, the window's {before:.3g} "
+                "%: noise in theta or beta, or something slow, draws them off")
     if lack.size is None:
         return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be known"
                 if lack.what == "placebo" else "the answer predicts nothing of rows left out")

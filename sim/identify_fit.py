@@ -16,7 +16,7 @@ from launchid_core import Config, Estimate, EstimateStatus
 
 from .diagnosis.data.rates import INTERPOLATED, OWN
 from .input_delay import Lead
-from .lacking import Lack, Question, active_terms, is_moved, lacks, question
+from .lacking import TOLERANCE, Lack, Question, active_terms, is_moved, lacks, question
 from .log import Log
 from .sums import combined, inner, least_squares, square
 from .weak_form import Rows, thinned, usable, window_increments
@@ -24,6 +24,8 @@ from .weak_form import Rows, thinned, usable, window_increments
 WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
+WEAK = 1.5           # of the least squares: coefficients that leave more are drawn off
+LEAST_ALONE = 5      # increments of a window that is judged by itself
 LAGS = 4             # of the portmanteau; even, for which its probability is elementary
 LEAST_WHITE = 2 * LAGS
 UNTOLD = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
@@ -117,19 +119,41 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: Lead | None
     delayed = lead.significant() if lead is not None else None
     longest, fewer = max(e.t_end - e.t_start for e in estimates), thinned(rows)
     asked = None if fewer is None else question(fewer, asked_terms(config, estimates), delayed, longest)
-    if asked is None:
+    if fewer is None or asked is None:
         return Judged(estimates, fits, [])
     missing = lacks(asked, delayed)
-    against = [missing if e.status in UNTOLD else [lack for lack in missing if e.valid and _is_moved(asked, e, lack)]
-               for e in estimates]
+    against = [_against(asked, e, missing) for e in estimates]
+    said = {lack.what: lack for each in against for lack in each}
     judged = [refused(e) if each else e for e, each in zip(estimates, against, strict=True)]
-    return Judged(judged, fits, [lack for lack in missing if any(lack in each for each in against)])
+    return Judged(judged, fits, list(said.values()))
 
 
-def _is_moved(asked: Question, e: Estimate, lack: Lack) -> bool:
+def _against(asked: Question, e: Estimate, missing: list[Lack]) -> list[Lack]:
+    """What a window is refused for."""
+    if not e.valid:
+        return missing if e.status in UNTOLD else []
     values = dict(zip(e.terms, e.xi[:, 1].tolist(), strict=True))
     answer = {term: (values[term], e.terms_std.get(term, 0.0)) for term in active_terms(e)}
-    return is_moved(asked, asked.rows.cut(e.t_start, e.t_end), answer, lack)
+    at = asked.rows.cut(e.t_start, e.t_end)
+    drawn = drawn_off(asked.rows, e)
+    return [*(lack for lack in missing if is_moved(asked, at, answer, lack)), *([drawn] if drawn is not None else [])]
+
+
+def drawn_off(rows: Rows, e: Estimate) -> Lack | None:
+    """That other coefficients of a window's terms leave clearly less of its increments, and are more than its standard
+    deviations and TOLERANCE away: noise in the columns, or something slow, has drawn its own off."""
+    terms = active_terms(e)
+    _, _, y, phi = window_increments(rows, rows.cut(e.t_start, e.t_end), terms)
+    if len(y) < LEAST_ALONE * rows.span:
+        return None
+    own = np.asarray(e.xi[e.support[:, 1], 1])
+    best = least_squares(phi, y)
+    left, least, whole = (square(y - combined(phi, xi)) for xi in (own, best, 0.0 * best))
+    off = any(abs(b - a) > max(e.terms_std.get(term, 0.0), TOLERANCE * abs(a))
+              for term, a, b in zip(terms, own.tolist(), best.tolist(), strict=True))
+    if not (left > WEAK * least and off and whole > 0.0):
+        return None
+    return Lack("coefficients", 1.0 - left / whole, 1.0 - least / whole)
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:

@@ -305,6 +305,16 @@ def test_without_a_rate_the_attitude_s_slope_judges():
     assert not any(e.valid for e in judge(shifted(log, 0.4), config, estimates).estimates)
 
 
+def test_coefficients_that_others_of_the_same_terms_beat_are_refused(clean):
+    """Half of k1, as a rate made of a noisy attitude gives."""
+    config, (estimate,) = windows(clean, (len(clean.t) - 1) * PERIOD)
+    assert [e.status for e in judge(clean, config, [estimate]).estimates] == [EstimateStatus.OK]
+    weak = dataclasses.replace(estimate, xi=0.5 * estimate.xi)
+    made = judge(clean, config, [weak])
+    assert [e.status for e in made.estimates] == [EstimateStatus.MODEL]
+    assert [lack.what for lack in made.lacks] == ["coefficients"]
+
+
 @pytest.mark.parametrize(("name", "effect", "refused"), [
     ("constant", None, False), ("vega_like", None, False), ("constant", "steady_wind:angle=0.03", True)])
 def test_a_trim_that_the_library_lacks_refuses_windows(tmp_path, name, effect, refused):
