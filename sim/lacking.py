@@ -26,9 +26,9 @@ STARTS = 8           # increments that begin within the length of one
 RANK = 1.0e-10       # of the squares of the columns: what moves less in the other folds is not fitted there
 BETTER = 2.0         # standard errors by which rows left out must be predicted better
 ONE = 1              # block: what moves in one alone is no term of the vehicle
-FINEST = 1.0e-6      # of the squares: what predicts less more is the integrals' own error
 MOST = 0.5           # of the error of rows left out
-TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
+TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]; what predicts less
+#                      than that of the motion (rms) is no term, but may be the integrals' own error
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 LEAST_BENDS = 2      # straight parts of a piece in which a6 and k1 may drift; of longer ones every PIECE
 MOST_BENDS = 24      # of the longest: work and memory are bounded
@@ -60,8 +60,8 @@ class Lack:
 
     @property
     def is_most(self) -> bool:
-        """Most of the error left out is gone with it, and it is more than TOLERANCE of the motion (rms)."""
-        return self.after - self.before > max(MOST * (1.0 - self.before), TOLERANCE**2)
+        """Most of the error left out is gone with it."""
+        return self.after - self.before > MOST * (1.0 - self.before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +215,7 @@ def lacking_columns(rows: Rows, at: slice, names: tuple[str, ...], beta: np.ndar
 
 def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: np.ndarray,
               left_out: int = 0) -> bool:
-    """Errors (k,) whose squares are less by more than BETTER standard errors, and FINEST of those of `whole` (k,).
+    """Errors (k,) whose squares are less by more than BETTER standard errors, and TOLERANCE of `whole` (k,), rms.
 
     block (k,)  which belong together;  left_out  so many blocks, of the largest gain, must not be needed for it
 
@@ -225,7 +225,7 @@ def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: n
     gains = np.sort(np.bincount(block, before**2 - after**2))
     chance = np.bincount(block, 2.0 * after * (before - after))
     gain = float(np.sum(gains[:len(gains) - left_out]))
-    return gain > max(BETTER * math.sqrt(square(chance)), FINEST * square(whole))
+    return gain > max(BETTER * math.sqrt(square(chance)), TOLERANCE**2 * square(whole))
 
 
 def lacks(q: Question, delayed: float | None) -> list[Lack]:
@@ -297,14 +297,14 @@ def moved_by(q: Question, at: slice, terms: tuple[str, ...], lack: Lack) -> dict
 
 
 def is_moved(q: Question, at: slice, answer: dict[str, tuple[float, float]], lack: Lack) -> bool:
-    """Whether what the answer lacks is most of the error, or would move a coefficient by more than TOLERANCE and its
-    standard deviation, in a term that is more than rounding beside the largest.
+    """Whether what the answer lacks is most of the error, or would move a coefficient by more than its standard
+    deviation and TOLERANCE, of itself and of the largest term.
 
     at      rows of the answer;  answer  (coefficient, standard deviation) of its terms
     """
     if lack.size is None or lack.is_most:
         return True
     moved = moved_by(q, at, tuple(answer), lack)
-    least = math.sqrt(FINEST) * max((abs(answer[term][0]) * size for term, (_, size) in moved.items()), default=0.0)
+    least = TOLERANCE * max((abs(answer[term][0]) * size for term, (_, size) in moved.items()), default=0.0)
     return any(abs(by) > max(answer[term][1], TOLERANCE * abs(answer[term][0])) and abs(by) * size > least
                for term, (by, size) in moved.items())
