@@ -302,7 +302,7 @@ def is_moved(q: Question, at: slice, answer: dict[str, tuple[float, float]], lac
 
     at      rows of the answer;  answer  (coefficient, standard deviation) of its terms
     """
-    if lack.size is None or lack.is_most:
+    if lack.size is None or lack.is_most or lack.what == "delay":  # at another time it is another input
         return True
     moved = moved_by(q, at, tuple(answer), lack)
     least = TOLERANCE * max((abs(answer[term][0]) * size for term, (_, size) in moved.items()), default=0.0)

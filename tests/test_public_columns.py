@@ -166,8 +166,8 @@ def test_a_clipped_gyro_is_told_from_its_column(seed, share):
     assert "theta_dot is at an end stop of its sensor (" in said and f"{stop:.4g})" in said
     assert made.config.theta_dot_saturation == stop
     assert max(off(made), default=0.0) < 3.0
-    # at half the range the half row by which the held input is late may move the numbers, which are refused then
-    assert share == 0.5 or made.report["windows"][0]["status"] == "OK"
+    # the input is held for a row, half a row later than it is logged: nothing else may be said against the window
+    assert made.report["windows"][0]["status"] == "OK" or [lack["what"] for lack in made.report["lacks"]] == ["delay"]
 
 
 def test_a_window_at_the_stop_is_saturated():
