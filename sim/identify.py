@@ -226,7 +226,7 @@ def lack_json(lack: Lack) -> dict[str, Any]:
 def lack_words(lack: Lack, library: str) -> str:
     """What an answer lacks, what it would gain, and what to do, in one line; library  with all terms that it lacks."""
     after, before = 100.0 * lack.after, 100.0 * lack.before
-    shares = f"with it {after:.3g} % of the rows left out are predicted, without {before:.3g} %"
+    shares = lack.shares
     if lack.what == "interpolated":
         return "what beta did between its own values, fewer than the rows, is not in the log: log it as it acts"
     if lack.what == "coefficients":

@@ -59,6 +59,12 @@ class Lack:
     size: float | None = None
 
     @property
+    def shares(self) -> str:
+        """What is predicted with it and without it, in words."""
+        return (f"with it {100.0 * self.after:.3g} % of the rows left out are predicted, without "
+                f"{100.0 * self.before:.3g} %")
+
+    @property
     def is_most(self) -> bool:
         """Most of the error left out is gone with it."""
         return self.after - self.before > MOST * (1.0 - self.before)

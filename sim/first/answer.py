@@ -288,7 +288,7 @@ def holds(made: First, found: Found, lead: Lead) -> bool:
 
 def lack_words(lack: Lack, driver: str) -> str:
     """Why a first nominal without it would lie."""
-    shares = f"with it {100.0 * lack.after:.3g} % of rows left out are predicted, without {100.0 * lack.before:.3g} %"
+    shares = lack.shares
     if lack.what == "nothing":
         return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be told"
     if lack.what == "placebo":
