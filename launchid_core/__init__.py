@@ -14,10 +14,10 @@ from .status import EstimateStatus, Status
 from .version import VERSION
 
 if TYPE_CHECKING:
+    from .cache import cache_folder
     from .config import Config
     from .estimate import Change, Estimate, Level, Tracked, Uncertainty
     from .estimator import Estimator
-    from .kernel_cache import cache_folder
     from .kernels import compiled
     from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .model import Model
@@ -35,8 +35,8 @@ __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWE
 def __getattr__(name: str) -> Any:
     """The names above that are not there yet: all of the package is imported."""
     if name in __all__:
-        from . import config, estimate, estimator, kernel_cache, kernels, library, model, port, uncertainty
-        for module in (config, estimate, estimator, kernel_cache, kernels, library, model, port, uncertainty):
+        from . import cache, config, estimate, estimator, kernels, library, model, port, uncertainty
+        for module in (cache, config, estimate, estimator, kernels, library, model, port, uncertainty):
             if hasattr(module, name):
                 globals()[name] = getattr(module, name)
                 return globals()[name]

@@ -1,13 +1,6 @@
 """What the filtered formulation believes, as its kernels read it."""
 
-from typing import NamedTuple
-
-import numpy as np
-
-from .kernels import inner, shared
-from .library import CODE_LENGTH
-from .memory import take, take2
-from .records import store
+from .kernels import inner
 
 # constant (f8)
 (FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN, GYRO_SCALE,
@@ -25,72 +18,43 @@ A6, K1 = range(2)
 # a row of `air` (f8)
 AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
 N_AIR = 4
+# a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
+NODE_T, NODE_A6, NODE_K1 = range(3)
+N_NODE = 3
 NONE = -1
 
 
-@store
-class Belief(NamedTuple):
-    """Fixed at construction; r nuisances, L noise levels."""
-
-    time: np.ndarray       # (k,) s, nodes of the profile
-    a6: np.ndarray         # (k,) 1/s^2
-    k1: np.ndarray         # (k,) 1/s^2
-    constant: np.ndarray   # (N_CONSTANTS,)
-    variance: np.ndarray   # (L,) declared noises, order of Model.levels
-    prior: np.ndarray      # (L,) of their logarithms, 1/variance
-    air: np.ndarray        # (n, N_AIR) nodes of forecast wind [rad] and drift [1/s]
-    spread: np.ndarray     # (r,) standard deviation of each nuisance at the first sample
-    codes: np.ndarray      # (q, 6) int64 library terms
-    term: np.ndarray       # (2,) int64 places of theta and beta among them
-    role: np.ndarray       # (r,) int64 what each nuisance is, model.WALK .. NOZZLE_BIAS
-    level: np.ndarray      # (r,) int64 its place among the noise levels, or NONE
-    partner: np.ndarray    # (3,) int64 state that each channel shows beside its own, its offset's, or NONE
-
-
-@shared
-def view_belief(f, at, i, m, q, nodes, r, levels, air_nodes):
-    """Cut it from floats f at `at` and integers i at `m`: q terms, r nuisances; returns (it, next at, next m)."""
-    time, at = take(f, at, nodes)
-    a6, at = take(f, at, nodes)
-    k1, at = take(f, at, nodes)
-    constant, at = take(f, at, N_CONSTANTS)
-    variance, at = take(f, at, levels)
-    prior, at = take(f, at, levels)
-    air, at = take2(f, at, air_nodes, N_AIR)
-    spread, at = take(f, at, r)
-    codes, m = take2(i, m, q, CODE_LENGTH)
-    term, m = take(i, m, 2)
-    role, m = take(i, m, r)
-    level, m = take(i, m, r)
-    partner, m = take(i, m, 3)
-    return Belief(time, a6, k1, constant, variance, prior, air, spread, codes, term, role, level, partner), at, m
+@inner
+def cell_of(table, t):
+    """The row of table (nodes, any) behind which t [s] lies, between the first node's time and the last one's."""
+    low, high = 0, table.shape[0] - 1
+    for _ in range(64):  # bisection of at most 2^63 nodes
+        if high - low <= 1:
+            break
+        middle = (low + high) // 2
+        if table[middle, NODE_T] <= t:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 @inner
-def profile_at(belief, cell, t):
-    """(a6, k1) of the profile at t, the first node's at a t that is no number; `cell` (1,) remembers the last cell
-    (bisection when t left it)."""
-    time = belief.time
-    last = time.shape[0] - 1
-    if not t > time[0]:
-        return belief.a6[0], belief.k1[0]
-    if t >= time[last]:
-        return belief.a6[last], belief.k1[last]
+def profile_at(profile, cell, t):
+    """(a6, k1) of a profile (nodes, 3) at t [s], the first node's at a t that is no number; `cell` (1,) remembers the
+    last cell (bisection when t left it)."""
+    last = profile.shape[0] - 1
+    if not t > profile[0, NODE_T]:
+        return profile[0, NODE_A6], profile[0, NODE_K1]
+    if t >= profile[last, NODE_T]:
+        return profile[last, NODE_A6], profile[last, NODE_K1]
     low = cell[0]
-    if not (time[low] <= t < time[low + 1]):
-        low, high = 0, last
-        for _ in range(64):  # bisection of at most 2^63 nodes
-            if high - low <= 1:
-                break
-            middle = (low + high) // 2
-            if time[middle] <= t:
-                low = middle
-            else:
-                high = middle
+    if not (profile[low, NODE_T] <= t < profile[low + 1, NODE_T]):
+        low = cell_of(profile, t)
         cell[0] = low
-    share = (t - time[low]) / (time[low + 1] - time[low])
-    return (belief.a6[low] + share * (belief.a6[low + 1] - belief.a6[low]),
-            belief.k1[low] + share * (belief.k1[low + 1] - belief.k1[low]))
+    share = (t - profile[low, NODE_T]) / (profile[low + 1, NODE_T] - profile[low, NODE_T])
+    return (profile[low, NODE_A6] + share * (profile[low + 1, NODE_A6] - profile[low, NODE_A6]),
+            profile[low, NODE_K1] + share * (profile[low + 1, NODE_K1] - profile[low, NODE_K1]))
 
 
 @inner
@@ -101,14 +65,6 @@ def air_at(air, column, t):
         return air[0, column]
     if t >= air[last, AIR_T]:
         return air[last, column]
-    low, high = 0, last
-    for _ in range(64):
-        if high - low <= 1:
-            break
-        middle = (low + high) // 2
-        if air[middle, AIR_T] <= t:
-            low = middle
-        else:
-            high = middle
-    share = (t - air[low, AIR_T]) / (air[high, AIR_T] - air[low, AIR_T])
-    return air[low, column] + share * (air[high, column] - air[low, column])
+    low = cell_of(air, t)
+    share = (t - air[low, AIR_T]) / (air[low + 1, AIR_T] - air[low, AIR_T])
+    return air[low, column] + share * (air[low + 1, column] - air[low, column])

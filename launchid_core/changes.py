@@ -15,15 +15,12 @@ contradicts the model: a change is withdrawn if a contradiction follows soon.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, K1
 from .elementary import exp_of, log_of
-from .kernels import inner, once, shared
-from .memory import take, take2, take3
-from .records import store
+from .kernels import inner
 from .tracker import COV, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
 
 ONSETS = 24         # blocks looked back: 2.4 s at 0.1 s
@@ -49,37 +46,7 @@ NEXT, KEPT, EVENTS, SINCE = range(4)
 N_COUNTS = 4
 
 
-@store
-class Watch(NamedTuple):
-    """State of the detector."""
-
-    mean: np.ndarray        # (ONSETS, 2, 2) deviations by onset, kind, parameter
-    covariance: np.ndarray  # (ONSETS, 2, 3)
-    factor: np.ndarray      # (ONSETS, 2) log Bayes factors
-    before: np.ndarray      # (ONSETS, N_BELIEF) tracked belief before each onset
-    start: np.ndarray       # (ONSETS,) s
-    carried: np.ndarray     # (ONSETS, n, 2) sensitivities at each onset, carried to the current block's start
-    counts: np.ndarray      # (N_COUNTS,) int64
-    event: np.ndarray       # (MAX_EVENTS, N_EVENT)
-    reference: np.ndarray   # (N_BELIEF,) belief before the last change
-
-
-@shared
-def view_watch(f, at, i, m, n):
-    """Cut it from floats f at `at` and integers i at `m` for n states; returns (it, next at, next m)."""
-    mean, at = take3(f, at, ONSETS, 2, 2)
-    covariance, at = take3(f, at, ONSETS, 2, 3)
-    factor, at = take2(f, at, ONSETS, 2)
-    before, at = take2(f, at, ONSETS, N_BELIEF)
-    start, at = take(f, at, ONSETS)
-    carried, at = take3(f, at, ONSETS, n, 2)
-    counts, m = take(i, m, N_COUNTS)
-    event, at = take2(f, at, MAX_EVENTS, N_EVENT)
-    reference, at = take(f, at, N_BELIEF)
-    return Watch(mean, covariance, factor, before, start, carried, counts, event, reference), at, m
-
-
-@once
+@inner
 def measure(mean, covariance, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one onset; returns (variance, e^2/variance)."""
     c0, c1, c2 = covariance[AA], covariance[AK], covariance[KK]
@@ -94,11 +61,11 @@ def measure(mean, covariance, h0, h1, z):
     return variance, e * e / variance
 
 
-@once
-def open_onset(state, belief, s_start, t):
+@inner
+def open_onset(states, state, belief, s_start, t):
     """A block began at t with sensitivities s_start (n, 2): a change may have begun with it."""
     slot = state.counts[NEXT]
-    for i in range(s_start.shape[0]):
+    for i in range(states):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
     jump = JUMP_STD * JUMP_STD
@@ -116,8 +83,8 @@ def open_onset(state, belief, s_start, t):
     state.counts[SINCE] += 1
 
 
-@once
-def follow_onset(state, slot, kind, pair, dt):
+@inner
+def follow_onset(n, state, slot, kind, pair, dt):
     """Give a block to one onset's tracker; returns its log predictive density.
 
     After a jump by d at the onset the innovations are h p - h_past d: the state had not yet felt the new parameters,
@@ -127,7 +94,7 @@ def follow_onset(state, slot, kind, pair, dt):
     covariance[AA] += DRIFT * DRIFT * dt
     covariance[KK] += DRIFT * DRIFT * dt
     carried, before = state.carried[slot], state.before[slot]
-    volume, square, n = 1.0, 0.0, carried.shape[0]
+    volume, square = 1.0, 0.0
     for i in range(n + 2):
         past_a = past_k = 0.0
         for k in range(i, n):
@@ -140,11 +107,10 @@ def follow_onset(state, slot, kind, pair, dt):
     return -0.5 * (log_of(volume) + square)
 
 
-@once
-def carry_onset(state, column, slot, transition):
+@inner
+def carry_onset(n, state, column, slot, transition):
     """Carry the sensitivities of an onset over the block.  column (n,) scratch;  transition (n, >=n) in."""
     carried = state.carried[slot]
-    n = carried.shape[0]
     for j in range(2):
         for i in range(n):
             value = 0.0
@@ -155,10 +121,11 @@ def carry_onset(state, column, slot, transition):
             carried[i, j] = column[i]
 
 
-@once
-def follow_onsets(state, column, pair, transition, dt, still):
+@inner
+def follow_onsets(n, state, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
+    n      states of the filter
     column (n,) scratch
     pair (n + 3, n + 3) in square-root information: offset at the block's start, a6, k1, right-hand side
     transition (n, >=n) in of the offset over the block
@@ -168,14 +135,14 @@ def follow_onsets(state, column, pair, transition, dt, still):
     for back in range(state.counts[KEPT]):
         slot = (state.counts[NEXT] - 1 - back) % ONSETS
         for kind in range(2):
-            state.factor[slot, kind] += follow_onset(state, slot, kind, pair, dt) - still
+            state.factor[slot, kind] += follow_onset(n, state, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
                 best, best_slot, best_kind = state.factor[slot, kind], slot, kind
-        carry_onset(state, column, slot, transition)
+        carry_onset(n, state, column, slot, transition)
     return best, best_slot, best_kind
 
 
-@once
+@inner
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
@@ -191,7 +158,7 @@ def onset_time(state, kind, best, dt):
     return reference + mean, math.sqrt(max(square / norm - mean * mean, 0.0) + dt * dt / 12.0)
 
 
-@once
+@inner
 def raise_alarm(state, slot, kind, best, dt, t_now, after):
     """Record an event and forget the onsets.  after (N_BELIEF,) out: the belief to restart the tracker with.
 
@@ -231,7 +198,7 @@ def size_event(state, event, belief):
     event[E_K1_VARIANCE] = state.reference[VAR_K1] + belief[VAR_K1]
 
 
-@once
+@inner
 def settle_event(state, belief):
     """SETTLE blocks after its onset, an event's size becomes final."""
     if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .assembly import Parts, state_arrays
+from .assembly import Memory
 from .config import Config
 from .version import VERSION
 
@@ -50,24 +50,24 @@ def _layout(arrays: list[np.ndarray]) -> bytes:
     return hashlib.blake2b(words.encode(), digest_size=16).digest()
 
 
-def preface(config: Config, parts: Parts) -> bytes:
+def preface(config: Config, memory: Memory) -> bytes:
     """Header and choices: the same bytes in every saved state of this configuration, whatever the language."""
-    arrays = list(state_arrays(parts))
+    arrays = [array for _, array in memory.state_arrays()]
     digests = b"".join(_digests(config).values())
     size = sum(array.size for array in arrays)
     return HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size) + digests
 
 
-def save(config: Config, parts: Parts) -> bytes:
+def save(config: Config, memory: Memory) -> bytes:
     """The state of an estimator with this configuration."""
-    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in state_arrays(parts))
-    whole = preface(config, parts) + words
+    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for _, array in memory.state_arrays())
+    whole = preface(config, memory) + words
     return whole + END.pack(zlib.crc32(whole))
 
 
-def restore(config: Config, parts: Parts, saved: bytes) -> None:
+def restore(config: Config, memory: Memory, saved: bytes) -> None:
     """Overwrite the state with what `save` gave for the same configuration; ValueError says what is wrong with it."""
-    saved, arrays = bytes(saved), list(state_arrays(parts))
+    saved, arrays = bytes(saved), [array for _, array in memory.state_arrays()]
     at = _check(config, arrays, saved)
     for array in arrays:
         kind = array.dtype.newbyteorder("<")

@@ -5,7 +5,7 @@ The generator is Park & Miller's minimal standard (Comm. ACM 31, 1988; multiplie
 draws the same rows.  Assumption: sub-sampling needs no better generator.
 """
 
-from .kernels import once
+from .kernels import inner
 
 MULTIPLIER = 48271
 MODULUS = 2147483647
@@ -20,7 +20,7 @@ def first_state(seed: int) -> int:
     return x
 
 
-@once
+@inner
 def after(number, draws):
     """The generator's state after so many draws, fewer than 2^DRAWS; by squaring."""
     factor = MULTIPLIER
@@ -34,7 +34,7 @@ def after(number, draws):
     return number
 
 
-@once
+@inner
 def choose_rows(usable, n, p, random, kept):
     """Selection sampling (Knuth, TAOCP 2, 3.4.2, algorithm S): `p` of the usable rows, in order.
 

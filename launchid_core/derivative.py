@@ -10,12 +10,12 @@ Stencils chosen to avoid the jumps (essentially non-oscillatory) were tried: no
 more supports found on clean data, and up to twice the error under noise.
 """
 
-from .kernels import inner, once
+from .kernels import inner
 
 STENCIL = 5
 
 
-@once
+@inner
 def mark_segments(time, n, max_gap, segment):
     """Number the gap-free pieces of a window.
 
@@ -32,7 +32,7 @@ def mark_segments(time, n, max_gap, segment):
     return number
 
 
-@once
+@inner
 def newton_slope(time, x, first, points, at):
     """Slope at time[at] of the polynomial through `points` (2..4) rows from `first` on.
 
@@ -57,7 +57,7 @@ def newton_slope(time, x, first, points, at):
     return slope
 
 
-@once
+@inner
 def slopes_of_piece(time, x, first, end, slope, fifth):
     """Slopes at the rows first..end-1 of a gap-free piece of at least STENCIL rows, and what the fifth point adds.
 

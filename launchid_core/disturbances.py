@@ -13,7 +13,7 @@ import numpy as np
 
 from .belief import AIR_ALPHA, AIR_BETA, AIR_WIND, AIRY, LEAN, air_at
 from .elementary import exp_of
-from .kernels import inner, once
+from .kernels import inner
 from .model import ATTITUDE_BIAS, MISALIGNMENT, MOMENT, TURBULENCE, WALK
 from .servo import KEEP, REACH, STEP
 from .states import FIRST, GAMMA_NOW, LAST, N_STATES
@@ -34,10 +34,10 @@ def spread_at(belief, fil, j, t):
     return factor * variance
 
 
-@once
+@inner
 def fill_push(belief, a6, k1, push):
     """Acceleration that a unit of each nuisance is, with the nominal's a6 and k1.  push (r,) out."""
-    for j in range(push.shape[0]):
+    for j in range(belief.size.nuisances):
         role = belief.role[j]
         push[j] = 0.0
         if role == WALK or role == TURBULENCE:
@@ -54,7 +54,7 @@ def fill_push(belief, a6, k1, push):
 def guessed_wind(belief, x):
     """What the filter believes of the angle of attack that is neither known beforehand nor theta as measured [rad]."""
     wind = 0.0
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         if belief.role[j] == WALK or belief.role[j] == TURBULENCE:
             wind += x[N_STATES + j]
         elif belief.role[j] == ATTITUDE_BIAS:
@@ -62,8 +62,8 @@ def guessed_wind(belief, x):
     return wind
 
 
-@once
-def follow_path(belief, fil, h, gamma):
+@inner
+def follow_path(belief, air, fil, h, gamma):
     """Flight-path angle over the step: as measured, or by the drift from what the filter believes, or held; returns
     the part of the angle of attack that is known beside theta, forecast - gamma, at the step's middle [rad].
 
@@ -74,26 +74,26 @@ def follow_path(belief, fil, h, gamma):
     after = before
     if belief.constant[AIRY] == 1.0:
         middle = fil.time[LAST] + 0.5 * h
-        wind = air_at(belief.air, AIR_WIND, middle)
+        wind = air_at(air, AIR_WIND, middle)
         x = fil.x
         alpha = x[0] + 0.5 * h * x[1] - before + wind + guessed_wind(belief, x)
         lean = belief.constant[LEAN]
-        for j in range(belief.role.shape[0]):
+        for j in range(belief.size.nuisances):
             if belief.role[j] == MISALIGNMENT:
                 lean += x[N_STATES + j]
-        after = before + h * (air_at(belief.air, AIR_ALPHA, middle) * alpha
-                              + air_at(belief.air, AIR_BETA, middle) * (x[2] + 0.5 * h * x[3] + lean))
+        after = before + h * (air_at(air, AIR_ALPHA, middle) * alpha
+                              + air_at(air, AIR_BETA, middle) * (x[2] + 0.5 * h * x[3] + lean))
     if np.isfinite(gamma):
         after = gamma
     fil.path[GAMMA_NOW] = after
     return wind - 0.5 * (before + after)
 
 
-@once
+@inner
 def add_wind(belief, fil, gamma_variance):
     """What the wind may have changed over the step, and gamma's noise as an acceleration [rad^2/s^4]."""
     h, keep = fil.step[STEP], fil.step[KEEP]
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         k, at = N_STATES + j, belief.level[j]
         if at < 0:
             continue
@@ -115,6 +115,6 @@ def let_offsets_wander(belief, fil, span):
     They are constants to a window.  Over a flight no misalignment and no bias is, and a filter that believed so would
     hold on for ever to how an offset and a6 once were related (`OFFSET_TIME`).
     """
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         if belief.level[j] < 0:
             fil.p[N_STATES + j, N_STATES + j] += belief.spread[j] * belief.spread[j] * span / OFFSET_TIME

@@ -1,7 +1,7 @@
 """The one class: samples in by `update`, estimates out by `estimate`."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -10,19 +10,17 @@ import numpy as np
 from . import checkpoint, replay
 from . import report as rp
 from . import ring as rb
-from . import step as st
 from . import uncertainty as un
 from . import window as wn
-from .assembly import allocate, is_ranged, is_structured, restart, state_arrays
+from .assembly import allocate
 from .belief import A6
 from .config import Config
-from .elementary import exp_of
+from .entries import calls_of
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, made_estimate
 from .model import OFFSETS, Model
 from .sample import NAN, Sample
 from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .status import EstimateStatus, Status
-from .stores import State
 
 _STATUSES = tuple(Status(code) for code in (*range(Status.RECOVERED + 1), *range(Status.BUSY, 0)))  # from the end: < 0
 _ESTIMATE_STATUSES = {int(status): status for status in EstimateStatus}
@@ -41,36 +39,26 @@ class Estimator:
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self._block, self._parts = allocate(config)
-        self._step, self._options = _entry(config)
+        self._memory = allocate(config)
+        self._parts = self._memory.parts
+        self._calls = calls_of(config, self._memory)
+        self._step = self._calls.update
         self._terms = config.terms
         self._busy = False
-        self._compile()
-
-    def _compile(self) -> None:
-        """Compile (or load from the cache) both kernels, then refuse to compile in flight: an int is cast."""
-        used = (self._step,) if self._parts.report is None else (self._step, st.report_filtered)
-        kernels: list[Any] = [kernel for kernel in used if hasattr(kernel, "disable_compile")]
-        for kernel in kernels:
-            kernel.disable_compile(False)
-        self._step(*self._block, *self._options, *Sample(NAN, NAN, NAN, NAN))
-        self._report()
-        for kernel in kernels:
-            kernel.disable_compile(True)
         self.reset()
 
     def __getstate__(self) -> dict[str, object]:
         """For copy and pickle: the choices and what persists; memory is allocated anew."""
-        return {"config": self.config, "state": tuple(array.copy() for array in state_arrays(self._parts))}
+        return {"config": self.config, "state": tuple(array.copy() for _, array in self._memory.state_arrays())}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(saved["config"])  # type: ignore[misc]
-        for array, given in zip(state_arrays(self._parts), saved["state"], strict=True):
+        for (_, array), given in zip(self._memory.state_arrays(), saved["state"], strict=True):
             array[...] = given
 
     def reset(self) -> None:
         """Forget every sample and estimate and restart the row generator; configuration and memory stay."""
-        restart(self.config, self._parts)
+        self._calls.restart()
         self._busy = False
 
     def save(self) -> bytes:
@@ -79,7 +67,7 @@ class Estimator:
         RuntimeError while an update runs (in another thread, or below a signal handler): the state is between two.
         """
         self._refuse_busy("save")
-        return checkpoint.save(self.config, self._parts)
+        return checkpoint.save(self.config, self._memory)
 
     def restore(self, saved: bytes) -> None:
         """Go on where `save` of an estimator with an equal configuration stood, to the same bits.
@@ -88,7 +76,7 @@ class Estimator:
         version; the estimator is then as before.  RuntimeError while an update runs.
         """
         self._refuse_busy("restore")
-        checkpoint.restore(self.config, self._parts, saved)
+        checkpoint.restore(self.config, self._memory, saved)
 
     def _refuse_busy(self, call: str) -> None:
         if self._busy:
@@ -104,7 +92,7 @@ class Estimator:
             return Status.BUSY
         self._busy = True
         try:
-            code = self._step(*self._block, *self._options, *sample)
+            code = self._step(*sample)
         except TypeError:
             raise TypeError(_no_sample(sample)) from None
         finally:
@@ -118,9 +106,9 @@ class Estimator:
         RuntimeError while an update runs; ValueError for another shape.
         """
         self._refuse_busy("replay")
-        table, loop, at, estimates = replay.table_of(samples), replay.loop_of(self.config.formulation), 0, []
+        table, take, at, estimates = replay.table_of(samples), replay.loop_of(self._memory), 0, []
         while at < len(table):
-            at, code = loop(*self._block, *self._options, table, at)
+            at, code = take(table, at)
             if code == rb.RECOVERED:
                 self._begin_anew(Sample(*table[at - 1].tolist()))
             elif code == rb.ACCEPTED and at < len(table):
@@ -136,17 +124,18 @@ class Estimator:
         """Memory was damaged: forget all but the counters of answers, and take the sample as the first of all."""
         counted = self._parts.state.counts[rb.COUNT_FIRST:]
         before = counted.copy()
-        restart(self.config, self._parts)
-        self._step(*self._block, *self._options, *sample)
+        self._calls.restart()
+        self._step(*sample)
         counted[:] = before
         counted[Status.RECOVERED - Status.BUSY] += 1
         return Status.RECOVERED
 
-    def _report(self) -> rp.Report | None:
+    def _report(self) -> Any | None:
         """Tracked estimate, uncertainty level and sudden changes as of now (formulation `filtered`)."""
-        if self._parts.report is not None:
-            st.report_filtered(*self._block, *self._options)
-        return self._parts.report
+        if self._calls.report is None:
+            return None
+        self._calls.report()
+        return self._parts.work.report
 
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
@@ -169,7 +158,7 @@ class Estimator:
             terms_std=_limits(self._terms, outcome.std),
             rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
-            uncertainty=None if report is None or self._parts.gauge is None else _uncertainty(report),
+            uncertainty=None if report is None or self._memory.size.ranged == 0 else _uncertainty(report),
             whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)))
 
     def changes(self) -> tuple[Change, ...]:
@@ -188,11 +177,10 @@ class Estimator:
     @property
     def noise_levels(self) -> dict[str, float]:
         """Noise levels believed now, over the model's declared ones, by name (formulation `filtered`)."""
-        state = self._parts.state
-        if not isinstance(state, State) or self.config.model is None:
+        report, model = self._report(), self.config.model
+        if report is None or model is None:
             return {}
-        levels = state.filter.level.tolist()
-        return {name: exp_of(level) for name, level in zip(self.config.model.levels, levels, strict=True)}
+        return dict(zip(model.levels, report.noise.tolist(), strict=True))
 
     @property
     def counts(self) -> dict[str, int]:
@@ -207,14 +195,14 @@ class Estimator:
         state = self._parts.state
         found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
         found |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
-        if isinstance(state, State):
+        if self._calls.report is not None:
             found |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
         return found
 
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays this estimator owns; constant after construction."""
-        return sum(array.nbytes for array in self._block)
+        return self._memory.block.nbytes + sum(array.nbytes for array in self._memory.apart.values())
 
 
 def _no_sample(given: object) -> str:
@@ -222,13 +210,6 @@ def _no_sample(given: object) -> str:
     names = ", ".join(Sample._fields)
     count = f" of {len(given)}" if isinstance(given, tuple | list) else ""
     return f"update: expected a Sample, {len(Sample._fields)} floats ({names}); got {type(given).__name__}{count}"
-
-
-def _entry(config: Config) -> tuple[Callable[..., int], tuple[int | None, ...]]:
-    """The compiled step of a configuration, and what stands between its memory and the sample."""
-    if config.formulation == "filtered":
-        return st.step_filtered, (1 if is_structured(config) else None, 1 if is_ranged(config) else None)
-    return st.step_integral if config.formulation == "integral" else st.step_pointwise, ()
 
 
 def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
@@ -245,7 +226,7 @@ def _numbers(values: np.ndarray) -> list[float]:
 _CALM: dict[str, Any] = {"wind": NAN, "wind_std": NAN, "offsets": MappingProxyType({})}
 
 
-def _air(report: rp.Report, model: Model | None) -> dict[str, Any]:
+def _air(report: Any, model: Model | None) -> dict[str, Any]:
     """Wind and offsets out of a report, as fields of `Estimate`."""
     if model is None:
         return _CALM
@@ -255,7 +236,7 @@ def _air(report: rp.Report, model: Model | None) -> dict[str, Any]:
     return {"wind": wind, "wind_std": wind_std, "offsets": MappingProxyType(offsets)}
 
 
-def _uncertainty(report: rp.Report) -> Uncertainty:
+def _uncertainty(report: Any) -> Uncertainty:
     """The uncertainty level out of a report."""
     levels = []
     for p in range(2):

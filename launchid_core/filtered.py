@@ -8,19 +8,16 @@ per block for the tracker.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, SATURATION
 from .disturbances import spread_at
 from .elementary import exp_of, log_of
-from .kernels import inner, once, shared
+from .kernels import inner
 from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
-from .memory import take, take2
 from .model import N_NOISES
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
-from .records import store
 from .ring import BETA_CMD, GAMMA, THETA, T
 from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, N_TESTS, RESTARTS, RUNNING
 from .tracker import N_BELIEF
@@ -41,102 +38,22 @@ LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise leve
 ROWS, SAMPLES, GAPS = range(3)
 
 
-@store
-class Accumulator(NamedTuple):
-    """Square-root information and the rows on their way into it.  c = n + q + N_TESTS + 1 columns,
-    right-hand side last.
-
-    The initial offset's sensitivities restart with every block; `psi` carries them back to the window's start.
-    """
-
-    window: np.ndarray       # (c, c) of the current window: offset at its start, terms
-    psi: np.ndarray          # (n, n) transition of an offset from the window's start to the block's
-    s_start: np.ndarray      # (n, 2) sensitivities for theta and beta at the block's start
-    rows: np.ndarray         # (c, 3 b) whitened innovations of a block of b samples, column by column
-    counts: np.ndarray       # (3,) int64
-    start: np.ndarray        # (1,) first stamp of the block [s]
-    score: np.ndarray        # (L,) of the noise levels over the block
-    information: np.ndarray  # (L, L) of the noise levels over the block
-    level_information: np.ndarray  # (L, L) over the flight, prior included
-
-
-@store
-class AccumulatorWork(NamedTuple):
-    """Scratch of a block and of a window's close."""
-
-    triangle: np.ndarray     # (c, c) of the current block: offset at its start, terms
-    pair: np.ndarray         # (n + 3, n + 3) of the block: offset, theta, beta, right-hand side
-    block: np.ndarray        # (3, 3) of the block, the state known: theta, beta, right-hand side
-    product: np.ndarray      # (n, n)
-    column: np.ndarray       # (n,)
-    scratch: np.ndarray      # (2 * c * c,)
-    square: np.ndarray       # (L, L)
-    order: np.ndarray        # (L,) int64
-    tau: np.ndarray          # (L,)
-    right: np.ndarray        # (L,)
-    step: np.ndarray         # (L,)
-    belief: np.ndarray       # (N_BELIEF,) to restart the tracker with
-    columns: np.ndarray      # (c,) int64 that a solve keeps
-    coefficient: np.ndarray  # (q,)
-    deviation: np.ndarray    # (3,)
-
-
-@shared
-def view_accumulator(f, at, i, m, q, n, levels, samples):
-    """Cut it from floats f at `at` and integers i at `m`: q terms, n states, `samples` a block; returns (it, next at,
-    next m)."""
-    c = n + q + N_TESTS + 1
-    window, at = take2(f, at, c, c)
-    psi, at = take2(f, at, n, n)
-    s_start, at = take2(f, at, n, 2)
-    rows, at = take2(f, at, c, N_CHANNELS * samples)
-    counts, m = take(i, m, 3)
-    start, at = take(f, at, 1)
-    score, at = take(f, at, levels)
-    information, at = take2(f, at, levels, levels)
-    level_information, at = take2(f, at, levels, levels)
-    return Accumulator(window, psi, s_start, rows, counts, start, score, information, level_information), at, m
-
-
-@shared
-def view_accumulator_work(f, at, i, m, q, n, levels):
-    """Cut it from floats f at `at` and integers i at `m`: q terms, n states; returns (it, next at, next m)."""
-    c = n + q + N_TESTS + 1
-    triangle, at = take2(f, at, c, c)
-    pair, at = take2(f, at, n + 3, n + 3)
-    block, at = take2(f, at, 3, 3)
-    product, at = take2(f, at, n, n)
-    column, at = take(f, at, n)
-    scratch, at = take(f, at, 2 * c * c)
-    square, at = take2(f, at, levels, levels)
-    order, m = take(i, m, levels)
-    tau, at = take(f, at, levels)
-    right, at = take(f, at, levels)
-    step, at = take(f, at, levels)
-    belief, at = take(f, at, N_BELIEF)
-    columns, m = take(i, m, c)
-    coefficient, at = take(f, at, q)
-    deviation, at = take(f, at, 3)
-    return AccumulatorWork(triangle, pair, block, product, column, scratch, square, order, tau, right, step, belief,
-                           columns, coefficient, deviation), at, m
-
-
-@shared
-def start_window(acc):
+@inner
+def start_window(size, acc):
     """Forget the window's information but for the weak prior on the terms."""
     acc.window[:, :] = 0.0
-    for j in range(acc.psi.shape[0], acc.window.shape[0] - 1 - N_TESTS):
+    for j in range(size.states, size.states + size.terms):
         acc.window[j, j] = WEAK_PRIOR
-    set_identity(acc.psi)
+    set_identity(size, acc.psi)
     acc.counts[SAMPLES] = 0
     acc.counts[GAPS] = 0
 
 
-@shared
-def set_identity(matrix):
+@inner
+def set_identity(size, matrix):
     """matrix (n, n) out"""
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[0]):
+    for i in range(size.states):
+        for j in range(size.states):
             matrix[i, j] = 1.0 if i == j else 0.0
 
 
@@ -147,7 +64,7 @@ def believe_nuisances(belief, fil, acc, t):
 
     Nothing else of the past enters a window.
     """
-    n, last = fil.x.shape[0], acc.window.shape[0] - 1
+    n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
     for k in range(N_STATES, n):
         w = 1.0 / np.sqrt(spread_at(belief, fil, k - N_STATES, t))
@@ -157,20 +74,20 @@ def believe_nuisances(belief, fil, acc, t):
         acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
 
 
-@once
+@inner
 def forget_offset(belief, fil, acc, t):
     """The state is unknown again (a gap): keep what is known of the terms, drop the initial offset's rows."""
-    for i in range(acc.psi.shape[0]):
-        for j in range(acc.window.shape[0]):
+    for i in range(belief.size.states):
+        for j in range(belief.size.columns):
             acc.window[i, j] = 0.0
-    set_identity(acc.psi)
+    set_identity(belief.size, acc.psi)
     believe_nuisances(belief, fil, acc, t)
 
 
 @inner
 def begin_block(belief, fil, acc):
     """A block begins: the offset's sensitivities are the identity, the terms' are remembered."""
-    n = fil.x.shape[0]
+    n = belief.size.states
     for i in range(n):
         for j in range(n):
             fil.s[i, j] = 1.0 if i == j else 0.0
@@ -178,13 +95,15 @@ def begin_block(belief, fil, acc):
         acc.s_start[i, K1] = fil.s[i, n + belief.term[AT_BETA]]
 
 
-@once
-def reduce_block(acc, work, theta, beta):
-    """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known."""
-    c, n = acc.window.shape[0], acc.psi.shape[0]
-    width = n + 3
+@inner
+def reduce_block(size, acc, rows, work, theta, beta):
+    """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known.
+
+    rows (c, 3 b)  in  whitened innovations of a block of b samples, column by column; destroyed
+    """
+    c, n, width = size.columns, size.states, size.pair
     work.triangle[:, :] = 0.0
-    absorb_rows(work.triangle, acc.rows, acc.counts[ROWS])
+    absorb_rows(work.triangle[:], rows, c, acc.counts[ROWS])
     pair = work.scratch[:width * c].reshape((width, c))
     for i in range(c):
         for j in range(n):
@@ -193,19 +112,19 @@ def reduce_block(acc, work, theta, beta):
         pair[n + 1, i] = work.triangle[i, n + beta]
         pair[n + 2, i] = work.triangle[i, c - 1]
     work.pair[:, :] = 0.0
-    absorb_rows(work.pair, pair, c)
+    absorb_rows(work.pair[:], pair, width, c)
     known = work.scratch[:3 * (width - 1)].reshape((3, width - 1))
     for i in range(width - 1):
         for j in range(3):
             known[j, i] = work.pair[i, n + j]
     work.block[:, :] = 0.0
-    absorb_rows(work.block, known, width - 1)
+    absorb_rows(work.block[:], known, 3, width - 1)
 
 
-@once
-def absorb_block(acc, work):
+@inner
+def absorb_block(size, acc, work):
     """Add the block to the window's information, its offset carried back to the window's start."""
-    width, n = acc.window.shape[0], acc.psi.shape[0]
+    width, n = size.columns, size.states
     copy = work.scratch[:width * width].reshape((width, width))
     for i in range(width):
         for c in range(n):
@@ -215,13 +134,13 @@ def absorb_block(acc, work):
             copy[c, i] = value
         for c in range(n, width):
             copy[c, i] = work.triangle[i, c]
-    absorb_rows(acc.window, copy, width)
+    absorb_rows(acc.window[:], copy, width, width)
 
 
-@once
-def advance_psi(fil, acc, work):
+@inner
+def advance_psi(size, fil, acc, work):
     """psi <- (transition over the block) psi."""
-    n = acc.psi.shape[0]
+    n = size.states
     for i in range(n):
         for j in range(n):
             value = 0.0
@@ -241,10 +160,11 @@ def measured(belief, row, channel):
 
 
 @inner
-def take_sample(belief, fil, work, acc, check, row, max_gap):
+def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
     """One sample of the ring into the predictor; its innovations become rows of the block.
 
-    row (7,) in   a row of the ring
+    rows (c, 3 b)  inout  of the block
+    row (7,)       in     a row of the ring
     """
     t = row[T]
     if begins_anew(belief, fil, t, max_gap):
@@ -258,8 +178,9 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
         forget_offset(belief, fil, acc, t)
         forget_blocks(check)
     else:
-        predict(belief, fil, work, t, row[BETA_CMD], row[GAMMA])
-    theta, beta = fil.x.shape[0] + belief.term[AT_THETA], fil.x.shape[0] + belief.term[AT_BETA]
+        predict(belief, profile, air, fil, work, t, row[BETA_CMD], row[GAMMA])
+    n, last = belief.size.states, belief.size.sensitivities
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
     for channel in range(3):
         if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[SATURATION + channel]:
             continue
@@ -268,13 +189,12 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
         partner = belief.partner[channel]
         if is_outlier(fil, channel, partner, z, r):
             continue
-        e, variance = correct(fil, work, channel, partner, z, r, acc.score, acc.information)
+        e, variance = correct(belief.size, fil, work, channel, partner, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[ROWS]
-        n = work.out.shape[0]
-        for j in range(n):
-            acc.rows[j, k] = work.out[j] * scale
-        acc.rows[n, k] = (e + work.out[theta] * fil.p_bar[A6] + work.out[beta] * fil.p_bar[K1]) * scale
+        for j in range(last):
+            rows[j, k] = work.out[j] * scale
+        rows[last, k] = (e + work.out[theta] * fil.p_bar[A6] + work.out[beta] * fil.p_bar[K1]) * scale
         acc.counts[ROWS] = k + 1
         note_innovation(check, channel, e * scale, work.out[theta] * scale, work.out[beta] * scale)
     acc.counts[SAMPLES] += 1
@@ -282,9 +202,9 @@ def take_sample(belief, fil, work, acc, check, row, max_gap):
 
 
 @inner
-def is_full(acc):
-    """Whether the block's rows leave no room for another sample's."""
-    return acc.counts[ROWS] > acc.rows.shape[1] - N_CHANNELS
+def is_full(acc, rows):
+    """Whether the block's rows (c, 3 b) leave no room for another sample's."""
+    return acc.counts[ROWS] > rows.shape[1] - N_CHANNELS
 
 
 @inner
@@ -293,36 +213,37 @@ def left_after(share, left):
     return left * exp_of((share - 1.0) * log_of(left))
 
 
-@once
+@inner
 def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
-    n = acc.score.shape[0]
+    n = belief.size.levels
     share = belief.constant[BLOCK_SHARE]
     memory, most = left_after(share, LEVEL_MEMORY), share * LEVEL_STEP
+    square = work.square[:n * n].reshape((n, n))
     for i in range(n):
         for j in range(n):
             prior = belief.prior[i] if i == j else 0.0
             old = memory * (acc.level_information[i, j] - prior) + prior
             acc.level_information[i, j] = old + acc.information[i, j]
-            work.square[j, i] = acc.level_information[i, j]
+            square[j, i] = acc.level_information[i, j]
             acc.information[i, j] = 0.0
         work.right[i] = acc.score[i]
         acc.score[i] = 0.0
-    rank = qr_factor(work.square, work.order, work.tau, RANK_TOLERANCE)
+    rank = qr_factor(square, work.order[:], work.tau[:], RANK_TOLERANCE)
     if rank < n:
         return
-    apply_q_transposed(work.square, work.tau, n, work.right)
-    solve_triangle(work.square, n, work.right, work.step)
+    apply_q_transposed(square, work.tau[:], n, work.right[:])
+    solve_triangle(square, n, work.right[:], work.step[:])
     for k in range(n):
         if work.order[k] < N_NOISES:
             fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
             fil.level[work.order[k]] += min(max(work.step[k], -most), most)
         else:
-            move_wind_level(fil, acc, work.order[k], work.step[k], share * WIND_STEP)
+            move_wind_level(n, fil, acc, work.order[k], work.step[k], share * WIND_STEP)
 
 
-@once
-def move_wind_level(fil, acc, j, step, most):
+@inner
+def move_wind_level(levels, fil, acc, j, step, most):
     """A log level of the wind moves by `step`, but no more than by `most`, and what is known of it is carried over.
 
     The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
@@ -331,24 +252,24 @@ def move_wind_level(fil, acc, j, step, most):
     stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
     the level stands at its least, what is known of it falls on, so that it rises with the first gust.
     """
-    if j < fil.level.shape[0]:  # always; of a model without wind a compiler of the exported C sees that there is none
+    if j < levels:  # always; of a model without wind a compiler of the exported C sees that there is none
         fil.note[LEVEL_CLAMPS] += int(abs(step) > most)
         moved = min(max(step, -most), most)
         fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
         share = exp_of(0.5 * moved)
-        for i in range(acc.level_information.shape[0]):
+        for i in range(levels):
             acc.level_information[i, j] *= share
             acc.level_information[j, i] *= share
 
 
-@once
+@inner
 def relax_levels(belief, fil, acc):
     """A model that is contradicted teaches nothing about noise: the levels go back towards the declared."""
     left = left_after(belief.constant[BLOCK_SHARE], LEVEL_RELAXES)
-    for i in range(acc.score.shape[0]):
+    for i in range(belief.size.levels):
         fil.level[i] *= left
         acc.score[i] = 0.0
-        for j in range(acc.score.shape[0]):
+        for j in range(belief.size.levels):
             acc.information[i, j] = 0.0
             acc.level_information[i, j] = belief.prior[i] if i == j else 0.0
 
@@ -356,13 +277,14 @@ def relax_levels(belief, fil, acc):
 @inner
 def relinearise(belief, fil, a, k):
     """Move the point of linearisation to relative deviations (a, k), and the state with it."""
-    for i in range(fil.x.shape[0]):
-        fil.x[i] += (fil.s[i, fil.x.shape[0] + belief.term[AT_THETA]] * (a - fil.p_bar[A6])
-                     + fil.s[i, fil.x.shape[0] + belief.term[AT_BETA]] * (k - fil.p_bar[K1]))
+    n = belief.size.states
+    for i in range(n):
+        fil.x[i] += (fil.s[i, n + belief.term[AT_THETA]] * (a - fil.p_bar[A6])
+                     + fil.s[i, n + belief.term[AT_BETA]] * (k - fil.p_bar[K1]))
     fil.p_bar[A6], fil.p_bar[K1] = a, k
 
 
-@once
+@inner
 def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     """The parameters jumped: move state and linearisation, forget how the state depended on the values before.
 
@@ -370,13 +292,14 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
     blocks         in  since the onset; it lies somewhere within the first, which leaves the state uncertain by what
                        one block of the new parameters does to it, uniformly
     """
-    theta, beta = fil.x.shape[0] + belief.term[AT_THETA], fil.x.shape[0] + belief.term[AT_BETA]
+    n = belief.size.states
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
     relinearise(belief, fil, before_a, before_k)
-    for i in range(fil.x.shape[0]):
+    for i in range(n):
         fil.s[i, theta] -= carried[i, A6]
         fil.s[i, beta] -= carried[i, K1]
-    for i in range(fil.x.shape[0]):
-        for j in range(fil.x.shape[0]):
+    for i in range(n):
+        for j in range(n):
             slip_i = fil.s[i, theta] * (after_a - before_a) + fil.s[i, beta] * (after_k - before_k)
             slip_j = fil.s[j, theta] * (after_a - before_a) + fil.s[j, beta] * (after_k - before_k)
             fil.p[i, j] += slip_i * slip_j / (12.0 * blocks * blocks)

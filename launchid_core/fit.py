@@ -3,7 +3,7 @@
 import numpy as np
 
 from .belief import AT_BETA, AT_THETA, profile_at
-from .kernels import inner, once
+from .kernels import inner
 from .linsolve import absorb_rows
 from .states import N_SLOPES, N_TESTS
 from .status import EstimateStatus
@@ -25,18 +25,18 @@ SEPARATION = int(EstimateStatus.SEPARATION)
 STD_A6, STD_K1, CORR = range(3)
 
 
-@once
-def select_columns(n, active, theta, beta, columns):
+@inner
+def select_columns(size, active, theta, beta, columns):
     """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, tests, right-hand
     side.
 
-    n            states
     columns (c,) out int64;  returns how many.
     """
+    n, q = size.states, size.terms
     m = n
     for j in range(n):
         columns[j] = j
-    for j in range(active.shape[0]):
+    for j in range(q):
         if active[j] and j != theta and j != beta:
             columns[m] = n + j
             m += 1
@@ -47,42 +47,42 @@ def select_columns(n, active, theta, beta, columns):
         columns[m] = n + beta
         m += 1
     for j in range(N_TESTS + 1):
-        columns[m + j] = n + active.shape[0] + j
+        columns[m + j] = n + q + j
     return m + N_TESTS + 1
 
 
 @inner
-def reduce_columns(acc, work, r):
+def reduce_columns(width, acc, work, r):
     """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
-    names."""
-    width, m = acc.window.shape[0], r.shape[0]
+    names; width columns in all."""
+    m = r.shape[0]
     rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
     for c in range(m):
         for i in range(m):
             r[c, i] = 0.0
         for i in range(width):
             rt[c, i] = acc.window[i, work.columns[c]]
-    absorb_rows(r, rt, width)
+    absorb_rows(r, rt, m, width)
 
 
-@once
-def solve_absent(acc, work, active, term):
+@inner
+def solve_absent(size, acc, work, active, term):
     """(coefficient, standard deviation) that a term has beside the active ones, or would have, as of `solve_window`."""
-    n = acc.psi.shape[0]
+    n = size.states
     m = n
     for j in range(n):
         work.columns[j] = j
-    for j in range(active.shape[0]):
+    for j in range(size.terms):
         if active[j] and j != term:
             work.columns[m] = n + j
             m += 1
-    work.columns[m], work.columns[m + 1] = n + term, acc.window.shape[0] - 1
+    work.columns[m], work.columns[m + 1] = n + term, size.sensitivities
     r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
-    reduce_columns(acc, work, r)
+    reduce_columns(size.columns, acc, work, r)
     return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
 
 
-@once
+@inner
 def solve_window(belief, acc, work, active):
     """Least squares of the window's active terms on its own data.
 
@@ -92,12 +92,12 @@ def solve_window(belief, acc, work, active):
     Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
     true.
     """
-    n = acc.psi.shape[0]
+    n = belief.size.states
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
-    columns, coefficient, deviation = work.columns, work.coefficient, work.deviation
-    m = select_columns(n, active, theta, beta, columns)
+    columns, coefficient, deviation = work.columns[:], work.coefficient, work.deviation
+    m = select_columns(belief.size, active, theta, beta, columns)
     r = work.scratch[:m * m].reshape((m, m))
-    reduce_columns(acc, work, r)
+    reduce_columns(belief.size.columns, acc, work, r)
     coefficient[:] = 0.0
     last = m - N_TESTS - 2  # of the terms
     for k in range(last, n - 1, -1):
@@ -122,19 +122,17 @@ def solve_window(belief, acc, work, active):
 
 
 @inner
-def limit_absent(belief, state, work, t_centre, learner):
-    """95 % limits of the terms that were left out of a valid window, if the configuration learns which are there; an
-    absent a6 or k1 is 0 with the standard deviation that it would have."""
-    if learner is not None:
-        out = state.outcome
-        if out.flag[STATUS] != OK:
-            return
-        a6, k1 = profile_at(belief, state.filter.cell, t_centre)
-        for j in range(state.active.shape[0]):
+def limit_absent(belief, profile, state, work, t_centre):
+    """95 % limits of the terms that were left out of a valid window; an absent a6 or k1 is 0 with the standard
+    deviation that it would have."""
+    out = state.outcome
+    if out.flag[STATUS] == OK:
+        a6, k1 = profile_at(profile, state.filter.cell, t_centre)
+        for j in range(belief.size.terms):
             is_rigid = j == belief.term[AT_THETA] or j == belief.term[AT_BETA]
             if state.active[j] and is_rigid:
                 continue
-            value, std = solve_absent(state.acc, work, state.active, j)
+            value, std = solve_absent(belief.size, state.acc, work, state.active[:], j)
             if state.active[j]:
                 out.std[j] = std
                 continue
@@ -148,12 +146,12 @@ def limit_absent(belief, state, work, t_centre, learner):
 
 
 @inner
-def report_filtered(belief, state, work, t_centre):
+def report_window(belief, profile, state, work, t_centre):
     """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
     out, coefficient = state.outcome, work.coefficient
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
-    a6, k1 = profile_at(belief, state.filter.cell, t_centre)
+    a6, k1 = profile_at(profile, state.filter.cell, t_centre)
     out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
     out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
     if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
@@ -162,7 +160,7 @@ def report_filtered(belief, state, work, t_centre):
         return MODEL
     if abs(correlation) > INSEPARABLE and std_a > SEPARATE and std_k > SEPARATE:
         return SEPARATION
-    for j in range(coefficient.shape[0]):
+    for j in range(belief.size.terms):
         out.xi[j, ATTITUDE] = coefficient[j]
         out.support[j, ATTITUDE] = state.active[j]
     out.xi[theta, ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0

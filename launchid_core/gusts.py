@@ -14,22 +14,18 @@ the filter takes it over: state, covariance and belief are those of a filter tha
 Assumption: an increment of the wind comes at a block's start.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, K1, TURBULENCE_TIME
 from .elementary import exp_of, log_of
-from .kernels import inner, once, shared
-from .memory import take, take2
+from .kernels import inner
 from .model import WALK
-from .records import store
 from .states import N_STATES
 from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 APART = 60.0        # s from a gust to the next after calm, in the mean
 LASTS = 3.0         # s
-CALM = log_of(0.5)  # of a wind's log level: below it the filter does not expect the declared wind
+CALM = -0.6931471805599453  # ln 0.5, of a wind's log level: below it the filter does not expect the declared wind
 SURE = 0.9          # probability of the gust from which on the filter takes it over
 WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tracker's quick member
 
@@ -37,32 +33,7 @@ WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tr
 SHARE = 0
 
 
-@store
-class Gust(NamedTuple):
-    """State of the hypothesis; g = n + 2 for n states, or 0 of a model without nuisances."""
-
-    mean: np.ndarray        # (g,) error of the filter's state at the block's start, deviations of a6 and k1
-    covariance: np.ndarray  # (g, g)
-    number: np.ndarray      # (1,) its probability
-
-
-@shared
-def gust_size(n):
-    """g of n states."""
-    return n + 2 if n > N_STATES else 0
-
-
-@shared
-def view_gust(f, at, n):
-    """Cut it from floats f at `at` for n states; returns (it, next at)."""
-    g = gust_size(n)
-    mean, at = take(f, at, g)
-    covariance, at = take2(f, at, g, g)
-    number, at = take(f, at, 1)
-    return Gust(mean, covariance, number), at
-
-
-@shared
+@inner
 def forget_gust(gust):
     """No wind has begun."""
     gust.mean[:] = 0.0
@@ -80,16 +51,15 @@ def is_unexpected(belief, fil, j):
 def is_calm(belief, fil):
     """Whether wind may begin anew."""
     calm = False
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         calm = calm or is_unexpected(belief, fil, j)
     return calm
 
 
-@once
-def mix_gust(gust, total, share):
+@inner
+def mix_gust(g, gust, total, share):
     """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total (N_BELIEF,) in"""
     mean, covariance = gust.mean, gust.covariance
-    g = mean.shape[0]
     a, k = g - 2, g - 1
     mean[a] -= total[MEAN_A6]
     mean[k] -= total[MEAN_K1]
@@ -106,10 +76,10 @@ def mix_gust(gust, total, share):
     mean[k] += total[MEAN_K1]
 
 
-@once
+@inner
 def blow(belief, fil, gust, dt):
     """What the declared wind does in a block of dt [s] beyond what the filter expects, and the wander of a6 and k1."""
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         if not is_unexpected(belief, fil, j):
             continue
         at = belief.level[j]
@@ -117,18 +87,17 @@ def blow(belief, fil, gust, dt):
         q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
         q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
         gust.covariance[N_STATES + j, N_STATES + j] += q
-    for i in range(gust.mean.shape[0] - 2, gust.mean.shape[0]):
+    for i in range(belief.size.gust - 2, belief.size.gust):
         gust.covariance[i, i] += WANDER * WANDER * dt
 
 
-@once
-def see_block(gust, column, pair):
+@inner
+def see_block(g, gust, column, pair):
     """The block's rows, each with unit noise; returns their log predictive density.
 
     column (g,) scratch;  pair (g + 1, g + 1) in  square-root information: d, a6, k1, right-hand side
     """
     mean, covariance = gust.mean, gust.covariance
-    g = mean.shape[0]
     volume, square = 1.0, 0.0
     for row in range(g):
         e, variance = pair[row, g], 1.0
@@ -150,9 +119,8 @@ def see_block(gust, column, pair):
 
 
 @inner
-def carry_vector(transition, v, column):
+def carry_vector(n, transition, v, column):
     """v <- transition v for the first n of v.  column (>= n,) scratch;  transition (n, >= n) in"""
-    n = transition.shape[0]
     for i in range(n):
         column[i] = 0.0
         for k in range(n):
@@ -161,14 +129,14 @@ def carry_vector(transition, v, column):
         v[i] = column[i]
 
 
-@once
-def carry_gust(gust, column, transition):
+@inner
+def carry_gust(size, gust, column, transition):
     """The state's error over the block."""
-    carry_vector(transition, gust.mean, column)
-    for i in range(gust.mean.shape[0]):  # symmetric: rows are columns
-        carry_vector(transition, gust.covariance[i], column)
-    n = transition.shape[0]
-    for j in range(gust.mean.shape[0]):
+    n = size.states
+    carry_vector(n, transition, gust.mean[:], column)
+    for i in range(size.gust):  # symmetric: rows are columns
+        carry_vector(n, transition, gust.covariance[i], column)
+    for j in range(size.gust):
         for i in range(n):
             column[i] = 0.0
             for k in range(n):
@@ -189,10 +157,10 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
         return still
     begins = (1.0 - gust.number[SHARE]) * (1.0 - exp_of(-dt / APART))
     prior = begins + gust.number[SHARE] * exp_of(-dt / LASTS)
-    mix_gust(gust, before, begins / prior)
+    mix_gust(belief.size.gust, gust, before, begins / prior)
     blow(belief, fil, gust, dt)
-    windy = see_block(gust, column, pair)
-    carry_gust(gust, column, fil.s)
+    windy = see_block(belief.size.gust, gust, column, pair)
+    carry_gust(belief.size, gust, column, fil.s[:])
     best = max(still, windy)
     both = best + log_of((1.0 - prior) * exp_of(still - best) + prior * exp_of(windy - best))
     gust.number[SHARE] = prior * exp_of(windy - both)
@@ -207,14 +175,14 @@ def is_gust(gust, factor, dt):
     return gust.number[SHARE] > SURE and factor < log_of(APART / dt)
 
 
-@once
+@inner
 def take_gust(belief, fil, acc, gust):
     """State, covariance and sensitivities become those of the windy hypothesis, the levels the declared ones.
 
     d = mean + G (p - p_hat) + r with G = C V^-1, so x + s (p - p_bar) + d is of the same form again.  Left out: what r
     owes to each of the wind's levels.
     """
-    n = fil.x.shape[0]
+    n = belief.size.states
     theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
     mean, covariance = gust.mean, gust.covariance
     aa, ak, kk = covariance[n, n], covariance[n, n + 1], covariance[n + 1, n + 1]
@@ -228,16 +196,16 @@ def take_gust(belief, fil, acc, gust):
         for j in range(i + 1):
             fil.p[i, j] += covariance[i, j] - by_a * covariance[j, n] - by_k * covariance[j, n + 1]
             fil.p[j, i] = fil.p[i, j]
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         if is_unexpected(belief, fil, j):
-            raise_level(fil, acc, belief.level[j])
+            raise_level(belief.size.levels, fil, acc, belief.level[j])
 
 
 @inner
-def raise_level(fil, acc, at):
+def raise_level(levels, fil, acc, at):
     """A log level of the wind rises to the declared; what is known of it as `filtered.move_wind_level` says."""
     share = exp_of(-0.5 * fil.level[at])
     fil.level[at] = 0.0
-    for i in range(acc.level_information.shape[0]):
+    for i in range(levels):
         acc.level_information[i, at] *= share
         acc.level_information[at, i] *= share

@@ -20,7 +20,7 @@ import re
 import numpy as np
 
 from .elementary import cos_of, sin_of
-from .kernels import inner, once
+from .kernels import inner
 from .lanes import multiply
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
@@ -182,7 +182,7 @@ def library_row(codes, raw, z, powers, row):
         row[j] = value
 
 
-@once
+@inner
 def multiply_by_power(column, base, power, n):
     """column[i] *= base[i]^power, the power first; power >= 1."""
     if power == 1:
@@ -224,7 +224,7 @@ def library_column(code, z, argument, n, column):
             column[i] *= function_value(code[4], argument[i])
 
 
-@once
+@inner
 def binomial_share(raw, standard, centre, scale):
     """Share of the standardised term `standard` in the raw term `raw`, none of whose powers is lower; codes (6,)."""
     value = 1.0
@@ -238,7 +238,7 @@ def binomial_share(raw, standard, centre, scale):
     return value
 
 
-@once
+@inner
 def raw_from_standard(codes, centre, scale, tt):
     """T of Phi_raw = Phi_std T, by the binomial theorem.
 

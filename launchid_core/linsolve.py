@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from .kernels import inner, once
+from .kernels import inner
 from .lanes import divide, dot, largest_size, reflect, reflect_sized, scale, subtract
 
 EPS = np.finfo(np.float64).eps
@@ -46,7 +46,7 @@ def scale_columns(at, norms):
             norms[j] = largest * norm
 
 
-@once
+@inner
 def swap_columns(at, order, j, k):
     """Exchange columns j and k of A and their entries in `order`."""
     if j == k:
@@ -139,7 +139,7 @@ def solve_triangle(at, n, y, x):
         x[k] = s / at[k, k]
 
 
-@once
+@inner
 def invert_triangle(at, n, inverse):
     """inverse (n, n) out: inverse[i, j] = (R^-1)[i, j], R in at[j, :j+1] (pivoted order)."""
     for j in range(n):
@@ -153,7 +153,7 @@ def invert_triangle(at, n, inverse):
             inverse[i, j] = s / at[i, i]
 
 
-@once
+@inner
 def pivot_ratio(at, rank):
     """First pivot over last: a lower bound of the condition number, within a small factor in practice."""
     if rank == 0:
@@ -162,14 +162,13 @@ def pivot_ratio(at, rank):
 
 
 @inner
-def absorb_rows(r, rt, k):
+def absorb_rows(r, rt, n, k):
     """Triangle of [R; rows]: adds k rows of data to a square-root information matrix, by Householder.
 
-    r  (n, n) inout  upper triangular
-    rt (n, >=k) inout  the rows, column by column; destroyed
+    r  (>=n, >=n) inout  upper triangular
+    rt (>=n, >=k) inout  the rows, column by column; destroyed
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
     """
-    n = r.shape[0]
     for j in range(n):
         v = rt[j]
         square = dot(v, v, 0, k)

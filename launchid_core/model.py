@@ -10,6 +10,9 @@ NOISES = ("theta_std", "theta_dot_std", "beta_std", "command_noise_std", "accele
 N_NOISES = len(NOISES)
 WIND_NOISES = ("walk", "turbulence")  # levels that a model with wind has beside them, in this order
 OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias")
+N_OFFSETS = len(OFFSETS)
+MAX_NUISANCES = len(WIND_NOISES) + N_OFFSETS
+MAX_LEVELS = N_NOISES + len(WIND_NOISES)
 # what a nuisance state is: the wind's two parts, then OFFSETS
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
 

@@ -1,29 +1,29 @@
-"""What a port to another language needs of an estimator: its memory by name, and the two kernels that it calls."""
+"""What a port to another language needs of an estimator: its memory by name, and the functions that it calls."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from . import checkpoint
-from . import onboard as ob
-from . import regression as rg
-from .assembly import KINDS, Parts, allocate
+from . import checkpoint, onboard, regression
+from .assembly import Memory, allocate
 from .config import Config
+from .entries import calls_of
+from .memory import APART, FILTERED
 
 
 class Port(NamedTuple):
-    """An estimator before its first sample.  Nothing is compiled for it.
+    """An estimator before its first sample.
 
-    parts    its memory
-    kinds    of each part: `fixed`, `state` or `work`
-    update   kernel (fixed, state, work[, learner, learning, sigma, gauge], Sample) -> Status
-    report   kernel (fixed, state, gauge, rep), filling the report; None for the formulations without one
-    preface  what a saved state begins with; behind it the words of the parts that persist, least byte first, and the
-             CRC-32 of all before (`Estimator.save`)
+    memory   its arrays by name (`parts`, `apart`) and the table that they come from
+    apart    of each array that stands apart, its part: `fixed`, `state` or `work`
+    update   function of the memory and a Sample -> Status
+    report   function of the memory, filling the report; None for the formulations without one
+    preface  what a saved state begins with; behind it the words of what persists, least byte first, and the CRC-32 of
+             all before (`Estimator.save`)
     saved_bytes  of a saved state
     """
 
-    parts: Parts
-    kinds: dict[str, str]
+    memory: Memory
+    apart: dict[str, str]
     update: Callable[..., Any]
     report: Callable[..., Any] | None
     preface: bytes
@@ -31,10 +31,11 @@ class Port(NamedTuple):
 
 
 def port_of(config: Config) -> Port:
-    """Memory and kernels of a configuration."""
-    _, parts = allocate(config)
-    saved = checkpoint.preface(config, parts), len(checkpoint.save(config, parts))
-    if config.formulation == "filtered":
-        return Port(parts, KINDS, ob.update_filtered, ob.report_now, *saved)
-    update = rg.update_integral if config.formulation == "integral" else rg.update_pointwise
-    return Port(parts, KINDS, update, None, *saved)
+    """Memory and functions of a configuration."""
+    memory = allocate(config)
+    calls_of(config, memory).restart()
+    saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
+    apart = {name: part for name, part, *_ in APART[memory.struct.name]}
+    if memory.struct is FILTERED:
+        return Port(memory, apart, onboard.update_filtered, onboard.report_now, *saved)
+    return Port(memory, apart, regression.update_regression, None, *saved)

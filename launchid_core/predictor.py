@@ -42,7 +42,7 @@ from .belief import (
 )
 from .disturbances import add_wind, fill_push, follow_path, spread_at
 from .elementary import exp_of
-from .kernels import inner, once
+from .kernels import inner
 from .model import TURBULENCE
 from .servo import STEP, set_step
 from .states import (
@@ -80,10 +80,10 @@ def is_lost(belief, fil):
     return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[PERIOD] >= LOST
 
 
-@once
+@inner
 def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     """Begin at a sample with nothing known of before: state from it, nuisances as declared, sensitivities afresh."""
-    n = fil.x.shape[0]
+    n = belief.size.states
     fil.x[:] = 0.0
     fil.x[0] = theta
     fil.x[1] = 0.0 if np.isnan(theta_dot) else theta_dot
@@ -128,7 +128,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     fil.time[RUNNING] = 1.0
 
 
-@once
+@inner
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
     steps = constant[DELAY] / constant[PERIOD]
@@ -140,7 +140,7 @@ def delayed_input(constant, fil):
     return (1.0 - share) * newer + share * fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
 
 
-@once
+@inner
 def take_command(constant, fil, command):
     """Shift a command into the history (only as far as the delay needs)."""
     depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
@@ -149,7 +149,7 @@ def take_command(constant, fil, command):
     fil.command[0] = constant[COMMAND_GAIN] * command + constant[COMMAND_OFFSET]
 
 
-@once
+@inner
 def step_input(belief, fil, command):
     """(command that acts over the step [rad], its variance).
 
@@ -168,35 +168,35 @@ def step_input(belief, fil, command):
 
 
 @inner
-def predict(belief, fil, work, t, command, gamma):
+def predict(belief, profile, air, fil, work, t, command, gamma):
     """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]."""
-    h = t - fil.time[LAST]
+    n, h = belief.size.states, t - fil.time[LAST]
     if abs(h - fil.step[STEP]) > SAME_STEP * h:
         set_step(belief.constant, h, work, fil.step)
-    a6, k1 = profile_at(belief, fil.cell, fil.time[LAST] + 0.5 * h)
+    a6, k1 = profile_at(profile, fil.cell, fil.time[LAST] + 0.5 * h)
     u, command_variance = step_input(belief, fil, command)
-    air = follow_path(belief, fil, h, gamma)
-    drive_terms(belief, fil, work, a6, k1, u, air)
+    known_air = follow_path(belief, air, fil, h, gamma)
+    drive_terms(belief, fil, work, a6, k1, u, known_air)
     fill_push(belief, a6, k1, work.push)
     acceleration_variance = belief.variance[ACCELERATION_NOISE] * exp_of(2.0 * fil.level[ACCELERATION_NOISE])
     believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[A6]), k1 * (1.0 + fil.p_bar[K1])
-    f, g = work.transition, work.transition
-    fill_transition(fil, f, believed_a6, believed_k1, belief.role, work.push)
+    f, g = work.transition[:], work.transition[:]
+    fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
     gain_k1 = believed_k1
     if belief.constant[HELD] == 1.0:
-        g, gain_k1 = work.steady, k1
-        fill_transition(fil, g, a6, k1, belief.role, work.push)
-    known = believed_a6 * air + believed_k1 * belief.constant[LEAN]
-    advance_state(fil, f, believed_k1, u, known)
-    carry(f, fil.s)
-    for j in range(belief.codes.shape[0]):
-        fil.s[0, fil.x.shape[0] + j] += work.drive[0, j]
-        fil.s[1, fil.x.shape[0] + j] += work.drive[1, j]
+        g, gain_k1 = work.steady[:], k1
+        fill_transition(belief, fil, g, a6, k1, work.push)
+    known = believed_a6 * known_air + believed_k1 * belief.constant[LEAN]
+    advance_state(belief, fil, f, believed_k1, u, known)
+    carry(f, n, fil.s[:], belief.size.sensitivities)
+    for j in range(belief.size.terms):
+        fil.s[0, n + j] += work.drive[0, j]
+        fil.s[1, n + j] += work.drive[1, j]
     drive_tests(belief, fil, work, t - 0.5 * h - fil.time[FIRST])
-    carry(f, fil.sx)
-    congruence(g, fil.p, work.matrix)
-    for k in range(fil.level.shape[0]):
-        congruence(g, fil.sp[k], work.matrix)
+    carry(f, n, fil.sx[:], belief.size.levels)
+    congruence(g, n, fil.p[:], work.matrix)
+    for k in range(belief.size.levels):
+        congruence(g, n, fil.sp[k], work.matrix)
     add_process_noise(fil, gain_k1, command_variance, acceleration_variance)
     seen = a6 * belief.constant[GAMMA_STD]
     add_wind(belief, fil, seen * seen)
@@ -221,7 +221,7 @@ def innovation(fil, channel, partner, z):
     return e
 
 
-@once
+@inner
 def is_outlier(fil, channel, partner, z, r):
     """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
     e = innovation(fil, channel, partner, z)
@@ -238,25 +238,24 @@ def begins_anew(belief, fil, t, max_gap):
 
 
 @inner
-def see(matrix, channel, partner, shown):
+def see(matrix, channel, partner, shown, m):
     """Row of a matrix (n, m) that a channel shows, its own and its offset's.  shown (m,) out"""
-    for j in range(shown.shape[0]):
+    for j in range(m):
         shown[j] = matrix[channel, j]
     if partner >= 0:
-        for j in range(shown.shape[0]):
+        for j in range(m):
             shown[j] += matrix[partner, j]
 
 
-@once
-def correct_level(fil, work, k, channel, partner, r, e, variance):
+@inner
+def correct_level(size, fil, work, k, channel, partner, r, e, variance):
     """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it.
 
     Uses de[k], gain and column of `work`; dv[k] out.
     """
-    sp = fil.sp[k]
-    n = sp.shape[0]
-    y = work.shown
-    see(sp, channel, partner, y)
+    sp, n = fil.sp[k], size.states
+    y = work.shown[:]
+    see(sp, channel, partner, y, n)
     ds = y[channel] + (y[partner] if partner >= 0 else 0.0) + (2.0 * r if k == channel else 0.0)
     work.dv[k] = ds / variance
     for i in range(n):
@@ -269,7 +268,7 @@ def correct_level(fil, work, k, channel, partner, r, e, variance):
 
 
 @inner
-def correct(fil, work, channel, partner, z, r, score, information):
+def correct(size, fil, work, channel, partner, z, r, score, information):
     """Scalar measurement update of one channel; returns (innovation, its variance), sensitivities in work.out.
 
     partner  the state that the channel shows beside its own, or NONE
@@ -277,13 +276,13 @@ def correct(fil, work, channel, partner, z, r, score, information):
     d ln L = sum (e de/S - (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
     """
     x, p, s = fil.x, fil.p, fil.s
-    n, levels = x.shape[0], fil.level.shape[0]
+    n, levels = size.states, size.levels
     variance = seen_variance(fil, channel, partner) + r
     e = innovation(fil, channel, partner, z)
-    see(p, channel, partner, work.column)
-    see(s, channel, partner, work.out)
+    see(p[:], channel, partner, work.column[:], n)
+    see(s[:], channel, partner, work.out[:], size.sensitivities)
     if channel == 1:
-        work.out[s.shape[1] - N_TESTS + GYRO_TEST] += 1.0
+        work.out[size.sensitivities - N_TESTS + GYRO_TEST] += 1.0
     for i in range(n):
         work.gain[i] = work.column[i] / variance
     surplus = 1.0 - e * e / variance
@@ -291,7 +290,7 @@ def correct(fil, work, channel, partner, z, r, score, information):
         work.de[k] = -fil.sx[channel, k]
         if partner >= 0:
             work.de[k] -= fil.sx[partner, k]
-        correct_level(fil, work, k, channel, partner, r, e, variance)
+        correct_level(size, fil, work, k, channel, partner, r, e, variance)
         score[k] -= e * work.de[k] / variance + 0.5 * surplus * work.dv[k]
     for k in range(levels):
         for m in range(levels):
@@ -299,7 +298,7 @@ def correct(fil, work, channel, partner, z, r, score, information):
     for i in range(n):
         g = work.gain[i]
         x[i] += g * e
-        for j in range(s.shape[1]):
+        for j in range(size.sensitivities):
             s[i, j] -= g * work.out[j]
         for j in range(n):
             p[i, j] -= g * work.column[j]

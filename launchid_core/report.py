@@ -1,7 +1,5 @@
 """What leaves the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden changes."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from .belief import A6, AIR_WIND, AIRY, AT_BETA, AT_THETA, K1, air_at, profile_at
@@ -21,15 +19,12 @@ from .changes import (
     MAX_EVENTS,
     WITHDRAWN,
 )
-from .kernels import inner, once, shared
-from .memory import take, take2
-from .model import ATTITUDE_BIAS, MISALIGNMENT, OFFSETS, TURBULENCE, WALK
-from .records import store
+from .kernels import inner
+from .model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from .states import LAST, N_STATES
 from .tracker import COV, FIRST_STD, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .uncertainty import OUT, RAISED
 
-N_OFFSETS = len(OFFSETS)
 KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
 
 # tracked (f8) of a report
@@ -48,40 +43,8 @@ C_PARAMETER, C_FINAL = range(2)
 N_CHANGED = 2
 
 
-@store
-class Report(NamedTuple):
-    """What leaves beside the outcome, as of now."""
-
-    tracked: np.ndarray  # (N_TRACKED,) 1/s^2 as of now
-    level: np.ndarray    # (2, N_LEVEL) of a6 and of k1
-    band: np.ndarray     # (2,) int64 place in BANDS, or NO_BAND
-    raised: np.ndarray   # (2,) int64, 1 while the out-of-range alarm is
-    flag: np.ndarray     # (N_REPORT_FLAGS,) int64
-    change: np.ndarray   # (2 MAX_EVENTS, N_CHANGE), oldest first
-    changed: np.ndarray  # (2 MAX_EVENTS, 2) int64
-    air: np.ndarray      # (2,) wind angle and its standard deviation [rad] as of now, NaN without
-    offset: np.ndarray   # (5, 2) of model.OFFSETS: value and standard deviation, NaN where it is known
-    cell: np.ndarray     # (1,) int64 scratch of the profile
-
-
-@shared
-def view_report(f, at, i, m):
-    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
-    tracked, at = take(f, at, N_TRACKED)
-    level, at = take2(f, at, 2, N_LEVEL)
-    band, m = take(i, m, 2)
-    raised, m = take(i, m, 2)
-    flag, m = take(i, m, N_REPORT_FLAGS)
-    change, at = take2(f, at, 2 * MAX_EVENTS, N_CHANGE)
-    changed, m = take2(i, m, 2 * MAX_EVENTS, N_CHANGED)
-    air, at = take(f, at, 2)
-    offset, at = take2(f, at, N_OFFSETS, 2)
-    cell, m = take(i, m, 1)
-    return Report(tracked, level, band, raised, flag, change, changed, air, offset, cell), at, m
-
-
-@once
-def report_tracked(belief, total, contradicted, t, rep):
+@inner
+def report_tracked(profile, total, contradicted, t, rep):
     """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
     the first sample, unless the innovations contradict the model."""
     rep.tracked[:] = np.nan
@@ -91,7 +54,7 @@ def report_tracked(belief, total, contradicted, t, rep):
     rep.flag[IS_TRACKED] = int(known)
     if not known:
         return
-    a6, k1 = profile_at(belief, rep.cell, t)
+    a6, k1 = profile_at(profile, rep.cell, t)
     rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
     rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
     rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])
@@ -107,8 +70,8 @@ def report_part(total, value, variance, for_a6, for_k1, out):
     out[0], out[1] = value, np.sqrt(variance)
 
 
-@once
-def report_air(belief, fil, total, contradicted, rep):
+@inner
+def report_air(belief, air, fil, total, contradicted, rep):
     """Wind and offsets as of the filter's last sample.
 
     In the filter the wind is an acceleration in units of the nominal's a6, the misalignment one of its k1.
@@ -117,17 +80,17 @@ def report_air(belief, fil, total, contradicted, rep):
     rep.offset[:, :] = np.nan
     if contradicted:
         return
-    n = fil.x.shape[0]
+    n = belief.size.states
     theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
     a, k = 1.0 + fil.p_bar[A6], 1.0 + fil.p_bar[K1]
     wind = variance = for_a6 = for_k1 = 0.0
     blows = False
-    for j in range(belief.role.shape[0]):
+    for j in range(belief.size.nuisances):
         at, role = N_STATES + j, belief.role[j]
         x, p = fil.x[at], fil.p[at, at]
         if role == WALK or role == TURBULENCE:
             wind += x
-            for i in range(belief.role.shape[0]):
+            for i in range(belief.size.nuisances):
                 if belief.role[i] == WALK or belief.role[i] == TURBULENCE:
                     variance += fil.p[at, N_STATES + i]
             for_a6 += fil.s[at, theta]
@@ -142,18 +105,22 @@ def report_air(belief, fil, total, contradicted, rep):
         else:
             report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])
     if blows:
-        known = air_at(belief.air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
-        report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air)
+        known = air_at(air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
+        report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
         rep.air[0] += known
 
 
-@once
+@inner
+def report_no_level(rep):
+    """Without a range nothing is said of it."""
+    rep.level[:, :] = np.nan
+    rep.flag[HAS_LEVEL] = 0
+
+
+@inner
 def report_level(gauge, rep):
     """Where in its range each parameter is, if anything is known of them."""
     rep.level[:, :] = np.nan
-    rep.flag[HAS_LEVEL] = 0
-    if gauge is None:
-        return
     rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
     for p in range(2):
         rep.raised[p] = gauge.flag[p, RAISED]
@@ -167,10 +134,10 @@ def report_level(gauge, rep):
 
 
 @inner
-def report_change(event, of, nominal, variance, parameter, rep):
-    """One parameter's part in a sudden change.  of: where in `event` its value before stands, and its value after."""
+def report_change(event, first, nominal, variance, parameter, rep):
+    """One parameter's part in a sudden change.  first: where in `event` its value before stands, and its value after."""
     k = rep.flag[CHANGES]
-    before, after = event[of], event[of + 1]
+    before, after = event[first], event[first + 1]
     change = rep.change[k]
     change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[E_TIME], event[E_TIME_STD], event[E_ALARM]
     change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
@@ -179,8 +146,8 @@ def report_change(event, of, nominal, variance, parameter, rep):
     rep.flag[CHANGES] = k + 1
 
 
-@once
-def report_changes(belief, watch, rep):
+@inner
+def report_changes(profile, watch, rep):
     """Of the last MAX_EVENTS sudden changes those that stand, oldest first; a change of both parameters is two rows."""
     rep.flag[CHANGES] = 0
     events = watch.counts[EVENTS]
@@ -188,7 +155,7 @@ def report_changes(belief, watch, rep):
         event = watch.event[number % MAX_EVENTS]
         if event[E_STAGE] == WITHDRAWN:
             continue
-        a6, k1 = profile_at(belief, rep.cell, event[E_TIME])
+        a6, k1 = profile_at(profile, rep.cell, event[E_TIME])
         if event[E_KIND] != K1_JUMP:
             report_change(event, E_A6_BEFORE, a6, event[E_A6_VARIANCE], A6, rep)
         report_change(event, E_K1_BEFORE, k1, event[E_K1_VARIANCE], K1, rep)

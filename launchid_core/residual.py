@@ -16,7 +16,7 @@ too small, and both are measured on the window itself:
   like another pair of constants.  The equation is solved again with tau*theta and tau*beta beside its active terms:
   S is that solution's, and the square of what the two solutions differ by is added.
 
-* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`work.error`)
+* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`plan.ERROR`)
   times its influence adds up to what a coefficient may be off; rounding, a unit in the last place of the largest term,
   to less.  Both squares are added.
 
@@ -27,8 +27,8 @@ import math
 
 import numpy as np
 
-from .batch import PAIR, TERM_A6, TERM_A6_DOT
-from .kernels import inner, once
+from .plan import HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE, ERROR
+from .kernels import inner
 from .lanes import divide, dot, lagged, multiply, subtract, weigh
 from .linsolve import EPS, apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
 from .ring import ATTACK, BETA, T
@@ -53,7 +53,7 @@ def apply_q(at, tau, rank, y):
         subtract(y, s, v, k + 1, m)
 
 
-@once
+@inner
 def bandwidth(scores):
     """Lags L that the series need together, 0..n/2.  scores (k, n) in"""
     count = scores.shape[1]
@@ -110,10 +110,10 @@ def place_of(order, column, n):
 
 
 @inner
-def count_active(active):
+def count_active(q, active):
     """How many terms are active."""
     size = 0
-    for j in range(active.shape[0]):
+    for j in range(q):
         if active[j]:
             size += 1
     return size
@@ -131,30 +131,28 @@ def position(active, term):
     return place
 
 
-@once
-def drift_pointwise(work, count, t_centre):
+@inner
+def drift_pointwise(rows, marks, drift, count, t_centre):
     """tau*theta and tau*beta at the kept rows."""
-    drift = work.drift[:PAIR * count].reshape((PAIR, count))
     for r in range(count):
-        i = work.kept[r]
-        tau = work.signal[T, i] - t_centre
-        drift[0, r] = tau * work.signal[ATTACK, i]
-        drift[1, r] = tau * work.signal[BETA, i]
+        i = marks[KEPT, r]
+        tau = rows[T, i] - t_centre
+        drift[0, r] = tau * rows[ATTACK, i]
+        drift[1, r] = tau * rows[BETA, i]
 
 
-@once
-def drift_integral(work, n, count, t_centre, held):
+@inner
+def drift_integral(rows, marks, drift, n, count, t_centre, held):
     """Their running integrals at the kept rows, by the weights of `rows.fill_weights`; held  1: beta stays."""
-    drift = work.drift[:PAIR * count].reshape((PAIR, count))
     for d in range(PAIR):
         for i in range(n):
-            work.value[i] = (work.signal[T, i] - t_centre) * work.signal[ATTACK if d == 0 else BETA, i]
+            rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
         if d == 1 and held == 1:
-            integrate_held(work, n, work.value, work.half)
+            integrate_held(rows, marks, n, rows[VALUE], rows[HALF])
         else:
-            integrate(work, n, work.value, work.half)
+            integrate(rows, marks, n, rows[VALUE], rows[HALF])
         for r in range(count):
-            drift[d, r] = work.half[work.kept[r]]
+            drift[d, r] = rows[HALF, marks[KEPT, r]]
 
 
 @inner
@@ -163,13 +161,13 @@ def has_drift(plan, active, d):
     return position(active, plan[TERM_A6 + d]) >= 0 and position(active, plan[TERM_A6_DOT + d]) < 0
 
 
-@once
-def fill_extended(plan, active, mt, drift, with_drifts, columns):
+@inner
+def fill_extended(plan, q, active, mt, drift, with_drifts, columns):
     """Active columns and, where `with_drifts` is 1, the drifts', in the rotated coordinates; returns how many.
 
-    mt (q, q), drift (2, n)  in;  columns (>= (q + 2)*n,)  out  one after the other
+    mt (>=q, >=q), drift (2, n)  in;  columns (>= (q + 2)*n,)  out  one after the other
     """
-    q, count = active.shape[0], drift.shape[1]
+    count = drift.shape[1]
     n = 0
     for j in range(q):
         if active[j]:
@@ -184,7 +182,7 @@ def fill_extended(plan, active, mt, drift, with_drifts, columns):
     return n
 
 
-@once
+@inner
 def fill_influences(plan, work, out, width, series):
     """Influences of the rows on a6 and k1 in the factor's rotation, 0 if not active, into series (3, n); work.change.
 
@@ -203,63 +201,59 @@ def fill_influences(plan, work, out, width, series):
                 influence[i] = work.extended_inverse[k, i] / norm
 
 
-@once
-def solve_extended(plan, work, out, y, count, rows):
+@inner
+def solve_extended(plan, q, work, out, y, drift, extended, series, rows):
     """Residual and influences on a6 and k1 with the drifts beside the active terms, in the factor's rotation.
 
-    y (count,)  in  Q' times theta_ddot;  rows  count less what the pieces' means took
-    Into work.series (0 to 2); returns how many terms that solution has, 0 if none is.
+    y (count,), drift (2, count)  in  Q' times theta_ddot, and times the drifts;  rows  count less what the pieces'
+    means took.  Into series (0 to 2) and extended; returns how many terms that solution has, 0 if none is.
     """
-    drift = work.drift[:PAIR * count].reshape((PAIR, count))
-    width = 0
+    count, width = y.shape[0], 0
     for attempt in range(2):  # without the drifts where the window cannot tell them from the rest
-        width = fill_extended(plan, work.active, work.mt, drift, 1 - attempt, work.extended)
-        factors = work.extended[:width * count].reshape((width, count))
-        scale_columns(factors, work.extended_norms)
-        if qr_factor(factors, work.extended_order, work.extended_tau, ACTIVE_TOLERANCE) == width < rows:
+        width = fill_extended(plan, q, work.active, work.mt, drift, 1 - attempt, extended)
+        factors = extended[:width * count].reshape((width, count))
+        scale_columns(factors, work.extended_norms[:])
+        if qr_factor(factors, work.extended_order[:], work.extended_tau[:], ACTIVE_TOLERANCE) == width < rows:
             break
         if attempt == 1:
             return 0
     if width == 0:
         return 0
-    columns = work.extended[:width * count].reshape((width, count))
-    series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
+    columns = extended[:width * count].reshape((width, count))
     residual = series[0]
     for i in range(count):
         residual[i] = y[i]
-    apply_q_transposed(columns, work.extended_tau, width, residual)
-    solve_triangle(columns, width, residual, work.extended_solution)
-    invert_triangle(columns, width, work.extended_inverse)
+    apply_q_transposed(columns, work.extended_tau[:], width, residual)
+    solve_triangle(columns, width, residual, work.extended_solution[:])
+    invert_triangle(columns, width, work.extended_inverse[:])
     for k in range(width):
         residual[k] = 0.0
     fill_influences(plan, work, out, width, series)
-    rotate(columns, work.extended_tau, width, series, 0, 1 + PAIR)
+    rotate(columns, work.extended_tau[:], width, series, 0, 1 + PAIR)
     return width
 
 
 @inner
-def numeric_variance(work, influence, count):
+def numeric_variance(q, work, rows, marks, influence, count):
     """Square of what quadrature, differencing and rounding may leave in a coefficient with this influence (count,)."""
-    q = work.mt.shape[0]
     largest = off = 0.0
     for j in range(q):
         largest += abs(work.xi[j]) * math.sqrt(dot(work.mt[j], work.mt[j], 0, q))
     for r in range(count):
-        off += influence[r] * work.error[work.kept[r]]
+        off += influence[r] * rows[ERROR, marks[KEPT, r]]
     rounding = EPS * largest
     return off * off + rounding * rounding * dot(influence, influence, 0, count)
 
 
-@once
-def report_spread(plan, work, out, count, freedom):
+@inner
+def report_spread(plan, q, work, out, rows, marks, series, freedom):
     """Standard deviations and correlation of a6 and k1, the active ones, from the series in time."""
-    series = work.series[:(1 + PAIR) * count].reshape((1 + PAIR, count))
+    count = series.shape[1]
     for p in range(PAIR):
-        work.numeric[p] = numeric_variance(work, series[1 + p], count)
+        work.numeric[p] = numeric_variance(q, work, rows, marks, series[1 + p], count)
         if position(work.active, plan[TERM_A6 + p]) >= 0:
             multiply(series[1 + p], series[0], 0, count)
-    scores = work.series[count:(1 + PAIR) * count].reshape((PAIR, count))
-    long_run(scores, freedom, work.covariance, work.value, work.half)
+    long_run(series[1:1 + PAIR], freedom, work.covariance[:], rows[VALUE], rows[HALF])
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
@@ -272,15 +266,15 @@ def report_spread(plan, work, out, count, freedom):
         out.number[O_CORRELATION] = min(max(work.covariance[0, 1] / math.sqrt(product), -1.0), 1.0)
 
 
-@once
-def report_others(plan, work, out, at, count, width, freedom):
+@inner
+def report_others(plan, work, out, rows, marks, at, extended, series, width, freedom):
     """Standard deviations of the other active terms, as `report_spread` has those of a6 and k1.
 
-    at (q, count)  in  the window's factor;  width  terms of the extended solution.  Overwrites work.series (1).
+    at (q, count)  in  the window's factor;  width  terms of the extended solution.  Overwrites series (1).
     """
-    columns = work.extended[:width * count].reshape((width, count))
-    series = work.series[:2 * count].reshape((2, count))
-    for j in range(work.active.shape[0]):
+    q, count = at.shape
+    columns = extended[:width * count].reshape((width, count))
+    for j in range(q):
         if not work.active[j] or j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
             continue
         k = place_of(work.extended_order, position(work.active, j), width)
@@ -288,11 +282,11 @@ def report_others(plan, work, out, at, count, width, freedom):
         change = work.extended_solution[k] / norm - work.xi[j]
         for i in range(count):
             series[1, i] = work.extended_inverse[k, i] / norm if i < width else 0.0
-        rotate(columns, work.extended_tau, width, series, 1, 2)
-        rotate(at, work.tau, work.active.shape[0], series, 1, 2)
-        numeric = numeric_variance(work, series[1], count)
+        rotate(columns, work.extended_tau[:], width, series, 1, 2)
+        rotate(at, work.tau[:], q, series, 1, 2)
+        numeric = numeric_variance(q, work, rows, marks, series[1], count)
         multiply(series[1], series[0], 0, count)
-        long_run(work.series[count:2 * count].reshape((1, count)), freedom, work.covariance, work.value, work.half)
+        long_run(series[1:2], freedom, work.covariance[:], rows[VALUE], rows[HALF])
         out.std[j] = math.sqrt(work.covariance[0, 0] + change * change + numeric)
 
 
@@ -313,37 +307,37 @@ def add_direction(factors, tau, size, direction):
     return share
 
 
-@once
-def solve_absent(work, y, size, rows):
-    """Residual of the `size` active terms in the factor's rotation, into work.series (3); whether there is one.
+@inner
+def solve_absent(q, work, y, residual, size, rows):
+    """Residual (count,) of the `size` active terms in the factor's rotation, out; whether there is one.
 
-    Leaves their factor in work.sparse.  y (n,), rows  in  as of `solve_extended`
+    Leaves their factor in work.sparse.  y (count,), rows  in  as of `solve_extended`
     """
-    q, count = work.mt.shape[0], y.shape[0]
-    if size == q or rows <= size + 1 or solve_active(work.mt, y[:q], work.active, work.trial, work.sparse) > 0:
+    count, sparse = y.shape[0], work.sparse
+    if size == q or rows <= size + 1 or solve_active(q, work.mt[:], y[:q], work.active[:], sparse.trial[:],
+                                                         sparse) > 0:
         return False
-    residual = work.series[(1 + PAIR) * count:(2 + PAIR) * count]
     for i in range(count):
-        residual[i] = y[i] if i >= q else (work.sparse.right[i] if i >= size else 0.0)
-    apply_q(work.sparse.columns[:size * q].reshape((size, q)), work.sparse.tau, size, residual[:q])
+        residual[i] = y[i] if i >= q else (sparse.right[i] if i >= size else 0.0)
+    apply_q(sparse.columns[:size * q].reshape((size, q)), sparse.tau[:], size, residual[:q])
     return True
 
 
-@once
-def report_absent(plan, work, out, at, size, known, rows):
+@inner
+def report_absent(plan, work, out, rows, at, residual, extended, size, known, freedom):
     """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
 
-    at (q, n)  in  the window's factor;  size, known  in  given to `solve_absent`, and its answer
+    at (q, count)  in  the window's factor;  residual (count,), size, known  in  of `solve_absent`;  freedom  rows less
+    terms;  rows (N_SERIES, m), extended  scratch
     A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
     coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
-    inf: the window cannot tell it from the active ones.  Overwrites work.sparse and work.extended.
+    inf: the window cannot tell it from the active ones.
     """
     q, count = at.shape
-    direction = work.direction[0]
-    factors = work.sparse.columns[:size * q].reshape((size, q))
-    residual = work.series[(1 + PAIR) * count:(2 + PAIR) * count]
-    series = work.extended[:(q - size) * count].reshape((q - size, count))
-    lost, length = work.sparse.auxiliary, work.sparse.weight
+    direction, sparse = work.direction[:q], work.sparse
+    factors = sparse.columns[:size * q].reshape((size, q))
+    influences = extended[:(q - size) * count].reshape((q - size, count))
+    lost, length, places = sparse.lost, sparse.length, work.extended_order
     found = 0
     for j in range(q):
         if work.active[j]:
@@ -351,23 +345,22 @@ def report_absent(plan, work, out, at, size, known, rows):
         out.absent[j] = np.inf
         for i in range(q):
             direction[i] = work.mt[j, i]
-        scale_columns(work.direction, work.length)
-        share = add_direction(factors, work.sparse.tau, size, direction) if known else 0.0
+        scale_columns(direction.reshape((1, q)), work.length[:])
+        share = add_direction(factors, sparse.tau[:], size, direction) if known else 0.0
         if share == 0.0:
             continue
         length[j] = share * work.length[0]
-        lost[j] = dot(direction, work.sparse.right, size, q)
-        apply_q(factors, work.sparse.tau, size, direction)
+        lost[j] = dot(direction, sparse.right[:], size, q)
+        apply_q(factors, sparse.tau[:], size, direction)
         for i in range(count):
-            series[found, i] = direction[i] if i < q else 0.0
-        work.extended_order[found] = j
+            influences[found, i] = direction[i] if i < q else 0.0
+        places[found] = j
         found += 1
-    rotate(at, work.tau, q, series, 0, found)  # in time
+    rotate(at, work.tau[:], q, influences, 0, found)  # in time
     for k in range(found):
-        j = work.extended_order[k]
-        weigh(series[k], residual, lost[j], 0, count)
-        long_run(work.extended[k * count:(k + 1) * count].reshape((1, count)), rows - size - 1,
-                 work.covariance, work.value, work.half)
+        j = places[k]
+        weigh(influences[k], residual, lost[j], 0, count)
+        long_run(influences[k:k + 1], freedom, work.covariance[:], rows[VALUE], rows[HALF])
         std = math.sqrt(work.covariance[0, 0]) / length[j]
         out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
         for p in range(PAIR):

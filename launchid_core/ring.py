@@ -10,8 +10,7 @@ import math
 
 import numpy as np
 
-from .kernels import inner, once, shared
-from .memory import take, take2
+from .kernels import inner
 from .status import Status
 
 # columns of the ring
@@ -58,19 +57,7 @@ TURN = 2.0 * math.pi
 RESET_COUNT = 5         # consecutive stamps that agree on an earlier clock before it is believed
 
 
-@shared
-def view_ring(f, at, i, m, rows):
-    """Cut clock, count, a ring for windows of `rows` and the seals of both (`guard`); returns (clock, count, ring,
-    seals, guard, next at, next m)."""
-    clock, at = take(f, at, N_CLOCK)
-    count, m = take(i, m, N_COUNT)
-    ring, at = take2(f, at, rows + 1, N_COLUMNS)
-    seals, m = take(i, m, rows + 1)
-    guard, m = take(i, m, N_GUARD)
-    return clock, count, ring, seals, guard, at, m
-
-
-@once
+@inner
 def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """ACCEPTED, NONFINITE or RANGE for the values of one sample (NaN passes in the optional channels)."""
     if not (np.isfinite(t) and np.isfinite(theta) and np.isfinite(beta)):
@@ -86,7 +73,7 @@ def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     return ACCEPTED
 
 
-@once
+@inner
 def judge_time(limits, clock, count, t):
     """ACCEPTED, AFTER_GAP, CLOCK_RESET, DT_ZERO or DT_NEGATIVE for a stamp; follows an earlier clock's stamps."""
     if count[STARTED] == 0:
@@ -104,7 +91,7 @@ def judge_time(limits, clock, count, t):
     return CLOCK_RESET if count[CANDIDATES] >= RESET_COUNT else DT_NEGATIVE
 
 
-@once
+@inner
 def start_clock(clock, count, t):
     """Begin window 0 at t."""
     clock[T_FIRST] = t
@@ -130,7 +117,7 @@ def is_past(limits, clock, count, t):
     return t >= clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - SAME_INSTANT * limits[PERIOD]
 
 
-@once
+@inner
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
     if not is_past(limits, clock, count, t):
@@ -151,7 +138,7 @@ def stays_within(limits, clock, count, t):
             and not is_past(limits, clock, count, t))
 
 
-@once
+@inner
 def unwrap(clock, count, theta, anew):
     """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""
     before = clock[BEFORE]
@@ -212,7 +199,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     return code
 
 
-@once
+@inner
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 

@@ -2,7 +2,7 @@
 
 from .belief import AERO_DAMPING, DAMPING, FREQUENCY, TIME_CONSTANT, TURBULENCE_TIME
 from .elementary import exp_of
-from .kernels import inner, once
+from .kernels import inner
 
 TAYLOR_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
@@ -20,7 +20,7 @@ REACH = 15  # s: the angle that a rate of 1 makes over the step
 N_STEP = 16
 
 
-@once
+@inner
 def servo_matrix(constant, h, m):
     """Generator times h of (double integral, integral, beta, beta_dot / w, u), the servo's own.  m (5, 5) out.
 
@@ -49,7 +49,7 @@ def multiply(a, b, out):
             out[i, j] = value
 
 
-@once
+@inner
 def exponential(m, total, term, spare):
     """total (5, 5) out: exp(m) by scaling and squaring (Higham, SIAM J. Matrix Anal. 26, 2005); m is overwritten."""
     norm = 0.0
@@ -82,7 +82,7 @@ def exponential(m, total, term, spare):
                 total[i, j] = spare[i, j]
 
 
-@once
+@inner
 def set_step(constant, h, work, step):
     """Constants of a time step h [s]: exp of the servo's generator over it, and the turbulence's decay."""
     m, total, term, spare = work.taylor[0], work.taylor[1], work.taylor[2], work.taylor[3]

@@ -11,21 +11,17 @@ the variables.  `stls` and `ssr` then leave out the weakest term while leaving i
 elimination; of nearly dependent terms, which explain much in common and little by themselves, one stays); `sr3` and
 `lasso` compare |coefficient| times |column| with its root.
 
-Each solver: (mt, whole, y, threshold, own, xi, active, work) -> number of passes, where
-mt (q, q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
+Each solver: (q, mt, whole, y, threshold, own, xi, active, work) -> number of passes, where
+mt (>=q, >=q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
 Q'y, xi (q,) and active (q,) are results, `work` a SparseWork; one of threshold and own is 0.  After it xi solves least
 squares on the active columns and is 0 elsewhere.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from .kernels import inner, once, shared
+from .kernels import inner
 from .lanes import dot, subtract
 from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
-from .memory import take, take2
-from .records import store
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -35,76 +31,20 @@ SR3_ITERATIONS = 60
 SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: results vary little over decades)
 
 
-@store
-class SparseWork(NamedTuple):
-    """Scratch of the solvers for q terms; of use after `solve_active` and `invert_active` alone."""
-
-    columns: np.ndarray   # (2 q^2,) active columns one after the other; 2q rows each for SR3's stacked system
-    order: np.ndarray     # (q,) int64
-    tau: np.ndarray       # (q,)
-    norms: np.ndarray     # (q,)
-    right: np.ndarray     # (2q,)
-    solution: np.ndarray  # (q,)
-    places: np.ndarray    # (q,) int64 active column numbers
-    scaled: np.ndarray    # (q, q)
-    weight: np.ndarray    # (q,)
-    auxiliary: np.ndarray  # (q,)
-    inverse: np.ndarray   # (q, q)
-
-
-@shared
-def view_sparse(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    columns, at = take(f, at, 2 * q * q)
-    order, m = take(i, m, q)
-    tau, at = take(f, at, q)
-    norms, at = take(f, at, q)
-    right, at = take(f, at, 2 * q)
-    solution, at = take(f, at, q)
-    places, m = take(i, m, q)
-    scaled, at = take2(f, at, q, q)
-    weight, at = take(f, at, q)
-    auxiliary, at = take(f, at, q)
-    inverse, at = take2(f, at, q, q)
-    return SparseWork(columns, order, tau, norms, right, solution, places, scaled, weight, auxiliary, inverse), at, m
-
-
-@store
-class Whole(NamedTuple):
-    """Factor of all columns of M, scaled."""
-
-    columns: np.ndarray   # (q, q)
-    order: np.ndarray     # (q,) int64
-    tau: np.ndarray       # (q,)
-    norms: np.ndarray     # (q,)
-    rank: np.ndarray      # (1,) int64
-
-
-@shared
-def view_whole(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    columns, at = take2(f, at, q, q)
-    order, m = take(i, m, q)
-    tau, at = take(f, at, q)
-    norms, at = take(f, at, q)
-    rank, m = take(i, m, 1)
-    return Whole(columns, order, tau, norms, rank), at, m
-
-
-@once
-def factor_whole(mt, whole):
-    """Factor all columns of M, which every equation's first pass takes."""
-    for j in range(mt.shape[0]):
-        for i in range(mt.shape[0]):
-            whole.columns[j, i] = mt[j, i]
-    scale_columns(whole.columns, whole.norms)
-    whole.rank[0] = qr_factor(whole.columns, whole.order, whole.tau, ACTIVE_TOLERANCE)
+@inner
+def factor_whole(q, mt, whole):
+    """Factor all q columns of M, which every equation's first pass takes."""
+    columns = whole.columns[:q * q].reshape((q, q))
+    for j in range(q):
+        for i in range(q):
+            columns[j, i] = mt[j, i]
+    scale_columns(columns, whole.norms[:])
+    whole.rank[0] = qr_factor(columns, whole.order[:], whole.tau[:], ACTIVE_TOLERANCE)
 
 
 @inner
-def solve_whole(whole, y, xi, work):
+def solve_whole(q, whole, y, xi, work):
     """`solve_active` with all columns active, but for the factor that it leaves in `work`."""
-    q = y.shape[0]
     for j in range(q):
         xi[j] = 0.0
     if whole.rank[0] < q:
@@ -112,8 +52,9 @@ def solve_whole(whole, y, xi, work):
     right = work.right[:q]
     for i in range(q):
         right[i] = y[i]
-    apply_q_transposed(whole.columns, whole.tau, q, right)
-    solve_triangle(whole.columns, q, right, work.solution)
+    columns = whole.columns[:q * q].reshape((q, q))
+    apply_q_transposed(columns, whole.tau[:], q, right)
+    solve_triangle(columns, q, right, work.solution[:])
     for k in range(q):
         column = whole.order[k]
         xi[column] = work.solution[k] / whole.norms[column]
@@ -121,12 +62,11 @@ def solve_whole(whole, y, xi, work):
 
 
 @inner
-def solve_active(mt, y, active, xi, work):
-    """Least squares on the active columns: xi there, 0 elsewhere; returns their rank deficiency (0 is good).
+def solve_active(q, mt, y, active, xi, work):
+    """Least squares on the active ones of q columns: xi there, 0 elsewhere; returns their rank deficiency (0 is good).
 
     Leaves the factor of the scaled active columns in `work` (columns, order, norms, index).
     """
-    q = mt.shape[0]
     n = 0
     for j in range(q):
         xi[j] = 0.0
@@ -144,8 +84,8 @@ def solve_active(mt, y, active, xi, work):
     right = work.right[:q]
     for i in range(q):
         right[i] = y[i]
-    apply_q_transposed(at, work.tau, n, right)
-    solve_triangle(at, n, right, work.solution)
+    apply_q_transposed(at, work.tau[:], n, right)
+    solve_triangle(at, n, right, work.solution[:])
     for k in range(n):
         column = work.order[k]
         xi[work.places[column]] = work.solution[k] / work.norms[column]
@@ -153,11 +93,10 @@ def solve_active(mt, y, active, xi, work):
 
 
 @inner
-def covariance_entry(work, a, b):
-    """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S."""
+def covariance_entry(size, work, a, b):
+    """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S; size terms."""
     n = 0.0
     row_a = row_b = 0
-    size = work.inverse.shape[0]
     for k in range(size):
         if work.order[k] == a:
             row_a = k
@@ -172,20 +111,19 @@ def covariance_entry(work, a, b):
 
 
 @inner
-def invert_active(work, n):
+def invert_active(q, work, n):
     """Inverse of the active factor's triangle into work.inverse, zero-padded beyond n (for `covariance_entry`)."""
-    for i in range(work.inverse.shape[0]):
-        for j in range(work.inverse.shape[0]):
+    for i in range(q):
+        for j in range(q):
             work.inverse[i, j] = 0.0
-    q = work.inverse.shape[0]
-    invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse)
+    invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse[:])
 
 
-@once
-def cut_below(xi, active, threshold):
+@inner
+def cut_below(q, xi, active, threshold):
     """Deactivate active terms with |xi| < threshold; returns how many."""
     cut = 0
-    for j in range(xi.shape[0]):
+    for j in range(q):
         if active[j] and abs(xi[j]) < threshold:
             active[j] = False
             xi[j] = 0.0
@@ -193,65 +131,64 @@ def cut_below(xi, active, threshold):
     return cut
 
 
-@once
-def solve_stls(mt, whole, y, threshold, xi, active, work):
+@inner
+def solve_stls(q, mt, whole, y, threshold, xi, active, work):
     """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
 
     The active set only shrinks, so q + 1 passes suffice.
     """
     active[:] = True
-    for passes in range(mt.shape[0] + 1):
-        deficient = solve_whole(whole, y, xi, work) if passes == 0 else solve_active(mt, y, active, xi, work)
+    for passes in range(q + 1):
+        deficient = solve_whole(q, whole, y, xi, work) if passes == 0 else solve_active(q, mt, y, active, xi, work)
         if deficient > 0:
             return -1
-        if cut_below(xi, active, threshold) == 0:
+        if cut_below(q, xi, active, threshold) == 0:
             return passes + 1
-    return mt.shape[0] + 1
+    return q + 1
 
 
-@once
-def solve_ssr(mt, whole, y, threshold, xi, active, work):
+@inner
+def solve_ssr(q, mt, whole, y, threshold, xi, active, work):
     """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
 
     Removes the one smallest coefficient below the threshold at a time and solves again.
     """
     active[:] = True
-    for passes in range(mt.shape[0] + 1):
-        deficient = solve_whole(whole, y, xi, work) if passes == 0 else solve_active(mt, y, active, xi, work)
+    for passes in range(q + 1):
+        deficient = solve_whole(q, whole, y, xi, work) if passes == 0 else solve_active(q, mt, y, active, xi, work)
         if deficient > 0:
             return -1
         smallest = -1
-        for j in range(xi.shape[0]):
+        for j in range(q):
             if active[j] and abs(xi[j]) < threshold and (smallest < 0 or abs(xi[j]) < abs(xi[smallest])):
                 smallest = j
         if smallest < 0:
             return passes + 1
         active[smallest] = False
-    return mt.shape[0] + 1
+    return q + 1
 
 
-@once
-def solve_own(mt, y, own, xi, active, work):
+@inner
+def solve_own(q, mt, y, own, xi, active, work):
     """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `own`.
 
     What a term explains by itself is the square of its coefficient over its entry of (M'M)^-1: by so much the sum of
     squares grows without it (Draper & Smith, Applied Regression Analysis, the extra sum of squares).
     """
-    q = mt.shape[0]
     active[:] = True
     for passes in range(q + 1):
-        if solve_active(mt, y, active, xi, work) > 0:
+        if solve_active(q, mt, y, active, xi, work) > 0:
             return -1
         size = 0
         for j in range(q):
             if active[j]:
                 size += 1
-        invert_active(work, size)
+        invert_active(q, work, size)
         weakest, least = -1, own
         place = 0
         for j in range(q):
             if active[j]:
-                explained = xi[j] * xi[j] / covariance_entry(work, place, place)
+                explained = xi[j] * xi[j] / covariance_entry(q, work, place, place)
                 if explained < least:
                     weakest, least = j, explained
                 place += 1
@@ -262,25 +199,26 @@ def solve_own(mt, y, own, xi, active, work):
 
 
 @inner
-def load_scaled(mt, work):
-    """Columns of M, scaled to unit norm, into work.scaled with their norms in work.weight."""
-    q = mt.shape[0]
+def load_scaled(q, mt, work):
+    """The q columns of M, scaled to unit norm, one after the other in work.scaled, with their norms in work.weight."""
+    scaled = work.scaled[:q * q].reshape((q, q))
     for j in range(q):
         for i in range(q):
-            work.scaled[j, i] = mt[j, i]
-    scale_columns(work.scaled, work.weight)
+            scaled[j, i] = mt[j, i]
+    scale_columns(scaled, work.weight[:])
 
 
-@once
-def solve_lasso(mt, y, threshold, own, xi, active, work):
+@inner
+def solve_lasso(q, mt, y, threshold, own, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
     Penalties are weighted by |column|^2, so that with orthogonal columns exactly
     the coefficients below the raw threshold vanish; the refit removes shrinkage.
     """
-    q, root = mt.shape[0], np.sqrt(own)
-    load_scaled(mt, work)
-    residual = work.auxiliary
+    root = np.sqrt(own)
+    load_scaled(q, mt, work)
+    scaled = work.scaled[:q * q].reshape((q, q))
+    residual = work.auxiliary[:]
     for i in range(q):
         residual[i] = y[i]
         work.solution[i] = 0.0
@@ -290,7 +228,7 @@ def solve_lasso(mt, y, threshold, own, xi, active, work):
         largest_step = 0.0
         largest = 0.0
         for j in range(q):
-            column = work.scaled[j]
+            column = scaled[j]
             old = work.solution[j]
             free = old + dot(column, residual, 0, q)
             soft = max(abs(free) - threshold * work.weight[j] - root, 0.0)
@@ -303,36 +241,37 @@ def solve_lasso(mt, y, threshold, own, xi, active, work):
             break
     for j in range(q):
         active[j] = work.solution[j] != 0.0 or threshold + own == 0.0
-    return -1 if solve_active(mt, y, active, xi, work) > 0 else sweeps
+    return -1 if solve_active(q, mt, y, active, xi, work) > 0 else sweeps
 
 
-@once
-def solve_sr3(mt, whole, y, threshold, own, xi, active, work):
+@inner
+def solve_sr3(q, mt, whole, y, threshold, own, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
     min |y - C u|^2 + nu |u - w|^2 with w = u cut at the threshold; [C; sqrt(nu) I] is factored once.
     """
-    q = mt.shape[0]
-    load_scaled(mt, work)
+    load_scaled(q, mt, work)
+    scaled = work.scaled[:q * q].reshape((q, q))
     root, least = np.sqrt(SR3_RELAXATION), np.sqrt(own)
     active[:] = True
-    if solve_whole(whole, y, xi, work) > 0:
+    if solve_whole(q, whole, y, xi, work) > 0:
         return -1
     w = work.auxiliary
-    stacked = work.columns.reshape((q, 2 * q))
+    stacked = work.columns[:2 * q * q].reshape((q, 2 * q))
     for j in range(q):
         size = abs(xi[j]) * work.weight[j]
         w[j] = 0.0 if size < threshold * work.weight[j] + least else xi[j] * work.weight[j]
         for i in range(q):
-            stacked[j, i] = work.scaled[j, i]
+            stacked[j, i] = scaled[j, i]
             stacked[j, q + i] = root if i == j else 0.0
-    rank = qr_factor(stacked, work.order, work.tau, ACTIVE_TOLERANCE)
+    rank = qr_factor(stacked, work.order[:], work.tau[:], ACTIVE_TOLERANCE)
+    right = work.right[:2 * q]
     for _ in range(SR3_ITERATIONS):
         for i in range(q):
-            work.right[i] = y[i]
-            work.right[q + i] = root * w[i]
-        apply_q_transposed(stacked, work.tau, rank, work.right)
-        solve_triangle(stacked, rank, work.right, work.solution)
+            right[i] = y[i]
+            right[q + i] = root * w[i]
+        apply_q_transposed(stacked, work.tau[:], rank, right)
+        solve_triangle(stacked, rank, right, work.solution[:])
         change = 0.0
         for k in range(q):
             j = work.order[k]
@@ -342,18 +281,18 @@ def solve_sr3(mt, whole, y, threshold, own, xi, active, work):
             w[j] = new
         if change == 0.0:
             break
-    return -1 if solve_active(mt, y, active, xi, work) > 0 else SR3_ITERATIONS
+    return -1 if solve_active(q, mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
 
-@once
-def sparse_solve(solver, mt, whole, y, threshold, own, xi, active, work):
+@inner
+def sparse_solve(solver, q, mt, whole, y, threshold, own, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == SR3:
-        return solve_sr3(mt, whole, y, threshold, own, xi, active, work)
+        return solve_sr3(q, mt, whole, y, threshold, own, xi, active, work)
     if solver == LASSO:
-        return solve_lasso(mt, y, threshold, own, xi, active, work)
+        return solve_lasso(q, mt, y, threshold, own, xi, active, work)
     if own > 0.0:
-        return solve_own(mt, y, own, xi, active, work)
+        return solve_own(q, mt, y, own, xi, active, work)
     if solver == SSR:
-        return solve_ssr(mt, whole, y, threshold, xi, active, work)
-    return solve_stls(mt, whole, y, threshold, xi, active, work)
+        return solve_ssr(q, mt, whole, y, threshold, xi, active, work)
+    return solve_stls(q, mt, whole, y, threshold, xi, active, work)

@@ -11,7 +11,7 @@ A nozzle without a logged command is not judged: it may be held; nor is a channe
 import numpy as np
 
 from . import ring as rb
-from .kernels import inner, once
+from .kernels import inner
 from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
 
 FEWEST = 5            # repeats: below it no sensor is called stuck
@@ -37,7 +37,7 @@ def is_repeat(before, now, column, stop):
     return before[column] == now[column] and abs(now[column]) < stop
 
 
-@once
+@inner
 def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
@@ -70,7 +70,7 @@ def improbable(share, run):
     return False
 
 
-@once
+@inner
 def contradiction(ring, counts, column, first, last):
     """By how much its neighbour says that a channel moved while it stood still, rows `first` to `last` [its unit]."""
     begin, end = ring[place(counts, ring, first)], ring[place(counts, ring, last)]
@@ -108,9 +108,8 @@ def is_stuck(ring, counts, learned, column, stop):
 @inner
 def stands_still(ring, counts, learned, stop_theta, stop_theta_dot, stop_beta):
     """Whether any channel stood still in the closed window; counted.  learned (3, 2) inout"""
-    theta = is_stuck(ring, counts, learned[0], THETA, stop_theta)
-    theta_dot = is_stuck(ring, counts, learned[1], THETA_DOT, stop_theta_dot)
-    beta = is_stuck(ring, counts, learned[2], BETA, stop_beta)
-    stuck = theta or theta_dot or beta
+    stops, stuck = (stop_theta, stop_theta_dot, stop_beta), False
+    for k in range(N_WATCHED):
+        stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck
     counts[rb.STUCK] += int(stuck)
     return stuck

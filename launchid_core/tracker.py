@@ -12,21 +12,18 @@ A block's data reach the bank as two scalar measurements with unit noise, the
 rows of its square-root information.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from .belief import A6, K1
 from .elementary import exp_of, log_of
-from .kernels import inner, once, shared
-from .memory import take, take2, take3
-from .records import store
+from .kernels import inner
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
 DRIFTING = (0.003, 0.01)   # 10 % with a period of 60 s has slopes of 0.0074, root mean square
 MEMBERS = np.array([STEADY, DRIFTING])
 WALK, SLOPE = range(2)
+MEMBER_STATES = 4
 SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
 MEMORY = 30.0              # s over which the members are judged
 FIRST_STD = 0.5            # relative: what is known of the deviations before the first sample
@@ -37,49 +34,10 @@ MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
 N_BELIEF = 5
 
 
-@store
-class Bank(NamedTuple):
-    """State of the tracker with b members; a member's state is (a6, k1, slope of a6, slope of k1), relative."""
-
-    mean: np.ndarray        # (b, 4)
-    covariance: np.ndarray  # (b, 4, 4)
-    evidence: np.ndarray    # (b,) forgotten sum of log predictive densities
-    total: np.ndarray       # (N_BELIEF,) of the mixture
-    weight: np.ndarray      # (b,)
-
-
-@store
-class BankWork(NamedTuple):
-    """Scratch of the tracker."""
-
-    density: np.ndarray     # (b,) log predictive densities of the last block
-    column: np.ndarray      # (4,)
-
-
-@shared
-def view_bank(f, at, i, m):
-    """Cut it from floats f at `at`; returns (it, next at, next m)."""
-    b = len(MEMBERS)
-    mean, at = take2(f, at, b, 4)
-    covariance, at = take3(f, at, b, 4, 4)
-    evidence, at = take(f, at, b)
-    total, at = take(f, at, N_BELIEF)
-    weight, at = take(f, at, b)
-    return Bank(mean, covariance, evidence, total, weight), at, m
-
-
-@shared
-def view_bank_work(f, at, i, m):
-    """Cut it from floats f at `at`; returns (it, next at, next m)."""
-    density, at = take(f, at, len(MEMBERS))
-    column, at = take(f, at, 4)
-    return BankWork(density, column), at, m
-
-
-@shared
+@inner
 def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
     """Every member believes the same; the members' evidence stays."""
-    for i in range(state.mean.shape[0]):
+    for i in range(len(MEMBERS)):
         state.mean[i, :] = 0.0
         state.mean[i, 0], state.mean[i, 1] = mean_a6, mean_k1
         state.covariance[i, :, :] = 0.0
@@ -90,18 +48,19 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
     mix(state)
 
 
-@once
-def move(mean, covariance, walk, slope, dt):
-    """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m)"""
+@inner
+def move(mean, covariance, states, walk, slope, dt):
+    """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m), m
+    states"""
     keep = exp_of(-dt / SLOPE_TIME)
     for i in range(2):
         mean[i] += dt * mean[2 + i]
         mean[2 + i] *= keep
-    for j in range(mean.shape[0]):
+    for j in range(states):
         for i in range(2):
             covariance[i, j] += dt * covariance[2 + i, j]
             covariance[2 + i, j] *= keep
-    for i in range(mean.shape[0]):
+    for i in range(states):
         for j in range(2):
             covariance[i, j] += dt * covariance[i, 2 + j]
             covariance[i, 2 + j] *= keep
@@ -125,10 +84,10 @@ def absorb(mean, covariance, column, h0, h1, z):
     return -0.5 * (log_of(variance) + e * e / variance)
 
 
-@shared
+@inner
 def mix(state):
     """Mean and covariance of the weighted members into `total`."""
-    b = state.mean.shape[0]
+    b = len(MEMBERS)
     best = state.evidence[0]
     for i in range(1, b):
         best = max(best, state.evidence[i])
@@ -149,7 +108,7 @@ def mix(state):
         total[VAR_K1] += w * (state.covariance[i, K1, K1] + d1 * d1)
 
 
-@once
+@inner
 def track(state, work, memory, dt, block):
     """Follow one block.
 
@@ -161,16 +120,16 @@ def track(state, work, memory, dt, block):
     """
     fade = exp_of(-dt / memory)
     best = -np.inf
-    for i in range(state.mean.shape[0]):
+    for i in range(len(MEMBERS)):
         mean, covariance = state.mean[i], state.covariance[i]
-        move(mean, covariance, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
-        density = absorb(mean, covariance, work.column, block[0, 0], block[0, 1], block[0, 2])
-        density += absorb(mean, covariance, work.column, 0.0, block[1, 1], block[1, 2])
+        move(mean, covariance, MEMBER_STATES, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
+        density = absorb(mean, covariance, work.column[:], block[0, 0], block[0, 1], block[0, 2])
+        density += absorb(mean, covariance, work.column[:], 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density
         work.density[i] = density
         best = max(best, density)
     total = 0.0
-    for i in range(state.mean.shape[0]):
+    for i in range(len(MEMBERS)):
         total += state.weight[i] * exp_of(work.density[i] - best)
     mix(state)
     return best + log_of(total)

@@ -1,14 +1,14 @@
 """A step of the state, its covariance and its sensitivities, and what each term and each noise does over it."""
 
 from .belief import AT_BETA, AT_THETA, LEAN
-from .kernels import inner, once
+from .kernels import inner
 from .library import library_row
 from .model import TURBULENCE
 from .servo import FADE, GAMMA, J1, J2, KEEP, PHI, REACH, STEP
 from .states import ACCELERATION_NOISE, COMMAND_NOISE, MOMENT_TEST, N_STATES, N_TESTS, SLOPE_A6, SLOPE_K1
 
 
-@once
+@inner
 def drive_terms(belief, fil, work, a6, k1, u, air):
     """Effect of a unit of each term's coefficient on theta and theta_dot over the step.
 
@@ -22,8 +22,8 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     work.raw[0] += 0.5 * h * x[1]
     work.raw[2] += 0.5 * h * x[3]
     work.raw[3] = 0.0
-    library_row(belief.codes, work.raw, work.raw, work.powers, work.row)
-    for j in range(belief.codes.shape[0]):
+    library_row(belief.codes[:belief.size.terms], work.raw, work.raw, work.powers, work.row)
+    for j in range(belief.size.terms):
         work.drive[0, j] = 0.5 * h * reach * work.row[j]
         work.drive[1, j] = reach * work.row[j]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
@@ -37,7 +37,7 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
 
 
 @inner
-def fill_transition(fil, f, a6, k1, role, push):
+def fill_transition(belief, fil, f, a6, k1, push):
     """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here; of
     known damping d what it does to the effect of a6 within a step, a6 d h^3/6.
     """
@@ -50,16 +50,15 @@ def fill_transition(fil, f, a6, k1, role, push):
     f[1, 2], f[1, 3] = k1 * fil.step[J1], k1 * fil.step[J1 + 1]
     f[2, 2], f[2, 3] = fil.step[PHI], fil.step[PHI + 1]
     f[3, 2], f[3, 3] = fil.step[PHI + 2], fil.step[PHI + 3]
-    for j in range(push.shape[0]):
+    for j in range(belief.size.nuisances):
         f[0, N_STATES + j], f[1, N_STATES + j] = 0.5 * h * reach * push[j], reach * push[j]
-        f[N_STATES + j, N_STATES + j] = fil.step[KEEP] if role[j] == TURBULENCE else 1.0
+        f[N_STATES + j, N_STATES + j] = fil.step[KEEP] if belief.role[j] == TURBULENCE else 1.0
 
 
 @inner
-def congruence(f, p, work):
-    """p <- F p F' for symmetric p (n, n); F is block upper triangular, diagonal in the nuisances."""
+def congruence(f, n, p, work):
+    """p <- F p F' for the first n rows and columns of a symmetric p; F is block upper triangular, diagonal in the nuisances."""
     m = work
-    n = p.shape[0]
     for j in range(n):
         m[0, j] = f[0, 0] * p[0, j] + f[0, 1] * p[1, j] + f[0, 2] * p[2, j] + f[0, 3] * p[3, j]
         m[1, j] = f[1, 0] * p[0, j] + f[1, 1] * p[1, j] + f[1, 2] * p[2, j] + f[1, 3] * p[3, j]
@@ -86,26 +85,25 @@ def congruence(f, p, work):
 
 
 @inner
-def carry(f, s):
-    """s <- F s, column by column.  s (n, any) inout."""
-    n = s.shape[0]
-    for j in range(s.shape[1]):
+def carry(f, n, s, columns):
+    """s <- F s for the first n rows and so many columns of s inout."""
+    for j in range(columns):
         y0, y1, y2, y3 = s[0, j], s[1, j], s[2, j], s[3, j]
         s[0, j] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3
         s[1, j] = f[1, 0] * y0 + f[1, 1] * y1 + f[1, 2] * y2 + f[1, 3] * y3
         s[2, j] = f[2, 2] * y2 + f[2, 3] * y3
         s[3, j] = f[3, 2] * y2 + f[3, 3] * y3
     for k in range(N_STATES, n):
-        for j in range(s.shape[1]):
+        for j in range(columns):
             s[0, j] += f[0, k] * s[k, j]
             s[1, j] += f[1, k] * s[k, j]
             s[k, j] *= f[k, k]
 
 
-@once
+@inner
 def drive_tests(belief, fil, work, age):
     """Effect of the tests' units on theta and theta_dot over the step, `age` [s] after the first sample."""
-    h, reach, first = fil.step[STEP], fil.step[REACH], fil.s.shape[1] - N_TESTS
+    h, reach, first = fil.step[STEP], fil.step[REACH], belief.size.sensitivities - N_TESTS
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     for i in range(2):
         fil.s[i, first + SLOPE_A6] += age * work.drive[i, theta]
@@ -114,8 +112,8 @@ def drive_tests(belief, fil, work, age):
     fil.s[1, first + MOMENT_TEST] += reach
 
 
-@once
-def advance_state(fil, f, k1, u, known):
+@inner
+def advance_state(belief, fil, f, k1, u, known):
     """x over the step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
     x, h, reach = fil.x, fil.step[STEP], fil.step[REACH]
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
@@ -126,13 +124,13 @@ def advance_state(fil, f, k1, u, known):
     x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step[GAMMA + 1] * u
     x[0] += 0.5 * h * reach * known
     x[1] += reach * known
-    for k in range(N_STATES, x.shape[0]):
+    for k in range(N_STATES, belief.size.states):
         x[0] += f[0, k] * x[k]
         x[1] += f[1, k] * x[k]
         x[k] *= f[k, k]
 
 
-@once
+@inner
 def add_process_noise(fil, k1, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
     h, reach = fil.step[STEP], fil.step[REACH]

@@ -15,16 +15,13 @@ random walk, which over-covers a constant delta (measured: benchmarks/uncertaint
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, K1, profile_at
 from .changes import E_TIME, EVENTS, MAX_EVENTS
 from .elementary import erfc_of
-from .kernels import inner, once, shared
-from .memory import take, take2
-from .records import store
+from .kernels import inner
 from .tracker import MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 BANDS = ("0-30", "30-60", "60-100", "out")  # per cent of |sigma|
@@ -41,57 +38,14 @@ RAISED, KNOWN_INSIDE = range(2)
 N_FLAGS = 2
 
 
-@store
-class Sigma(NamedTuple):
-    """The range sigma, fixed at construction."""
-
-    time: np.ndarray         # (n,) s
-    a6: np.ndarray           # (n,)
-    k1: np.ndarray           # (n,)
-
-
-@store
-class Gauge(NamedTuple):
-    """State; rows and pairs are (a6, k1)."""
-
-    delta: np.ndarray        # (2,)
-    delta_std: np.ndarray    # (2,)
-    probability: np.ndarray  # (2, 4) of BANDS
-    since: np.ndarray        # (2,) s, when delta's mean left the range; NaN if inside
-    band: np.ndarray         # (2,) int64 place in BANDS, or NO_BAND
-    flag: np.ndarray         # (2, N_FLAGS) int64
-    events: np.ndarray       # (1,) int64 sudden changes seen
-    cell: np.ndarray         # (1,) int64 of the profile
-
-
-@shared
-def view_sigma(f, at, i, m, n):
-    """Cut it from floats f at `at` for n nodes; returns (it, next at, next m)."""
-    time, at = take(f, at, n)
-    a6, at = take(f, at, n)
-    k1, at = take(f, at, n)
-    return Sigma(time, a6, k1), at, m
-
-
-@shared
-def view_gauge(f, at, i, m):
-    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
-    delta, at = take(f, at, 2)
-    delta_std, at = take(f, at, 2)
-    probability, at = take2(f, at, 2, OUT + 1)
-    since, at = take(f, at, 2)
-    band, m = take(i, m, 2)
-    flag, m = take2(i, m, 2, N_FLAGS)
-    events, m = take(i, m, 1)
-    cell, m = take(i, m, 1)
-    return Gauge(delta, delta_std, probability, since, band, flag, events, cell), at, m
-
-
-def restart_gauge(gauge: Gauge) -> None:
-    """What is not zero before the first sample."""
-    for array in (gauge.delta, gauge.delta_std, gauge.probability, gauge.since):
-        array[...] = np.nan
-    gauge.band[...] = NO_BAND
+@inner
+def restart_gauge(gauge):
+    """Nothing is known before the first sample."""
+    gauge.delta[:] = np.nan
+    gauge.delta_std[:] = np.nan
+    gauge.probability[:, :] = np.nan
+    gauge.since[:] = np.nan
+    gauge.band[:] = NO_BAND
 
 
 @inner
@@ -131,7 +85,7 @@ def judge(gauge, p, mean, std, t, t_first, onset):
         flag[RAISED] = 1
 
 
-@once
+@inner
 def watch_range(sigma, gauge, total, now, t_first, counts, event):
     """Look at the tracked estimate: the alarm of both parameters.
 
@@ -171,7 +125,7 @@ def weigh_bands(gauge, p, mean, std):
         gauge.band[p] = OUT
 
 
-@once
+@inner
 def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
     sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, t_end)

@@ -20,17 +20,14 @@ Assumption: the acceleration acts on the block's innovations as if a6 and k1 of 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, K1, profile_at
 from .changes import ONSETS
 from .elementary import exp_of, log_of
-from .kernels import inner, once, shared
+from .kernels import inner
 from .linsolve import absorb_rows
-from .memory import take, take2, take3
-from .records import store
 from .states import MOMENT_TEST, N_STATES, N_TESTS
 from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
 from .whiteness import KEEPS_CHANGING, NOTHING, quietest_share
@@ -55,87 +52,33 @@ RISEN = 0.4                # of a sensor's log noise level
 GONE = 9.0                 # below it the model may be believed again
 
 
-@store
-class Undeclared(NamedTuple):
-    """State of the filters; u = SIZE, or 0 of a model with nuisances of its own, which knows better."""
-
-    mean: np.ndarray        # (FILTERS, u)
-    covariance: np.ndarray  # (FILTERS, u, u)
-    past: np.ndarray        # (2, u) the first filter's mean, ONSETS blocks apart, the newer at most ONSETS old
-    past_covariance: np.ndarray  # (2, u, u)
-    better: np.ndarray      # (FILTERS,) nats by which each has predicted better since it last was no better
-    number: np.ndarray      # (N_NUMBERS,)
-    flag: np.ndarray        # (N_FLAGS,) int64
-
-
-@store
-class UndeclaredWork(NamedTuple):
-    """Its scratch."""
-
-    rows: np.ndarray        # (ROW, c) the block's triangle, column by column
-    triangle: np.ndarray    # (ROW, ROW)
-    row: np.ndarray         # (u,)
-    column: np.ndarray      # (u,)
-
-
-@shared
-def undeclared_size(n):
-    """u of n states."""
-    return SIZE if n == N_STATES else 0
-
-
-@shared
-def view_undeclared(f, at, i, m, n):
-    """Cut it from floats f at `at` and integers i at `m` for n states; returns (it, next at, next m)."""
-    u = undeclared_size(n)
-    mean, at = take2(f, at, FILTERS, u)
-    covariance, at = take3(f, at, FILTERS, u, u)
-    past, at = take2(f, at, 2, u)
-    past_covariance, at = take3(f, at, 2, u, u)
-    better, at = take(f, at, FILTERS)
-    number, at = take(f, at, N_NUMBERS)
-    flag, m = take(i, m, N_FLAGS)
-    return Undeclared(mean, covariance, past, past_covariance, better, number, flag), at, m
-
-
-@shared
-def view_undeclared_work(f, at, q, n):
-    """Cut it from floats f at `at` for q terms, n states; returns (it, next at)."""
-    u = undeclared_size(n)
-    rows, at = take2(f, at, ROW, n + q + N_TESTS + 1)
-    triangle, at = take2(f, at, ROW, ROW)
-    row, at = take(f, at, u)
-    column, at = take(f, at, u)
-    return UndeclaredWork(rows, triangle, row, column), at
-
-
-@shared
+@inner
 def forget_places(state, f, first, last):
     """Of its state's places first .. last-1 filter f knows what it knew at the beginning."""
-    for i in range(min(first, state.mean.shape[1]), min(last, state.mean.shape[1])):
+    for i in range(first, last):
         state.mean[f, i] = 0.0
-        for j in range(state.mean.shape[1]):
+        for j in range(SIZE):
             state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
         std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
         state.covariance[f, i, i] = std * std
 
 
-@shared
+@inner
 def copy_knowledge(mean, covariance, to_mean, to_covariance):
     """mean (u,), covariance (u, u) in;  to_mean, to_covariance out"""
-    for i in range(mean.shape[0]):
+    for i in range(SIZE):
         to_mean[i] = mean[i]
-        for j in range(mean.shape[0]):
+        for j in range(SIZE):
             to_covariance[i, j] = covariance[i, j]
 
 
-@shared
+@inner
 def remember(state, slot):
     """What the first filter knows now."""
     copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
 
 
-@shared
+@inner
 def restart_undeclared(state):
     """Nothing is known."""
     for f in range(FILTERS):
@@ -154,7 +97,7 @@ def free_deviations(state, f):
     forget_places(state, f, 0, WIND)
 
 
-@once
+@inner
 def begin_block(state):
     """What was known before it is remembered, once in ONSETS blocks."""
     if state.flag[AGE] >= ONSETS:
@@ -163,7 +106,7 @@ def begin_block(state):
     state.flag[AGE] += 1
 
 
-@once
+@inner
 def go_back(state, blocks):
     """a6 or k1 changed `blocks` (at most ONSETS) ago: the first filter knows what it knew of w and d before, and of a6
     and k1 nothing."""
@@ -195,7 +138,7 @@ def learns_noise(state, level):
     return risen
 
 
-@once
+@inner
 def forget_constants(covariance, dt):
     """w and d are less known after dt [s] than before by what NEW_MEMORY forgets, but never less than at first."""
     grow = exp_of(0.5 * dt / NEW_MEMORY)
@@ -207,7 +150,7 @@ def forget_constants(covariance, dt):
                 covariance[j, k] *= grow
 
 
-@once
+@inner
 def take_row(mean, covariance, row, column, z):
     """One scalar measurement z = row . state + unit noise; returns its log predictive density.  column (u,) scratch"""
     variance, e = 1.0, z
@@ -234,11 +177,11 @@ def distance(mean, covariance):
     return max(c * w * w - 2.0 * b * w * d + a * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
 
 
-@once
+@inner
 def reduce_moment(belief, work, triangle, share):
     """work.triangle (ROW, ROW) out: of the block's (c, c), the columns of a6, k1, acceleration, right-hand side, as if
     its noise were 1/share of what it is."""
-    c = triangle.shape[0]
+    c = belief.size.columns
     first = c - 1 - N_TESTS
     for i in range(c):
         work.rows[0, i] = share * triangle[i, N_STATES + belief.term[AT_THETA]]
@@ -248,10 +191,10 @@ def reduce_moment(belief, work, triangle, share):
     for i in range(ROW):
         for j in range(ROW):
             work.triangle[i, j] = 0.0
-    absorb_rows(work.triangle, work.rows, c)
+    absorb_rows(work.triangle[:], work.rows[:], ROW, c)
 
 
-@once
+@inner
 def go_on_from(state, f):
     """Both filters go on from what filter f knows."""
     copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
@@ -275,21 +218,21 @@ def pace(weight):
     """(random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of a6 and k1 by the
     tracker's weights of its members.  weight (b,) in"""
     walk = slope = 0.0
-    for i in range(weight.shape[0]):
+    for i in range(len(MEMBERS)):
         walk += weight[i] * MEMBERS[i, WALK] * MEMBERS[i, WALK]
         slope += weight[i] * MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
     return math.sqrt(walk), math.sqrt(slope)
 
 
-@once
-def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
+@inner
+def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt, t, dt):
     """A block of dt [s] was gathered, which ends at t [s].
 
     triangle (c, c)  in  square-root information of the block (`filtered.AccumulatorWork`)
     weight   (b,)    in  of the tracker's members
     doubt            in  what else contradicts the model (`whiteness.contradicted_by`)
     """
-    if state.mean.shape[1] == 0:
+    if belief.size.undeclared == 0:
         return
     if doubt != NOTHING:
         state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
@@ -301,21 +244,21 @@ def follow_undeclared(belief, fil, state, work, triangle, weight, doubt, t, dt):
         return
     begin_block(state)
     reduce_moment(belief, work, triangle, quietest_share(fil.level))
-    a6, k1 = profile_at(belief, fil.cell, t)
+    a6, k1 = profile_at(profile, fil.cell, t)
     walk, slope = pace(weight)
     better = 0.0
     for f in range(FILTERS):
         mean, covariance = state.mean[f], state.covariance[f]
-        move(mean, covariance, walk, slope, dt)
+        move(mean, covariance, SIZE, walk, slope, dt)
         if f == NEW:
             forget_constants(covariance, dt)
         for k in range(WIND, SIZE):
             covariance[k, k] += UNDECLARED_WALK * UNDECLARED_WALK * dt
         for i in range(ROW - 1):
-            r, row = work.triangle[i], work.row
+            r, row = work.triangle[i], work.row[:]
             row[:] = 0.0
             row[A6], row[K1], row[WIND], row[LEAN] = r[0], r[1], a6 * r[2], k1 * r[2]
-            density = take_row(mean, covariance, row, work.column, r[ROW - 1])
+            density = take_row(mean, covariance, row, work.column[:], r[ROW - 1])
             better += density if f == NEW else -density
     choose_filter(state, better)
     found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])

@@ -27,17 +27,14 @@ False alarms: white innovations did not exceed CONTRADICTED in 6 h; by how their
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from .belief import A6, K1
 from .changes import ONSETS
 from .elementary import erfc_of, exp_of, log_of
-from .kernels import inner, once, shared
-from .memory import take, take2
+from .kernels import inner
 from .model import N_NOISES
-from .records import store
 from .states import ACCELERATION_NOISE, N_CHANNELS
 from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
@@ -47,12 +44,12 @@ CONTRADICTED = 200.0    # of the statistic
 BELIEVED = 90.0
 MANY_LOSSES = 3.5       # restarts within CHECK_MEMORY: a change costs one or two, more are a sensor or model gone wrong
 FORGOTTEN = 20.0        # s after which whatever contradicted the model, however strongly, is forgotten
-LARGEST_STATISTIC = BELIEVED * exp_of(2.0 * FORGOTTEN / CHECK_MEMORY)  # which has fallen to BELIEVED by then
+LARGEST_STATISTIC = 4913.833502982981  # BELIEVED exp(2 FORGOTTEN/CHECK_MEMORY), which has fallen to BELIEVED by then
 MERGED = 2.5            # s: alarms so soon after a first one are of the same change
 STEADY_WINDOW = 15.0    # 6e-4 a window, were its noise levels known
 FAR_WINDOW = 25.0       # 4e-6
 LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
-HIGHEST_LEVEL = log_of(10.0)  # of the sensors', the command's and the acceleration's noise levels
+HIGHEST_LEVEL = 2.302585092994046  # ln 10, of the sensors', the command's and the acceleration's noise levels
 MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
 SMALLEST = 1.0e-30      # of a statistic whose logarithm is asked for
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
@@ -75,32 +72,6 @@ PASSED, FAILED, FAILED_BEYOND_CHANCE = range(3)  # a window's test
 NOTHING, BLOCKS, KEEPS_CHANGING = range(3)
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
 INNOVATION, FOR_A6, FOR_K1 = range(3)
-
-
-@store
-class Check(NamedTuple):
-    """State of the test."""
-
-    mean: np.ndarray     # (3, 3) of the block at hand
-    seen: np.ndarray     # (3,) int64 measurements in it
-    pending: np.ndarray  # (ONSETS, 3) blocks that wait
-    history: np.ndarray  # (LAGS, 3) the last ones taken, newest first
-    sums: np.ndarray     # (3, LAGS + 1)
-    number: np.ndarray   # (N_NUMBERS,)
-    flag: np.ndarray     # (N_FLAGS,) int64
-
-
-@shared
-def view_check(f, at, i, m):
-    """Cut it from floats f at `at` and integers i at `m`; returns (it, next at, next m)."""
-    mean, at = take2(f, at, N_CHANNELS, 3)
-    seen, m = take(i, m, N_CHANNELS)
-    pending, at = take2(f, at, ONSETS, N_CHANNELS)
-    history, at = take2(f, at, LAGS, N_CHANNELS)
-    sums, at = take2(f, at, N_CHANNELS, LAGS + 1)
-    number, at = take(f, at, N_NUMBERS)
-    flag, m = take(i, m, N_FLAGS)
-    return Check(mean, seen, pending, history, sums, number, flag), at, m
 
 
 @inner
@@ -127,7 +98,7 @@ def quietest_share(level):
     return quiet(highest)
 
 
-@once
+@inner
 def queue_block(check, level, p_bar, total):
     """The block's sums, normalised, begin to wait.
 
@@ -166,7 +137,7 @@ def drop_blocks(check, blocks, t):
     check.flag[CHANGED] = 1
 
 
-@once
+@inner
 def take_block(check, dt):
     """The oldest block has waited long enough: its products join the sums, and the statistic follows.  dt [s]"""
     slot = check.flag[OLDEST]

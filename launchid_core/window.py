@@ -1,12 +1,8 @@
 """What a window's close leaves behind."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from .kernels import shared
-from .memory import take, take2
-from .records import store
+from .kernels import inner
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 ATTITUDE = 1   # the equation that a6 and k1 live in
@@ -20,31 +16,7 @@ STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3
 
 
-@store
-class Outcome(NamedTuple):
-    """Result of the last window."""
-
-    number: np.ndarray   # (N_NUMBERS,)
-    flag: np.ndarray     # (N_FLAGS,) int64
-    xi: np.ndarray       # (q, 3)
-    support: np.ndarray  # (q, 3) int64, 1: active
-    std: np.ndarray      # (q,) standard deviation of a term of theta_ddot that is active; NaN for those that are not
-    absent: np.ndarray   # (q,) 95 % limit of a term of theta_ddot that is not active; NaN for those that are
-
-
-@shared
-def view_outcome(f, at, i, m, q):
-    """Cut it from floats f at `at` and integers i at `m` for q terms; returns (it, next at, next m)."""
-    number, at = take(f, at, N_NUMBERS)
-    flag, m = take(i, m, N_FLAGS)
-    xi, at = take2(f, at, q, EQUATIONS)
-    support, m = take2(i, m, q, EQUATIONS)
-    std, at = take(f, at, q)
-    absent, at = take(f, at, q)
-    return Outcome(number, flag, xi, support, std, absent), at, m
-
-
-@shared
+@inner
 def clear_outcome(out, status):
     """No estimate, for the reason `status`."""
     out.number[:] = np.nan
