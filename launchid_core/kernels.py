@@ -27,16 +27,16 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 CHOICES: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
-def compiled(**choices: Any) -> Callable[[Function], Function]:
-    """A decorator of kernels that numba keeps on disk, with the choices above and these."""
+def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function]:
+    """A decorator of kernels, with the choices above and these; kept  numba keeps them on disk."""
 
     def decorate(function: Function) -> Function:
-        with kept_apart(function) as is_kept:
-            kernel: Function = _numba.njit(cache=is_kept, **CHOICES, **choices)(function)
+        with kept_apart(function) as is_safe:
+            kernel: Function = _numba.njit(cache=kept and is_safe, **CHOICES, **choices)(function)
         return kernel
 
     return decorate
 
 
-kernel = compiled(_nrt=False)
-inner = _numba.njit(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, **CHOICES)
+kernel = compiled(_nrt=False, no_cfunc_wrapper=True)
+inner = compiled(kept=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

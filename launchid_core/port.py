@@ -7,7 +7,7 @@ from . import checkpoint, onboard, regression
 from .assembly import Memory, allocate
 from .config import Config
 from .entries import calls_of
-from .memory import APART, FILTERED
+from .memory import APART, CARRIED_FROM, FILTERED
 
 
 class Port(NamedTuple):
@@ -15,6 +15,7 @@ class Port(NamedTuple):
 
     memory   its arrays by name (`parts`, `apart`) and the table that they come from
     apart    of each array that stands apart, its part: `fixed`, `state` or `work`
+    carried  first line of the state that is sealed, with all after it
     update   function of the memory and a Sample -> Status
     report   function of the memory, filling the report; None for the formulations without one
     preface  what a saved state begins with; behind it the words of what persists, least byte first, and the CRC-32 of
@@ -24,6 +25,7 @@ class Port(NamedTuple):
 
     memory: Memory
     apart: dict[str, str]
+    carried: str
     update: Callable[..., Any]
     report: Callable[..., Any] | None
     preface: bytes
@@ -37,5 +39,5 @@ def port_of(config: Config) -> Port:
     saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
     apart = {name: part for name, part, *_ in APART[memory.struct.name]}
     if memory.struct is FILTERED:
-        return Port(memory, apart, onboard.update_filtered, onboard.report_now, *saved)
-    return Port(memory, apart, regression.update_regression, None, *saved)
+        return Port(memory, apart, CARRIED_FROM[memory.struct.name], onboard.update_filtered, onboard.report_now, *saved)
+    return Port(memory, apart, CARRIED_FROM[memory.struct.name], regression.update_regression, None, *saved)

@@ -370,8 +370,7 @@ def solve_with_drifts(block, target, drift, extended, series, count, pieces):
 @kernel
 def solve_without_absent(block, target, series, count, pieces):
     """The residual of the active terms alone into series (3); whether there is one, and terms that are absent."""
-    fixed, work = block[0].fixed, block[0].work
-    q = fixed.size.terms
+    q, work = block[0].fixed.size.terms, block[0].work
     y = target[ATTITUDE * count:(ATTITUDE + 1) * count]
     size = count_active(q, work.active)
     return solve_absent(q, work, y, series[(1 + PAIR) * count:(2 + PAIR) * count], size, count - pieces)

@@ -108,7 +108,8 @@ def is_stuck(ring, counts, learned, column, stop):
 @inner
 def stands_still(ring, counts, learned, stop_theta, stop_theta_dot, stop_beta):
     """Whether any channel stood still in the closed window; counted.  learned (3, 2) inout"""
-    stops, stuck = (stop_theta, stop_theta_dot, stop_beta), False
+    stops = (stop_theta, stop_theta_dot, stop_beta)
+    stuck = False
     for k in range(N_WATCHED):
         stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck
     counts[rb.STUCK] += int(stuck)

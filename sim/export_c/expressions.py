@@ -13,9 +13,8 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-from .inference import BY_HAND, TESTS, Inference, indices, of_module, whole_number
+from .inference import BY_HAND, TESTS, Inference, indices, is_unsigned, of_module, whole_number
 from .kinds import (
-    ABSENT,
     DIMENSIONS,
     FLOAT,
     INTEGER,
@@ -157,9 +156,12 @@ class Expressions:
         if self.kinds.of_neighbour(node):
             module = self.kinds.globals[node.value.id].__name__  # type: ignore[attr-defined]
             return self.unit.constant(module, node.attr, self.kinds.outside(node)), ATOM
+        known = self.kinds.known(node)
+        if known is not None:
+            return literal(known), ATOM
         kind = self.kinds.of(node)
         if isinstance(kind, Struct):
-            return f"&{self.member(node)}", UNARY
+            return (self.member(node), ATOM) if self._is_placed(node.value) else (f"&{self.member(node)}", UNARY)
         pointer, extents = self.array(node)
         assert isinstance(kind, Array)
         return f"({kind.c}){{{pointer}, {', '.join(extents)}}}", ATOM
@@ -168,7 +170,17 @@ class Expressions:
         """C of a struct's member, or of a struct, as a place."""
         assert isinstance(node, ast.Attribute)
         base = node.value
-        return f"{word(base.id)}->{node.attr}" if isinstance(base, ast.Name) else f"{self.member(base)}.{node.attr}"
+        if isinstance(base, ast.Subscript) and isinstance(base.value, ast.Name):  # block[0]
+            base = base.value
+        if isinstance(base, ast.Name):
+            return f"{word(base.id)}->{node.attr}"
+        assert isinstance(base, ast.Attribute)
+        return f"{self.member(base)}{'->' if self._is_placed(base.value) else '.'}{node.attr}"
+
+    def _is_placed(self, node: ast.expr) -> bool:
+        """Whether a struct's fields are addresses."""
+        kind = self.kinds.of(node)
+        return isinstance(kind, Struct) and kind.placed
 
     def array(self, node: ast.expr) -> tuple[str, list[str]]:
         """C of an array's first number's address, and of its extents."""
@@ -274,11 +286,12 @@ class Expressions:
         return self(at, SUM)
 
     def piece(self, node: ast.Subscript) -> str:
-        """A part of a vector."""
+        """A part of a vector, or some rows of a matrix."""
         kind = self.kinds.of(node)
         assert isinstance(kind, Array)
         begin, length = self._ends(node)
-        return f"({kind.c}){{{begin}, {length}}}"
+        rest = self.array(node.value)[1][1:]
+        return f"({kind.c}){{{', '.join([begin, length, *rest])}}}"
 
     def _ends(self, node: ast.Subscript) -> tuple[str, str]:
         """Where a part of a vector begins, and how long it is."""
@@ -291,7 +304,10 @@ class Expressions:
         end = extents[0] if high is None else self(high, SUM)
         if low is None:
             return pointer, end
-        begin = address(pointer, self(low, SUM))
+        first = self(low, SUM)
+        for extent in extents[1:]:
+            first = times(first, extent)
+        begin = address(pointer, first)
         if isinstance(high, ast.BinOp) and isinstance(high.op, ast.Add) and ast.dump(high.left) == ast.dump(low):
             return begin, self(high.right)
         return begin, f"{end} - {self(low, UNARY)}"
@@ -300,6 +316,8 @@ class Expressions:
 
     def _call(self, node: ast.Call) -> Code:
         name = ast.unparse(node.func)
+        if is_unsigned(node):
+            return self._code(node.args[0])
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self._reshaped(node, node.func.value), ATOM
         if name in TESTS:
@@ -308,8 +326,8 @@ class Expressions:
             if node.func.attr not in FUNCTIONS:
                 raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
             return f"{node.func.attr}({self.listed(node.args)})", ATOM
-        if name in BY_HAND:
-            return f"{name}({self.listed(node.args)})", ATOM
+        if name in BY_HAND:  # `fold_words` knows what of the state it is over
+            return f"{name}({self.listed(node.args[:1] if name == 'fold_words' else node.args)})", ATOM
         if name in ("int", "float"):
             return self._converted(node.args[0], "int64_t" if name == "int" else "double")
         if name == "len":
@@ -317,9 +335,8 @@ class Expressions:
         if name in ("abs", "min", "max"):
             return self._extreme(name, node), ATOM
         called, kinds = self.kinds.outside(node.func), [loosened(self.kinds.of(each)) for each in node.args]
-        if isinstance(called, type):
-            return f"({self.unit.c(self.kinds.of(node))}){{{self.listed(node.args)}}}", ATOM
-        given = [each for each, kind in zip(node.args, kinds, strict=True) if kind != ABSENT]
+        given = [each for each, kind in zip(node.args, kinds, strict=True)
+                 if not (isinstance(kind, Struct) and kind.is_known)]
         return f"{self.unit.kernel(called, kinds).name}({self.listed(given)})", ATOM
 
     def _converted(self, argument: ast.expr, c: str) -> Code:

@@ -2,17 +2,18 @@
 
 import ast
 import inspect
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from .kinds import (
-    ABSENT,
     FLOAT,
     INTEGER,
     NOTHING,
     TRUTH,
     Array,
     Kind,
+    Known,
     Several,
     Struct,
     Untranslatable,
@@ -22,16 +23,22 @@ from .kinds import (
     loosened,
 )
 
+DECIDED: dict[type, Callable[[int, int], bool]] = {ast.Eq: operator.eq, ast.Gt: operator.gt}
 PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
 BY_HAND: dict[str, Kind] = {  # written in C by hand: exclusive or of words, powers of two
-    "xor_double": INTEGER, "xor_integer": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER, "scaled": FLOAT}
+    "xor_double": INTEGER, "xor_integer": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER, "scaled": FLOAT}
 
 
 def of_module(node: ast.expr) -> bool:
     """Whether an expression is an attribute of numpy or math."""
     return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in MODULES
+
+
+def is_unsigned(node: ast.expr) -> bool:
+    """Whether an expression makes a count unsigned, which numba wants of an index and C has no need of."""
+    return isinstance(node, ast.Call) and ast.unparse(node.func) in ("U", "np.uint64")
 
 
 def indices(node: ast.Subscript) -> list[ast.expr]:
@@ -66,23 +73,35 @@ class Inference:
     # ---- statements
 
     def decided(self, test: ast.expr) -> bool | None:
-        """The answer of `x is None`, which is known before flight; None for every other test."""
-        if not (isinstance(test, ast.Compare) and isinstance(test.ops[0], (ast.Is, ast.IsNot))):
+        """The answer of a comparison of what is known with a number as it is written; None for every other test."""
+        if not (isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.comparators[0], ast.Constant)):
             return None
-        return (self.of(test.left) == ABSENT) == isinstance(test.ops[0], ast.Is)
+        known = self.known(test.left)
+        compare = DECIDED.get(type(test.ops[0]))
+        return None if known is None or compare is None else bool(compare(known, test.comparators[0].value))
 
-    def alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """Statements that can be reached: decided branches in their place, nothing after a return among them."""
-        found: list[ast.stmt] = []
+    def known(self, node: ast.expr) -> int | None:
+        """The value of a field that is known before flight; None for everything else."""
+        if isinstance(node, ast.Attribute) and not of_module(node) and not self.of_neighbour(node):
+            kind = self.of(node.value)
+            field = kind.field(node.attr) if isinstance(kind, Struct) else None
+            return field.value if isinstance(field, Known) else None
+        return None
+
+    def alive(self, body: list[ast.stmt]) -> Iterator[ast.stmt]:
+        """Statements that can be reached, one after the other, so that each may be read before the next is decided:
+        decided branches in their place, nothing after a return among them."""
         for node in body:
             answer = self.decided(node.test) if isinstance(node, ast.If) else None
             if answer is None or not isinstance(node, ast.If):
-                found.append(node)
+                yield node
+                last = node
             else:
-                found += self.alive(node.body if answer else node.orelse)
-            if found and isinstance(found[-1], ast.Return):
-                break
-        return found
+                last = None
+                for last in self.alive(node.body if answer else node.orelse):
+                    yield last
+            if isinstance(last, ast.Return):
+                return
 
     def _read_all(self, body: list[ast.stmt]) -> None:
         for statement in self.alive(body):
@@ -169,7 +188,8 @@ class Inference:
             return Several((INTEGER,) * kind.dimensions)
         if not isinstance(kind, Struct):
             raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} has no fields")
-        return kind.field(node.attr)
+        field = kind.field(node.attr)
+        return INTEGER if isinstance(field, Known) else field
 
     def _of_tuple(self, node: ast.Tuple) -> Kind:
         return Several(tuple(self.of(each) for each in node.elts))
@@ -205,6 +225,8 @@ class Inference:
         kind, at = self.of(node.value), indices(node)
         if isinstance(kind, Several):
             return kind.kinds[whole_number(at[0])] if isinstance(at[0], ast.Constant) else kind.kinds[0]
+        if isinstance(kind, Struct) and kind.placed:
+            return kind
         if not isinstance(kind, Array):
             raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} is no array")
         for each in at:
@@ -215,6 +237,8 @@ class Inference:
 
     def _of_call(self, node: ast.Call) -> Kind:
         name = ast.unparse(node.func)
+        if is_unsigned(node):
+            return self.of(node.args[0])
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             kind, shape = self.of(node.func.value), node.args[0]
             assert isinstance(kind, Array) and isinstance(shape, ast.Tuple)
@@ -235,8 +259,6 @@ class Inference:
             assert joined is not None
             return joined
         called = self.outside(node.func)
-        if isinstance(called, type):
-            return Struct(called, kinds)
         result = self.unit.kernel(called, kinds).result
         assert result is not None
         return result

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 from .expressions import SYMBOLS, UNARY, Expressions, word
 from .inference import Inference, indices
 from .kinds import (
-    ABSENT,
     DIMENSIONS,
     FLOAT,
     INTEGER,
@@ -48,6 +48,16 @@ def comment_of(about: str | None) -> str:
         return ""
     lines = about.replace("//", "/ /").replace("/*", "/ *").replace("*/", "* /").split("\n")
     return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
+
+
+def _without_unused(lines: list[str]) -> list[str]:
+    """Without addresses of structs that were asked only for what is known before flight."""
+    kept = list(lines)
+    for line in lines:
+        declared = re.match(r"\s*(?:const )?Launchid\w+ \*(\w+) = ", line)
+        if declared and not any(re.search(rf"\b{declared[1]}\b", other) for other in kept if other is not line):
+            kept.remove(line)
+    return kept
 
 
 def rename_counters(tree: ast.FunctionDef) -> None:
@@ -101,7 +111,7 @@ class Kernel:
 
     def _alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
         """Without what these arguments can never reach."""
-        kept = self.kinds.alive(body)
+        kept = list(self.kinds.alive(body))
         for node in kept:
             for inner in ("body", "orelse"):
                 if hasattr(node, inner):
@@ -111,18 +121,20 @@ class Kernel:
     def source(self) -> str:
         """The whole function."""
         names = [argument.arg for argument in self.tree.args.args]
-        given = {name: kind for name, kind in zip(names, self.arguments, strict=True) if kind != ABSENT}
+        given = {name: kind for name, kind in zip(names, self.arguments, strict=True)
+                 if not (isinstance(kind, Struct) and kind.is_known)}
         stored = _names(self.tree.body, ast.Store)
         arguments = ", ".join(
             typed(self.unit.c(kind), GIVEN.format(name) if name in stored else word(name))
             for name, kind in given.items()) or "void"
         result = self.kinds.result
         assert result is not None
-        used = _names(self.tree.body, ast.Load) | stored
-        unused = [f"{INDENT}(void){word(name)};" for name in given if name not in used]
+        lines = _without_unused(self.lines)
+        unused = [f"{INDENT}(void){word(name)};" for name in given
+                  if name not in stored and not any(re.search(rf"\b{word(name)}\b", line) for line in lines)]
         own = [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {GIVEN.format(name)};"
                for name, kind in given.items() if name in stored]
-        body = "\n".join([*own, *self._declarations(names), *unused, *self.lines])
+        body = "\n".join([*own, *self._declarations(names), *unused, *lines])
         head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
         return f"{comment_of(ast.get_docstring(self.tree))}{head}\n{{\n{body}\n}}\n"
 
@@ -144,7 +156,8 @@ class Kernel:
     def _declarations(self, arguments: list[str]) -> list[str]:
         """Of local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
-        left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, UNUSED}
+        known = {name for name, kind in self.kinds.names.items() if isinstance(kind, Struct) and kind.is_known}
+        left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED}
         return [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {ZERO.get(kind, NOWHERE.get(type(kind), '{0}'))};"
                 for name, kind in self.kinds.names.items() if name not in left_out]
 
@@ -153,6 +166,11 @@ class Kernel:
         if isinstance(target, ast.Name) and target.id in self.first.get(id(of), ()):
             return typed(self.unit.c(self.kinds.names[target.id]), word(target.id))
         return self.c(target)
+
+    def _is_known(self, target: ast.expr) -> bool:
+        """Whether a variable holds what is known before flight alone."""
+        kind = self.kinds.names.get(target.id) if isinstance(target, ast.Name) else None
+        return isinstance(kind, Struct) and kind.is_known
 
     def _temporary(self, name: str) -> str:
         self.temporaries += 1
@@ -253,6 +271,8 @@ class Kernel:
             elif isinstance(target, ast.Name) and target.id in self.local_arrays:
                 self._list(target, node.value, depth)
             else:
+                if self._is_known(target):
+                    continue
                 value = self.c.turned(node.value, self.kinds.of(target))
                 self._line(depth, f"{self._target(target, node)} = {value};")
 
@@ -275,7 +295,7 @@ class Kernel:
             self._line(depth, f"const {self.unit.c(self.kinds.of(value))} {name} = {self.c(value)};")
             parts = [f"{name}.v{k}" for k in range(len(target.elts))]
         for each, part in zip(target.elts, parts, strict=True):
-            if not (isinstance(each, ast.Name) and each.id == UNUSED):
+            if not (isinstance(each, ast.Name) and each.id == UNUSED) and not self._is_known(each):
                 self._line(depth, f"{self._target(each, node)} = {part};")
 
     def _at_once(self, target: ast.Tuple, value: ast.Tuple, depth: int) -> list[str]:

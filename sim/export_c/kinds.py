@@ -1,7 +1,8 @@
 """What a value of a kernel may be, and its C type.
 
 A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
-struct, handed on by its address), None and, as results, plain tuples.
+struct, handed on by its address) and, as results, plain tuples.  An integer of a named tuple is known before flight
+(how much of the memory is in use): it is written where it is used.
 """
 
 import math
@@ -23,7 +24,6 @@ class Scalar:
 
 
 FLOAT, INTEGER, TRUTH, NOTHING = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
-ABSENT = Scalar("absent")  # None: what depends on it is left out
 DIMENSIONS = "nmk"     # how the C structs call the extents of an array
 ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
 NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
@@ -60,12 +60,20 @@ def array_types(source: str) -> str:
 
 
 @dataclass(frozen=True)
+class Known:
+    """An integer whose value is known before flight."""
+
+    value: int
+
+
+@dataclass(frozen=True)
 class Struct:
-    """A named tuple; `constant` if nothing may write to it."""
+    """A named tuple; `constant` if nothing may write to it, `placed` if its fields are addresses of structs."""
 
     of: type
     kinds: "tuple[Kind, ...]"
     constant: bool = False
+    placed: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -73,7 +81,14 @@ class Struct:
 
     def field(self, name: str) -> "Kind":
         kind = self.kinds[self.fields.index(name)]
-        return replace(kind, constant=self.constant) if isinstance(kind, (Array, Struct)) else kind
+        if isinstance(kind, (Array, Struct)) and not self.placed:
+            return replace(kind, constant=self.constant or kind.constant)
+        return kind
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all of it is known before flight: then it is nowhere in C."""
+        return all(isinstance(kind, Known) for kind in self.kinds)
 
 
 @dataclass(frozen=True)
@@ -83,7 +98,7 @@ class Several:
     kinds: "tuple[Kind, ...]"
 
 
-Kind = Scalar | Array | Struct | Several
+Kind = Scalar | Known | Array | Struct | Several
 
 
 class Untranslatable(UsageError):
@@ -98,8 +113,6 @@ def kind_of(value: Any) -> Kind:
         return INTEGER
     if isinstance(value, (float, np.floating)):
         return FLOAT
-    if value is None:
-        return ABSENT
     if isinstance(value, np.ndarray) and value.dtype.kind in ELEMENTS and value.ndim <= len(DIMENSIONS):
         return Array(ELEMENTS[value.dtype.kind], value.ndim, constant=True)  # of a module
     if isinstance(value, tuple):
@@ -112,7 +125,9 @@ def struct_of(value: Any, constant: bool = False) -> Struct:
     """Of a named tuple whose arrays are the struct's own."""
     kinds: list[Kind] = []
     for each in value:
-        if isinstance(each, np.ndarray):
+        if isinstance(each, int):
+            kinds.append(Known(each))
+        elif isinstance(each, np.ndarray):
             kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant))
         else:
             kinds.append(struct_of(each, constant))

@@ -3,7 +3,6 @@
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -13,14 +12,14 @@ import numpy as np
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
 from .expressions import FUNCTIONS
-from .kinds import ABSENT, FLOAT, Kind, Struct, array_types, literal, struct_of
+from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
 from .unit import PACKAGE, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
 BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
-OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES)_([A-Z0-9_]+)\b")
+OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 
 
@@ -48,49 +47,71 @@ class _Program:
 
     def __init__(self, config: Config, port: Port) -> None:
         self.config, self.port, self.unit = config, port, Unit()
-        self.there = {name: part for name, part in zip(port.parts._fields, port.parts, strict=True)
-                      if part is not None}
-        kinds: dict[str, Kind] = dict.fromkeys(port.parts._fields, ABSENT)
-        self.structs: dict[str, Struct] = {}
-        for name, part in self.there.items():
-            self.structs[name] = replace(struct_of(part), constant=port.kinds[name] == FIXED)
-            self.unit.struct(self.structs[name])
-        self.kinds = kinds | self.structs
+        memory = port.memory
+        parts = memory.parts._asdict()
+        structs = {name: struct_of(part, constant=name == FIXED) for name, part in parts.items()}
+        self.structs: dict[str, Struct] = structs
+        self.block = Struct(type(memory.parts), tuple(structs.values()), constant=True, placed=True)
+        apart: dict[str, Kind] = {name: Array(ELEMENTS[array.dtype.kind], array.ndim, constant=port.apart[name] == FIXED)
+                                  for name, array in memory.apart.items()}
+        self.kinds: dict[str, Kind] = {"size": struct_of(memory.size), "block": self.block, "words": structs[STATE],
+                                       **apart}
+        self.unit.struct(self.block)
         self.update, self.report = self._call(port.update), self._call(port.report)
 
-    def _of(self, kind: str) -> list[str]:
-        """Names of the parts that are fixed, persist or are scratch."""
-        return [name for name in self.there if self.port.kinds[name] == kind]
+    def _apart(self, kind: str) -> dict[str, np.ndarray]:
+        """What stands apart of what is fixed, persists or is scratch."""
+        return {name: array for name, array in self.port.memory.apart.items() if self.port.apart[name] == kind}
 
     def _call(self, function: Any) -> str:
-        """C of a call with the parts that the kernel takes, and a sample `s`."""
+        """C of a call with the memory that the function takes, and a sample `s`."""
         if function is None:
             return ""
         names = list(_arguments(function))
-        kinds = [self.kinds.get({"rep": "report"}.get(name, name), FLOAT) for name in names]
-        kernel = self.unit.kernel(function, kinds)
-        given = []
-        for name, kind in zip(names, kinds, strict=True):
-            part = {"rep": "report"}.get(name, name)
-            if part in self.there:
-                of = self.port.kinds[part]
-                given.append(f"&{part.upper()}" if of == FIXED else f"&{of}->{part}")
-            elif kind != ABSENT:
-                given.append(f"s->{name}")
-        return f"{kernel.name}({', '.join(given)})"
+        kernel = self.unit.kernel(function, [self.kinds.get(name, FLOAT) for name in names])
+        return f"{kernel.name}({', '.join(self._given(name) for name in names if name != 'size')})"
+
+    def _given(self, name: str) -> str:
+        """C of an argument."""
+        if name == "block":
+            return "&block"
+        if name == "words":
+            return f"&state->{STATE}"
+        array, kind = self.port.memory.apart.get(name), self.kinds.get(name)
+        if array is None or not isinstance(kind, Array):
+            return f"s->{name}"
+        place = name.upper() if kind.constant else f"{self.port.apart[name]}->{name}"
+        return f"({kind.c}){{{place}, {', '.join(map(str, array.shape))}}}"
 
     def _initial(self) -> Iterator[str]:
         """Statements that set what is not zero after a reset."""
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist():
+            for k in places.tolist() if path != f"{STATE}.guard" else ():
                 yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
+    def _seal(self) -> str:
+        """The seal of what is carried on: as the core's `fold_words` over the same arrays."""
+        state = self.port.memory.parts.state
+        first = state._fields.index(self.port.carried)
+        lines = [f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
+                 "{", "    int64_t seal = 0;"]
+        for name, part in list(zip(state._fields, state, strict=True))[first:]:
+            for path, array in _arrays(part, name):
+                if array.size:
+                    fold = "xor_double" if array.dtype.kind == "f" else "xor_integer"
+                    lines += [f"    for (int64_t k = 0; k < {array.size}; k++) {{",
+                              f"        seal = {fold}(seal, state->{path}[k]);", "    }"]
+        return "\n".join([*lines, "    return seal;", "}\n"])
+
     def _constants(self) -> str:
-        """Structs that never change."""
-        return "\n".join(f"static const {self.unit.struct(self.structs[name])} {name.upper()} = "
-                         f"{_initialiser(self.there[name])};\n" for name in self._of(FIXED))
+        """What never changes."""
+        fixed = self.port.memory.parts.fixed
+        tables = [f"static const double {name.upper()}[] = {_numbers(array, 1)};\n"
+                  for name, array in self._apart(FIXED).items()]
+        return "\n".join([*tables, f"static const {self.unit.struct(self.structs[FIXED])} FIXED = "
+                                   f"{_initialiser(fixed)};\n"])
 
     # ---- files
 
@@ -105,8 +126,8 @@ class _Program:
 
     def _state(self) -> Iterator[tuple[str, np.ndarray]]:
         """Arrays that persist, in the order in which they are saved, by their C path."""
-        for name in self._of(STATE):
-            yield from _arrays(self.there[name], name)
+        yield from _arrays(self.port.memory.parts.state, STATE)
+        yield from self._apart(STATE).items()
 
     def _saved(self) -> dict[str, object]:
         """What saves and restores: the same bytes as the Python estimator's."""
@@ -126,28 +147,37 @@ class _Program:
                 "state_bytes": self._bytes(STATE) + 8,  # `busy`
                 "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
                 "saved_bytes": self.port.saved_bytes, "stack_bytes": STACK_LIMIT,
-                "largest": max(array.size for name, part in self.there.items() for _, array in _arrays(part, name))}
+                "largest": max(array.size for kind in (FIXED, STATE, WORK) for _, array in self._all(kind))}
+
+    def _all(self, kind: str) -> Iterator[tuple[str, np.ndarray]]:
+        """Every array of a part, and of what stands apart of its kind."""
+        yield from _arrays(getattr(self.port.memory.parts, kind), kind)
+        yield from self._apart(kind).items()
 
     def _members(self, kind: str) -> str:
-        return "\n".join(f"    {self.unit.struct(self.structs[name])} {name};" for name in self._of(kind))
+        apart = [f"    {ELEMENTS[array.dtype.kind].c} {name}[{max(array.size, 1)}];"
+                 for name, array in self._apart(kind).items()]
+        return "\n".join([f"    {self.unit.struct(self.structs[kind])} {kind};", *apart])
 
     def _bytes(self, kind: str) -> int:
         """Of the arrays."""
-        return sum(max(array.nbytes, array.itemsize) for name in self._of(kind)
-                   for _, array in _arrays(self.there[name], name))
+        return sum(max(array.nbytes, array.itemsize) for _, array in self._all(kind))
 
     def source(self) -> str:
         """launchid.c"""
+        block = (f"const {self.unit.struct(self.block)} block = "
+                 f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
         own = "\n".join([
-            template("report.c", {"report": self.report}) if self.port.report else template("no_report.c", {}),
-            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update}),
+            template("report.c", {"report": self.report, "block": block}) if self.port.report
+            else template("no_report.c", {}),
+            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block}),
             template("save.c", self._saved())])
         for module, name in OWN_CONSTANT.findall(own):
             self.unit.constant(f"{PACKAGE}.{module.lower()}", name, _of_module(module.lower(), name))
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
         body = "\n".join([
             f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",
-            "/* ---- choices */\n", self._constants(), "/* ---- kernels */\n", self.unit.source(), own])
+            "/* ---- choices */\n", self._constants(), "/* ---- kernels */\n", self._seal(), self.unit.source(), own])
         common = template("common.c", {"arrays": array_types(body)}).split("\n\n")
         whole = "\n".join([*common, body])
         return "\n".join(["\n\n".join(part for part in common if not _is_spare(part, whole)), body])
@@ -169,20 +199,26 @@ def _arrays(value: Any, path: str) -> Iterator[tuple[str, np.ndarray]]:
     """Every array of a nest of named tuples, by its C path."""
     if isinstance(value, np.ndarray):
         yield path, value
-        return
-    for name, each in zip(value._fields, value, strict=True):
-        yield from _arrays(each, f"{path}.{name}")
+    elif isinstance(value, tuple):
+        for name, each in zip(value._fields, value, strict=True):  # type: ignore[attr-defined]
+            yield from _arrays(each, f"{path}.{name}")
+
+
+def _numbers(array: np.ndarray, depth: int) -> str:
+    """The initialiser of an array."""
+    numbers = [literal(x) for x in array.ravel()] or [literal(array.dtype.type(0))]  # C has no empty array
+    rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
+    between = ",\n" + "    " * (depth + 1)
+    return f"{{{between.join(rows)}}}"
 
 
 def _initialiser(value: Any, depth: int = 1) -> str:
-    """Of a constant struct."""
+    """Of a constant struct, without what is known."""
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):
-            numbers = [literal(x) for x in each.ravel()] or [literal(each.dtype.type(0))]  # C has no empty array
-            rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
-            lines.append(f"{space}.{name} = {{{f',{chr(10)}{space}    '.join(rows)}}}")
-        else:
+            lines.append(f"{space}.{name} = {_numbers(each, depth)}")
+        elif isinstance(each, tuple) and not all(isinstance(one, int) for one in each):
             lines.append(f"{space}.{name} = {_initialiser(each, depth + 1)}")
     return "{\n" + ",\n".join(lines) + "}"
 

@@ -27,7 +27,7 @@ QUARTER_NEXT = 0.00048351287841796875
 QUARTER_LAST = 3.1383709e-07
 CONSTANTS = {  # by their name in C
     "RING_SAME_INSTANT": 1.0e-2, "PREDICTOR_SAME_STEP": 4.0e-3, "REGRESSION_RANK_TOLERANCE": 64.0 * EPS,
-    "REGRESSION_STILL": 64.0 * EPS, "SPARSE_ACTIVE_TOLERANCE": 8.0 * EPS, "FILTERED_RANK_TOLERANCE": 64.0 * EPS,
+    "ROWS_STILL": 64.0 * EPS, "SPARSE_ACTIVE_TOLERANCE": 8.0 * EPS, "FILTERED_RANK_TOLERANCE": 64.0 * EPS,
     "ELEMENTARY_LN2_HIGH": LN2_HIGH, "ELEMENTARY_LN2_LOW": math.log(2.0) - LN2_HIGH,
     "ELEMENTARY_LARGEST": 88.7228, "ELEMENTARY_SMALLEST": -103.97, "ELEMENTARY_NARROW": 4097.0,
     "ELEMENTARY_FAR": 1.0e4}
@@ -65,7 +65,6 @@ def converted(config: Config) -> dict[str, str]:
     *before, last = preface[1].rsplit(" ", 1)
     own = f"{' '.join(before)} {int(last) ^ 0xFF}"  # no saved state of the double one fits
     made["launchid.c"] = made["launchid.c"].replace(preface[1], own)
-    made["launchid.c"] = _sealed(made["launchid.c"])
     made["replay.c"] = files["replay.c"].replace("%lf", "%f")
     called = re.search(r"only libm \(([^:]*):", files["README.md"])
     words = re.search(r"(\d+) bytes persist", files["README.md"])
@@ -76,18 +75,6 @@ def converted(config: Config) -> dict[str, str]:
         "longest": f"{LONGEST * config.sample_period:g}", "state_words": int(words[1]) // 8,
         "functions": ", ".join(f"{name.strip()}f" for name in called[1].split(","))})
     return made
-
-
-def _sealed(source: str) -> str:
-    """The filtered form's seal over what is carried on, of floats, where a reset has it of doubles."""
-    seal = re.search(r"guard\[GUARD_CARRIED\] = seal_carried\((.*)\);", source)
-    if seal is None:
-        return source
-    given = ", ".join(f"&state->{part}" for part in seal[1].split(", "))
-    without = re.sub(r"    state->state\.guard\[1\] = .*;\n", "", source)
-    begin = without.index("void launchid_state_reset(")
-    end = without.index("\n}", begin)
-    return f"{without[:end]}\n    state->state.guard[1] = seal_carried({given});{without[end:]}"
 
 
 def _rounded(match: re.Match[str]) -> str:

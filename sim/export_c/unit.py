@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .kernel import Kernel
-from .kinds import Array, Kind, Scalar, Struct, kind_of, literal
+from .kernel import Kernel, typed
+from .kinds import Array, Kind, Known, Scalar, Struct, kind_of, literal
 
 PACKAGE = "launchid_core"
 INT_MAX = 2**31 - 1    # of an enumerator
@@ -47,6 +47,7 @@ class Unit:
         """The C type of a kind; a struct is declared when first met."""
         if isinstance(kind, (Scalar, Array)):
             return kind.c
+        assert not isinstance(kind, Known)
         if isinstance(kind, Struct):
             return f"{'const ' if kind.constant else ''}{self.struct(kind)} *"
         if kind not in self.structs:
@@ -57,16 +58,19 @@ class Unit:
 
     def struct(self, kind: Struct) -> str:
         """The C name of a named tuple's struct; it is declared when first met, in the header."""
-        key = replace(kind, constant=False)
+        key = _writable(kind)
         if key not in self.structs:
             fields = zip(kind.fields, kind.kinds, strict=True)
-            body = "".join(f"    {self._field(name, each)}\n" for name, each in fields)
+            body = "".join(f"    {self._field(name, each, kind.placed)}\n" for name, each in fields
+                           if not (isinstance(each, Known) or isinstance(each, Struct) and each.is_known))
             self.structs[key] = name = f"Launchid{kind.of.__name__}"
             about = (inspect.getdoc(kind.of) or "").split("\n\n")[0].replace("\n", " ")
             self.declarations.append(f"/* {about} */\ntypedef struct {{\n{body}}} {name};\n")
         return self.structs[key]
 
-    def _field(self, name: str, kind: Kind) -> str:
+    def _field(self, name: str, kind: Kind, placed: bool) -> str:
+        if placed:
+            return f"{typed(self.c(kind), name)};"
         if isinstance(kind, Array):
             shape = f"  /* {' x '.join(map(str, kind.extents))} */" if kind.dimensions > 1 else ""
             return f"{kind.element.c} {name}[{max(math.prod(kind.extents), 1)}];{shape}"  # C has no empty array
@@ -87,6 +91,14 @@ class Unit:
         others = [text for text in self.constants.values() if not text.startswith(" ")]
         return "\n".join(["enum {", *counts, "};\n", *others, "", *self.results,
                           *(made.source() for made in self.order)])
+
+
+def _writable(kind: Kind) -> Kind:
+    """A struct without what says that it may not be written to; one of addresses keeps that of each."""
+    if isinstance(kind, Struct):
+        return replace(kind, constant=False,
+                       kinds=kind.kinds if kind.placed else tuple(_writable(each) for each in kind.kinds))
+    return replace(kind, constant=False) if isinstance(kind, Array) else kind
 
 
 def _definition(label: str, value: Any) -> str:

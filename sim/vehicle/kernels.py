@@ -1,17 +1,16 @@
 """The decorators of the simulator's compiled functions; `launchid_core.kernels` has their common choices.
 
-`inner` is for what a step calls, and Python cannot; `asked` for what both call.  Their further choices, with reasons:
+`kernel` is for what Python calls; `inner` for what a step calls, and Python cannot; `asked` for what both call; `apart`
+for what several kernels call that are not run often.  Their further choices, with reasons:
 
 * ``forceinline=True``: handing a `Vehicle` of twenty arrays to a function costs more than the step.
 * ``_nrt=False``: without numba's run time no array's references are counted, which costs as much again
   (70 s of flight: 8.5 ms with, 5.5 ms without); what would allocate does not compile.
-
-`apart` is for what several kernels call that are not run often: it stands once, and is called.
 """
 
 from launchid_core import compiled
 
 kernel = compiled()
-inner = compiled(part=True, forceinline=True, _nrt=False)
+inner = compiled(kept=False, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 asked = compiled(forceinline=True, _nrt=False)
 apart = compiled(_nrt=False)

@@ -2,119 +2,73 @@
 
 Levels are sought by differences, which asks for the same filter again and again with other variances and nothing else
 different.  Here eight of them run side by side, each in its lane: an instruction that adds one number adds eight, so
-eight cost less than two of `likelihood.likelihood`, whose numbers, operation by operation, these are.
+eight cost less than eight times `likelihood.likelihood`, whose numbers, operation by operation, these are.
 
-A compiler does not find this by itself: it would have to know that no two arrays overlap.  Hence the vector
-instructions below, each over one row of arrays (rows, LANES).
+A compiler makes such instructions only where it knows that no row is written before all of it is read, so every
+operation on a row of arrays (rows, LANES) reads all lanes first.
 """
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import extending
-from numba.core import cgutils, types
 
 from ...vehicle.kernels import inner, kernel
 from .likelihood import LOG_TWO_PI, N_CHANNELS
 
 LANES = 8
-ir = cgutils.ir         # of LLVM, as numba's own extensions write it
-_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-_BYTES = 8               # of a double, on which rows are aligned
-
-_extending: Any = extending  # typed by numba only in part
 
 
-def _row(context, builder, kind, array, row):
-    """Pointer to a row of an array (rows, LANES), as a vector."""
-    data = context.make_array(kind)(context, builder, array).data
-    first = builder.gep(data, [builder.mul(row, context.get_constant(types.intp, LANES))])
-    return builder.bitcast(first, _VECTOR.as_pointer())
-
-
-def _load(builder, pointer):
-    value = builder.load(pointer)
-    value.align = _BYTES
-    return value
-
-
-def _store(builder, value, pointer):
-    builder.store(value, pointer).align = _BYTES
-
-
-def _splat(builder, number):
-    """A number in all lanes."""
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(one, ir.Constant(_VECTOR, ir.Undefined),
-                                  ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
-
-
-@_extending.intrinsic
-def add_scaled(typing, to, i, number, of, j):
+@inner
+def add_scaled(to, i, number, of, j):
     """to[i] += number * of[j]"""
-    def build(context, builder, signature, arguments):
-        target = _row(context, builder, signature.args[0], arguments[0], arguments[1])
-        source = _load(builder, _row(context, builder, signature.args[3], arguments[3], arguments[4]))
-        product = builder.fmul(_splat(builder, arguments[2]), source)
-        _store(builder, builder.fadd(_load(builder, target), product), target)
-        return context.get_dummy_value()
-
-    return types.none(to, types.intp, types.float64, of, types.intp), build
+    a, b = to[i], of[j]
+    (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
+        a[0] + number * b[0], a[1] + number * b[1], a[2] + number * b[2], a[3] + number * b[3],
+        a[4] + number * b[4], a[5] + number * b[5], a[6] + number * b[6], a[7] + number * b[7])
 
 
-def _product(how):
-    """to[i] and the product of first[j] and second[k], joined by a builder's instruction."""
-    def intrinsic(typing, to, i, first, j, second, k):
-        def build(context, builder, signature, arguments):
-            target = _row(context, builder, signature.args[0], arguments[0], arguments[1])
-            left = _load(builder, _row(context, builder, signature.args[2], arguments[2], arguments[3]))
-            right = _load(builder, _row(context, builder, signature.args[4], arguments[4], arguments[5]))
-            joined = getattr(builder, how)(_load(builder, target), builder.fmul(left, right))
-            _store(builder, joined, target)
-            return context.get_dummy_value()
-
-        return types.none(to, types.intp, first, types.intp, second, types.intp), build
-
-    return _extending.intrinsic(intrinsic)
+@inner
+def subtract_product(to, i, first, j, second, k):
+    """to[i] -= first[j] * second[k]"""
+    a, b, c = to[i], first[j], second[k]
+    (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
+        a[0] - b[0] * c[0], a[1] - b[1] * c[1], a[2] - b[2] * c[2], a[3] - b[3] * c[3],
+        a[4] - b[4] * c[4], a[5] - b[5] * c[5], a[6] - b[6] * c[6], a[7] - b[7] * c[7])
 
 
-subtract_product = _product("fsub")  # to[i] -= first[j] * second[k]
-add_product = _product("fadd")       # to[i] += first[j] * second[k]
+@inner
+def add_product(to, i, first, j, second, k):
+    """to[i] += first[j] * second[k]"""
+    a, b, c = to[i], first[j], second[k]
+    (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
+        a[0] + b[0] * c[0], a[1] + b[1] * c[1], a[2] + b[2] * c[2], a[3] + b[3] * c[3],
+        a[4] + b[4] * c[4], a[5] + b[5] * c[5], a[6] + b[6] * c[6], a[7] + b[7] * c[7])
 
 
-@_extending.intrinsic
-def multiply(typing, to, i, by, j):
+@inner
+def multiply(to, i, by, j):
     """to[i] *= by[j]"""
-    def build(context, builder, signature, arguments):
-        target = _row(context, builder, signature.args[0], arguments[0], arguments[1])
-        factor = _load(builder, _row(context, builder, signature.args[2], arguments[2], arguments[3]))
-        _store(builder, builder.fmul(_load(builder, target), factor), target)
-        return context.get_dummy_value()
-
-    return types.none(to, types.intp, by, types.intp), build
+    a, b = to[i], by[j]
+    (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
+        a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3],
+        a[4] * b[4], a[5] * b[5], a[6] * b[6], a[7] * b[7])
 
 
-@_extending.intrinsic
-def copy(typing, to, i, of, j):
+@inner
+def copy(to, i, of, j):
     """to[i] = of[j]"""
-    def build(context, builder, signature, arguments):
-        source = _load(builder, _row(context, builder, signature.args[2], arguments[2], arguments[3]))
-        _store(builder, source, _row(context, builder, signature.args[0], arguments[0], arguments[1]))
-        return context.get_dummy_value()
-
-    return types.none(to, types.intp, of, types.intp), build
+    a, b = to[i], of[j]
+    (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
+        b[0], b[1], b[2], b[3],
+        b[4], b[5], b[6], b[7])
 
 
-@_extending.intrinsic
-def fill(typing, to, i, number):
+@inner
+def fill(to, i, number):
     """to[i] = number"""
-    def build(context, builder, signature, arguments):
-        _store(builder, _splat(builder, arguments[2]),
-               _row(context, builder, signature.args[0], arguments[0], arguments[1]))
-        return context.get_dummy_value()
-
-    return types.none(to, types.intp, types.float64), build
+    a = to[i]
+    for lane in range(LANES):
+        a[lane] = number
 
 
 @kernel

@@ -3,7 +3,8 @@
 void launchid_state_reset(launchid_state *state)
 {
     (void)memset(state, 0, sizeof *state);
-$initial}
+$initial    state->state.guard[GUARD_CARRIED] = fold_words(&state->state);
+}
 
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
@@ -12,6 +13,7 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
         return LAUNCHID_BUSY;
     }
     state->busy = LAUNCHID_BUSY_MARK;
+    $block
     int64_t code = $update;
     if (code == RING_RECOVERED) {
         int64_t kept[RING_N_STATUS];

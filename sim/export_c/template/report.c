@@ -2,7 +2,8 @@
 
 static void report_into(launchid_state *state, launchid_work *work, launchid_estimate *estimate)
 {
-    const LaunchidReport *const rep = &work->report;
+    const LaunchidReport *const rep = &work->work.report;
+    $block
     $report;
     estimate->tracked = (launchid_tracked){
         rep->flag[REPORT_IS_TRACKED] != 0, rep->tracked[REPORT_TRACKED_A6], rep->tracked[REPORT_TRACKED_K1],
@@ -18,7 +19,8 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])
 {
-    const LaunchidReport *const rep = &work->report;
+    const LaunchidReport *const rep = &work->work.report;
+    $block
     $report;
     for (int64_t k = 0; k < rep->flag[REPORT_CHANGES]; k++) {
         const double *const of = &rep->change[k * REPORT_N_CHANGE];
@@ -47,7 +49,8 @@ static launchid_level level_of(const LaunchidReport *rep, int64_t parameter)
 
 bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_level *a6, launchid_level *k1)
 {
-    const LaunchidReport *const rep = &work->report;
+    const LaunchidReport *const rep = &work->work.report;
+    $block
     $report;
     *a6 = level_of(rep, 0);
     *k1 = level_of(rep, 1);
