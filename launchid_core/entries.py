@@ -6,12 +6,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 
 from . import cache, onboard, regression
-from . import ring as rb
 from .assembly import Memory
-from .choices import SOLVERS
 from .compress import first_state
 from .config import Config
 from .memory import FILTERED
@@ -79,13 +76,11 @@ def calls_of(config: Config, memory: Memory) -> Calls:
     seen, words, apart = memory.seen, memory.words, memory.apart
     report = None
     if memory.struct is FILTERED:
-        update = partial(onboard.update_filtered, memory.size, seen, apart["ring"], apart["seals"], apart["rows"], words,
-                         apart["profile"], apart["air"], apart["sigma"])
+        update: Callable[..., int] = onboard.update_filtered
         begin = partial(onboard.restart_filtered, seen, apart["rows"], words)
         report = partial(onboard.report_now, seen, apart["profile"], apart["air"])
     else:
-        scratch = [apart[name] for name in ("rows", "marks", "phi", "target", "drift", "extended", "series")]
-        update = partial(regression.update_regression, memory.size, seen, apart["ring"], apart["seals"], words, *scratch)
+        update = regression.update_regression
         begin = partial(regression.restart_regression, seen, words, first_state(config.seed))
 
     def restart() -> None:
@@ -93,4 +88,4 @@ def calls_of(config: Config, memory: Memory) -> Calls:
             array[...] = 0
         begin()
 
-    return Calls(update, restart, report)
+    return Calls(partial(update, memory.size, seen, words, *apart.values()), restart, report)

@@ -19,8 +19,7 @@ from .linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from .model import N_NOISES
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .ring import BETA_CMD, GAMMA, THETA, T
-from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, N_TESTS, RESTARTS, RUNNING
-from .tracker import N_BELIEF
+from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, RESTARTS, RUNNING
 from .whiteness import forget_blocks, note_innovation, note_loss
 
 BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least

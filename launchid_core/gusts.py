@@ -14,7 +14,6 @@ the filter takes it over: state, covariance and belief are those of a filter tha
 Assumption: an increment of the wind comes at a block's start.
 """
 
-import numpy as np
 
 from .belief import A6, AT_BETA, AT_THETA, K1, TURBULENCE_TIME
 from .elementary import exp_of, log_of

@@ -61,7 +61,7 @@ class Size(NamedTuple):
 
 
 def size_of(terms: int, nuisances: int = 0, levels: int = 0, **flags: int) -> Size:
-    """Size of an estimator, without levels a regression's; flags: those of the fields that say 1 or 0, 0 where absent."""
+    """Size of an estimator, without levels a regression's; flags: the last five fields, 0 where absent."""
     states = N_STATES + nuisances if levels else 0
     sensitivities = states + terms + N_TESTS
     is_known = levels > 0 and nuisances == 0
@@ -408,7 +408,7 @@ REGRESSION = struct("Regression", "An estimator that regresses on the rows of a 
 FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
                   (FIXED, FILTERED_FIXED), (STATE, FILTERED_STATE), (WORK, FILTERED_WORK))
 
-# what stands apart: (name, part, type, shape in the extents of `Grown`, meaning), in the order of the entries' arguments
+# what stands apart: (name, part, type, shape in the extents of `Grown`, meaning), in the order of `update`'s arguments
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))

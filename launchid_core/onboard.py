@@ -137,7 +137,8 @@ def remind(belief, fil, bank, work, dt):
             continue
         w = np.sqrt(known / variance * dt / SLOPE_TIME)
         z = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
-        absorb(bank.mean[quickest], bank.covariance[quickest], work.column[:], w * fil.s[k, theta], w * fil.s[k, beta], z)
+        absorb(bank.mean[quickest], bank.covariance[quickest], work.column[:], w * fil.s[k, theta], w * fil.s[k, beta],
+               z)
     if n > N_STATES:
         mix(bank)
 
@@ -511,7 +512,7 @@ def drop_sample(block, code):
 # ---- the order
 
 
-def follow(size, block, ring, seals, rows, words, profile, air, sigma, code):
+def follow(size, block, words, ring, seals, rows, profile, air, sigma, code):
     """A sample was accepted with this status, and what waits is to be used; returns the status, or RECOVERED."""
     if not is_block_whole(block, ring, seals, rows, words):
         return drop_sample(block, code)
@@ -528,15 +529,15 @@ def follow(size, block, ring, seals, rows, words, profile, air, sigma, code):
     return seal_block(block, rows, words, code)
 
 
-def update_filtered(size, block, ring, seals, rows, words, profile, air, sigma, t, theta, theta_dot, beta, theta_ddot,
+def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, t, theta, theta_dot, beta, theta_ddot,
                     beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
-    size  in  how much of the memory is in use;  profile, air, sigma  in  `memory.Nodes`;  the rest as of the entries
+    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `memory.APART`
     """
     code = push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= DUE:
-        code = follow(size, block, ring, seals, rows, words, profile, air, sigma, code - DUE)
+        code = follow(size, block, words, ring, seals, rows, profile, air, sigma, code - DUE)
     return code
 
 

@@ -37,7 +37,7 @@ def port_of(config: Config) -> Port:
     memory = allocate(config)
     calls_of(config, memory).restart()
     saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
-    apart = {name: part for name, part, *_ in APART[memory.struct.name]}
+    apart, carried = {name: part for name, part, *_ in APART[memory.struct.name]}, CARRIED_FROM[memory.struct.name]
     if memory.struct is FILTERED:
-        return Port(memory, apart, CARRIED_FROM[memory.struct.name], onboard.update_filtered, onboard.report_now, *saved)
-    return Port(memory, apart, CARRIED_FROM[memory.struct.name], regression.update_regression, None, *saved)
+        return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, *saved)
+    return Port(memory, apart, carried, regression.update_regression, None, *saved)

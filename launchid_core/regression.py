@@ -40,7 +40,6 @@ from .plan import (
     RAW,
     SEGMENT,
     SLOPE,
-    SOLVER,
     TERM_A6,
     TERM_A6_DOT,
     TERM_K1,
@@ -161,7 +160,8 @@ def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot
     """Gate and ring, as `push_sample`."""
     if not is_control_whole(state):
         return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    code = rb.push(fixed.limits, state.clock, state.counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    code = rb.push(fixed.limits, state.clock, state.counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                   gamma)
     if code >= 0:
         seal_newest(state.counts, ring, seals)
     if code != rb.WINDOW_COMPLETE:
@@ -458,7 +458,7 @@ def regress(size, block, rows, marks, phi, target, drift, extended, series, n, c
     return status
 
 
-def close_window(size, block, ring, seals, words, rows, marks, phi, target, drift, extended, series):
+def close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series):
     """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
     code, n, kept, status, gaps = open_window(block, ring, seals, words, rows, marks)
     if code == rb.WINDOW_COMPLETE:
@@ -472,15 +472,16 @@ def close_window(size, block, ring, seals, words, rows, marks, phi, target, drif
     return code
 
 
-def update_regression(size, block, ring, seals, words, rows, marks, phi, target, drift, extended, series, t, theta,
+def update_regression(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series, t, theta,
                       theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
-    size  in  how much of the memory is in use, and the formulation;  the rest as of the entries
+    size  in  how much of the memory is in use, and the formulation;  the rest as of the entries, in the order of
+    `memory.APART`
     """
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
-        code = close_window(size, block, ring, seals, words, rows, marks, phi, target, drift, extended, series)
+        code = close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series)
     return code
 
 

@@ -135,7 +135,8 @@ def report_level(gauge, rep):
 
 @inner
 def report_change(event, first, nominal, variance, parameter, rep):
-    """One parameter's part in a sudden change.  first: where in `event` its value before stands, and its value after."""
+    """One parameter's part in a sudden change.  first: where in `event` its value before stands, its value after
+    behind."""
     k = rep.flag[CHANGES]
     before, after = event[first], event[first + 1]
     change = rep.change[k]

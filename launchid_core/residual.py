@@ -27,10 +27,10 @@ import math
 
 import numpy as np
 
-from .plan import HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE, ERROR
 from .kernels import inner
 from .lanes import divide, dot, lagged, multiply, subtract, weigh
 from .linsolve import EPS, apply_q_transposed, invert_triangle, qr_factor, rotate, scale_columns, solve_triangle
+from .plan import ERROR, HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
 from .ring import ATTACK, BETA, T
 from .rows import integrate, integrate_held
 from .sparse import ACTIVE_TOLERANCE, solve_active

@@ -152,8 +152,8 @@ def pointwise_rows(codes, rows, marks, phi, target, count):
 
 @inner
 def fill_weights(rows, marks, n):
-    """Weights (4, n) of the four rows around every step in the integral over it, into the rows from WEIGHT on: column i is of the
-    step that ends at row i, for the rows from i - 2 on.
+    """Weights (4, n) of the four rows around every step in the integral over it, into the rows from WEIGHT on: column i
+    is of the step that ends at row i, for the rows from i - 2 on.
 
     The mean of the parabolas through either neighbour (Gregory's rule; of equal steps h/24*(-1, 13, 13, -1)), one of
     them at the ends of a gap-free piece, none in a piece of two rows.  A step that begins a piece has no weight.

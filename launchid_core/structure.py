@@ -8,8 +8,6 @@ leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL.
 
 import math
 
-import numpy as np
-
 from .elementary import exp_of
 from .kernels import inner
 from .linsolve import absorb_rows

@@ -57,7 +57,8 @@ def fill_transition(belief, fil, f, a6, k1, push):
 
 @inner
 def congruence(f, n, p, work):
-    """p <- F p F' for the first n rows and columns of a symmetric p; F is block upper triangular, diagonal in the nuisances."""
+    """p <- F p F' for the first n rows and columns of a symmetric p; F is block upper
+    triangular, diagonal in the nuisances."""
     m = work
     for j in range(n):
         m[0, j] = f[0, 0] * p[0, j] + f[0, 1] * p[1, j] + f[0, 2] * p[2, j] + f[0, 3] * p[3, j]

@@ -28,8 +28,6 @@ False alarms: white innovations did not exceed CONTRADICTED in 6 h; by how their
 
 import math
 
-import numpy as np
-
 from .belief import A6, K1
 from .changes import ONSETS
 from .elementary import erfc_of, exp_of, log_of

@@ -28,7 +28,8 @@ PASSES = 8             # a kernel whose kinds do not settle in so many has a var
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
 BY_HAND: dict[str, Kind] = {  # written in C by hand: exclusive or of words, powers of two
-    "xor_double": INTEGER, "xor_integer": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER, "scaled": FLOAT}
+    "xor_double": INTEGER, "xor_integer": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER,
+    "scaled": FLOAT}
 
 
 def of_module(node: ast.expr) -> bool:
@@ -76,9 +77,8 @@ class Inference:
         """The answer of a comparison of what is known with a number as it is written; None for every other test."""
         if not (isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.comparators[0], ast.Constant)):
             return None
-        known = self.known(test.left)
-        compare = DECIDED.get(type(test.ops[0]))
-        return None if known is None or compare is None else bool(compare(known, test.comparators[0].value))
+        known, number, compare = self.known(test.left), test.comparators[0].value, DECIDED.get(type(test.ops[0]))
+        return None if known is None or compare is None or not isinstance(number, int) else compare(known, number)
 
     def known(self, node: ast.expr) -> int | None:
         """The value of a field that is known before flight; None for everything else."""

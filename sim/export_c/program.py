@@ -52,8 +52,9 @@ class _Program:
         structs = {name: struct_of(part, constant=name == FIXED) for name, part in parts.items()}
         self.structs: dict[str, Struct] = structs
         self.block = Struct(type(memory.parts), tuple(structs.values()), constant=True, placed=True)
-        apart: dict[str, Kind] = {name: Array(ELEMENTS[array.dtype.kind], array.ndim, constant=port.apart[name] == FIXED)
-                                  for name, array in memory.apart.items()}
+        apart: dict[str, Kind] = {
+            name: Array(ELEMENTS[array.dtype.kind], array.ndim, constant=port.apart[name] == FIXED)
+            for name, array in memory.apart.items()}
         self.kinds: dict[str, Kind] = {"size": struct_of(memory.size), "block": self.block, "words": structs[STATE],
                                        **apart}
         self.unit.struct(self.block)

@@ -62,7 +62,7 @@ class Unit:
         if key not in self.structs:
             fields = zip(kind.fields, kind.kinds, strict=True)
             body = "".join(f"    {self._field(name, each, kind.placed)}\n" for name, each in fields
-                           if not (isinstance(each, Known) or isinstance(each, Struct) and each.is_known))
+                           if not (isinstance(each, Known) or (isinstance(each, Struct) and each.is_known)))
             self.structs[key] = name = f"Launchid{kind.of.__name__}"
             about = (inspect.getdoc(kind.of) or "").split("\n\n")[0].replace("\n", " ")
             self.declarations.append(f"/* {about} */\ntypedef struct {{\n{body}}} {name};\n")
