@@ -47,8 +47,8 @@ def exported(config: Config, samples: list[Sample], repeats: int, *how: str) -> 
 
 
 @numba.njit
-def _empty(f: Any, i: Any, t: float, theta: float, theta_dot: float, beta: float, theta_ddot: float, beta_cmd: float,
-           gamma: float) -> int:
+def _empty(block: Any, ring: Any, seals: Any, t: float, theta: float, theta_dot: float, beta: float, theta_ddot: float,
+           beta_cmd: float, gamma: float) -> int:
     """What a step costs that does nothing."""
     return 0
 
@@ -56,8 +56,9 @@ def _empty(f: Any, i: Any, t: float, theta: float, theta_dot: float, beta: float
 def above_empty(config: Config, samples: list[Sample], repeats: int) -> tuple[float, float, float]:
     """Microseconds of processor time, medians of batches taken in turn: an empty call, the compiled step, `update`."""
     estimator = Estimator(config)
-    block, step = estimator._block, estimator._step
-    calls = [lambda sample: _empty(*block, *sample), lambda sample: step(*block, *sample), estimator.update]
+    memory, step = estimator._memory, estimator._step
+    given = memory.block, memory.apart["ring"], memory.apart["seals"]
+    calls = [lambda sample: _empty(*given, *sample), lambda sample: step(*sample), estimator.update]
     spent: list[list[float]] = [[], [], []]
     for call in calls:
         call(samples[0])

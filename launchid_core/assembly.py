@@ -36,7 +36,7 @@ class Memory(NamedTuple):
     size     how much of it is in use
     struct   the table of its block
     block    (1,) of the structured type
-    words    the block, seen as int64
+    words    of the block what is carried on, seen as int64
     parts    its arrays by name, as much as is in use
     apart    by name, what grows with the window, the rate or a profile
     """
@@ -90,7 +90,7 @@ def allocate(config: Config) -> Memory:
     for name, number in size._asdict().items():
         fixed["size"][name] = number
     apart = {name: np.zeros(me.extents(shape, grown), kind) for name, _, kind, shape, _ in me.APART[struct.name]}
-    memory = Memory(size, struct, block, block.view(np.int64), me.members(struct, block, size), apart)
+    memory = Memory(size, struct, block, me.carried_words(struct, block), me.members(struct, block, size), apart)
     limits = memory.parts.fixed.limits
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
     limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,

@@ -46,10 +46,10 @@ def fold(x, count):
 
 
 @inner
-def fold_words(words, first, last):
-    """Seal of the words first .. last-1 of an estimator's block, seen as int64."""
+def fold_words(words):
+    """Seal of the words that an estimator carries on, seen as int64."""
     seal = 0
-    for k in range(first, last):
+    for k in range(words.shape[0]):
         seal ^= words[np.uint64(k)]
     return seal
 

@@ -451,12 +451,12 @@ def dtype_of(struct: Struct) -> "np.dtype[Any]":
                      else (line.name, line.kind, extents(line.shape, LARGEST)) for line in struct.lines], align=True)
 
 
-def sealed_words(struct: Struct) -> tuple[int, int]:
-    """Words first .. last-1 of an estimator's block that are carried on, and sealed."""
+def carried_words(struct: Struct, block: np.ndarray) -> np.ndarray:
+    """View of the words of an estimator's block that are carried on, and sealed, as int64."""
     whole, state = dtype_of(struct), dtype_of(struct)[STATE]
     begin = whole.fields[STATE][1]  # type: ignore[index]
     first = begin + state.fields[CARRIED_FROM[struct.name]][1]  # type: ignore[index]
-    return first // F8.itemsize, (begin + state.itemsize) // F8.itemsize
+    return block.view(np.int64)[first // I8.itemsize:(begin + state.itemsize) // I8.itemsize]
 
 
 @cache

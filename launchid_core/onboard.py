@@ -59,7 +59,6 @@ from .guard import (
 )
 from .gusts import follow_gust, forget_gust, is_gust, take_gust
 from .kernels import inner, kernel
-from .memory import FILTERED, sealed_words
 from .model import TURBULENCE
 from .plan import ESTIMATE_LEVELS, LEAST_SAMPLES
 from .predictor import begins_anew
@@ -108,7 +107,6 @@ STUCK = int(EstimateStatus.STUCK)
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
-FIRST_SEALED, LAST_SEALED = sealed_words(FILTERED)
 
 
 @inner
@@ -241,7 +239,7 @@ def push_until_due(block, ring, seals, rows, samples, at):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    carried = fold_words(words, FIRST_SEALED, LAST_SEALED)
+    carried = fold_words(words)
     return xor_integer(carried, fold_rows(rows, rows.shape[0], state.acc.counts[ROWS]))
 
 
@@ -249,7 +247,7 @@ def seal_carried(state, words, rows):
 def is_block_whole(block, ring, seals, rows, words):
     """Whether what waits in the ring, and all that is carried on, is as it was left.
 
-    words  in  the block, seen as int64
+    words  in  of the block what is carried on, seen as int64
     """
     state = block[0].state
     whole, capacity = seal_carried(state, words, rows) == state.guard[CARRIED], ring.shape[0]

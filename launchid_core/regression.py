@@ -27,7 +27,6 @@ from .kernels import inner, kernel
 from .lanes import dot
 from .library import raw_from_standard
 from .linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
-from .memory import REGRESSION, sealed_words
 from .plan import (
     ENOUGH,
     HELD,
@@ -92,7 +91,6 @@ ONE_DIRECTION = 0.99      # |correlation| beyond which a6 and k1 are one directi
 UNKNOWN_APART = 0.3       # relative standard deviation of both, in one direction: only a combination is known
 RATE = 1                  # theta_dot, as the argument of a term's function
 UNKNOWN = 1.0             # relative standard deviation of both: nothing is known
-FIRST_SEALED, LAST_SEALED = sealed_words(REGRESSION)
 
 OK = int(EstimateStatus.OK)
 SHORT = int(EstimateStatus.SHORT)
@@ -204,11 +202,11 @@ def open_window(block, ring, seals, words, rows, marks):
     """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, how many, rows to keep, OK or the
     reason why not to use them, gaps).
 
-    words  in  the block, seen as int64;  rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
+    words  in  of the block what is carried on, seen as int64;  rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
     """
     fixed, state = block[0].fixed, block[0].state
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
-    whole = fold_words(words, FIRST_SEALED, LAST_SEALED) == state.guard[CARRIED]
+    whole = fold_words(words) == state.guard[CARRIED]
     if not (whole and are_rows_whole(ring, seals, counts)):
         return give_up(counts, rb.WINDOW_COMPLETE), 0, 0, OK, 0
     clear_outcome(state.outcome, OK)
@@ -419,7 +417,7 @@ def end_window(block, words, status, kept, gaps):
     out.flag[USED] = kept
     out.flag[GAPS_SEEN] = gaps
     state.counts[rb.ESTIMATES] = 1
-    state.guard[CARRIED] = fold_words(words, FIRST_SEALED, LAST_SEALED)
+    state.guard[CARRIED] = fold_words(words)
     close_control(state)
 
 
@@ -491,4 +489,4 @@ def restart_regression(block, words, seed):
     state = block[0].state
     clear_outcome(state.outcome, SHORT)
     state.random[0] = seed
-    state.guard[CARRIED] = fold_words(words, FIRST_SEALED, LAST_SEALED)
+    state.guard[CARRIED] = fold_words(words)

@@ -37,7 +37,7 @@ def loop_of(memory: Memory) -> Callable[[np.ndarray, int], tuple[int, int]]:
     if memory.struct is not FILTERED:
         return partial(regression.push_within, seen, apart["ring"], apart["seals"])
     waits = partial(onboard.push_until_due, seen, apart["ring"], apart["seals"], apart["rows"])
-    follow = partial(onboard.follow, memory.size, seen, memory.words, *apart.values())
+    follow: Callable[[int], int] = partial(onboard.follow, memory.size, seen, memory.words, *apart.values())
 
     def take(table: np.ndarray, at: int) -> tuple[int, int]:
         while at < len(table):

@@ -326,8 +326,8 @@ class Expressions:
             if node.func.attr not in FUNCTIONS:
                 raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
             return f"{node.func.attr}({self.listed(node.args)})", ATOM
-        if name in BY_HAND:  # `fold_words` knows what of the state it is over
-            return f"{name}({self.listed(node.args[:1] if name == 'fold_words' else node.args)})", ATOM
+        if name in BY_HAND:
+            return f"{name}({self.listed(node.args)})", ATOM
         if name in ("int", "float"):
             return self._converted(node.args[0], "int64_t" if name == "int" else "double")
         if name == "len":
