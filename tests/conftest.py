@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from launchid_core.kernel_cache import keep
+from launchid_core.cache import kept_apart
 from sim.log import MEASURED
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
@@ -50,7 +50,9 @@ def pytest_collection_finish() -> None:
     motion = sys.modules.get("hidden.motion")
     for kernel in vars(motion).values() if motion else ():
         if hasattr(kernel, "py_func"):
-            keep(kernel)
+            with kept_apart(kept_apart) as is_safe:  # the core's folder
+                if is_safe:
+                    kernel.enable_caching()
     gc.collect()
     gc.freeze()
 

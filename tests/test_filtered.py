@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
 from hypothesis import given
 from hypothesis import strategies as hs
 
@@ -15,7 +16,6 @@ from launchid_core import belief as bl
 from launchid_core import filtered as fl
 from launchid_core import servo as sv
 from launchid_core import transition as tn
-from launchid_core.assembly import allocate
 from sim.bound.flights import flight_bound
 from sim.flight import fly_whole
 from sim.identify import onboard_model, run
@@ -32,9 +32,21 @@ absorb_rows, fill_transition, profile_at, set_step, take_sample = map(compiled, 
 
 
 def parts(noise: str = "estimated"):
-    """Memory of the constant nominal's filter: belief, filter, its scratch, accumulator, check of the model."""
-    _, cut = allocate(filtered(load_nominal("constant"), noise=noise))
-    return cut.fixed.belief, cut.state.filter, cut.work.filter, cut.state.acc, cut.state.check
+    """Memory of the constant nominal's filter."""
+    return cut_of(filtered(load_nominal("constant"), noise=noise))
+
+
+def take(cut, row) -> None:
+    """One sample into the filter."""
+    state, apart = cut.state, cut.apart
+    take_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
+                apart["rows"], state.check, row, 0.015)
+
+
+def stepped():
+    """Belief, filter and scratch of the filter."""
+    cut = parts()
+    return cut.fixed.belief, cut.state.filter, cut.work.filter
 
 
 def system(a6: float, k1: float, w: float, zeta: float, damping: float = 0.0) -> np.ndarray:
@@ -55,9 +67,9 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 
 
 def test_one_step_is_the_matrix_exponential():
-    belief, fil, work, *_ = parts()
+    belief, fil, work = stepped()
     set_step(belief.constant, PERIOD, work, fil.step)
-    fill_transition(fil, work.transition, 2.0, -7.0, belief.role, work.push)
+    fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
     left_out = 2.0 * PERIOD**2 / 6.0  # of the nozzle's effect: a6 h^2/6, as `fill_transition` says
     assert np.allclose(work.transition, exact, rtol=1.1 * left_out, atol=1e-12)
@@ -68,10 +80,10 @@ def test_one_step_is_the_matrix_exponential():
 @pytest.mark.parametrize("damping", [0.3, 8.0, -2.0])
 def test_one_damped_step_is_the_matrix_exponential(damping):
     """The state over a step and what the command and a held acceleration do to it, a6 d h^3/6 apart."""
-    belief, fil, work, *_ = parts()
+    belief, fil, work = stepped()
     belief.constant[bl.AERO_DAMPING] = damping
     set_step(belief.constant, PERIOD, work, fil.step)
-    fill_transition(fil, work.transition, 2.0, -7.0, belief.role, work.push)
+    fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     whole = linalg.expm(system(2.0, -7.0, 50.0, 0.7, damping) * PERIOD)
     left_out = 2.0 * PERIOD**2 * (1.0 + abs(damping) * PERIOD)
     assert np.allclose(work.transition, whole[:4, :4], rtol=left_out, atol=1e-10)
@@ -87,14 +99,14 @@ def test_absorbed_rows_keep_the_sum_of_squares(seed, k, n):
     r, rows = np.triu(random.standard_normal((n, n))), random.standard_normal((k, n))
     expected = r.T @ r + rows.T @ rows
     after = r.copy()
-    absorb_rows(after, np.ascontiguousarray(rows.T), k)
+    absorb_rows(after, np.ascontiguousarray(rows.T), n, k)
     assert np.allclose(after, np.triu(after))
     assert np.allclose(after.T @ after, expected, rtol=1e-12, atol=1e-12)
 
 
 def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
     """Log-likelihood of a Kalman filter written with numpy and scipy, started as `start_segment` starts."""
-    variance = parts()[0].variance * np.exp(2.0 * levels)
+    variance = stepped()[0].variance * np.exp(2.0 * levels)
     f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
     x = np.array([rows[0, 1], rows[0, 2], rows[0, 3], 0.0])
     p = np.diag([*variance[:3], 0.25])
@@ -118,10 +130,11 @@ def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
 def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood(seed):
     rows = rows_of(seed, 40)
     levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3])
-    belief, fil, work, acc, check = parts()
-    fil.level[...] = levels
+    cut = parts()
+    acc = cut.state.acc
+    cut.state.filter.level[...] = levels
     for row in rows:
-        take_sample(belief, fil, work, acc, check, row, 0.015)
+        take(cut, row)
         acc.counts[fl.ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
@@ -140,13 +153,14 @@ def test_innovations_are_linear_in_the_parameters():
     rows = rows_of(3, 900, quiet)[600:]
     results = []
     for shift in (0.0, 1e-3):
-        belief, fil, work, acc, check = parts("declared")
+        cut = parts("declared")
+        fil, acc, held = cut.state.filter, cut.state.acc, cut.apart["rows"]
         fil.p_bar[...] = shift, -shift
         out = []
         for row in rows:
-            take_sample(belief, fil, work, acc, check, row, 0.015)
+            take(cut, row)
             k = acc.counts[fl.ROWS]
-            h_theta, h_beta, target = (acc.rows[j, :k].copy() for j in (4, 5, len(acc.rows) - 1))
+            h_theta, h_beta, target = (held[j, :k].copy() for j in (4, 5, len(held) - 1))
             out.append((h_theta, h_beta, target - h_theta * fil.p_bar[0] - h_beta * fil.p_bar[1]))
             acc.counts[fl.ROWS] = 0
         results.append(out)
@@ -157,13 +171,12 @@ def test_innovations_are_linear_in_the_parameters():
 
 
 def test_profile_is_linear_between_nodes_and_held_beyond():
-    belief = parts()[0]._replace(time=np.array([0.0, 1.0, 3.0]), a6=np.array([1.0, 2.0, 0.0]),
-                                 k1=np.array([-1.0, -2.0, -8.0]))
+    profile = np.array([[0.0, 1.0, -1.0], [1.0, 2.0, -2.0], [3.0, 0.0, -8.0]])
     cell = np.zeros(1, np.int64)
     for t in (-1.0, 0.0, 0.25, 1.0, 2.5, 3.0, 9.0, 0.1):
-        a6, k1 = profile_at(belief, cell, t)
-        assert a6 == pytest.approx(np.interp(t, belief.time, belief.a6))
-        assert k1 == pytest.approx(np.interp(t, belief.time, belief.k1))
+        a6, k1 = profile_at(profile, cell, t)
+        assert a6 == pytest.approx(np.interp(t, profile[:, bl.NODE_T], profile[:, bl.NODE_A6]))
+        assert k1 == pytest.approx(np.interp(t, profile[:, bl.NODE_T], profile[:, bl.NODE_K1]))
 
 
 def filtered(nominal, **options):

@@ -8,13 +8,15 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
 
 from launchid_core import Config, Estimator
 from launchid_core import changes as ch
 from launchid_core import filtered as fl
 from launchid_core import onboard as ob
+from launchid_core import ring as rb
+from launchid_core import states as sx
 from launchid_core import tracker as tr
-from launchid_core.assembly import allocate
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
@@ -23,11 +25,11 @@ carry_onset, follow_onset, follow_onsets, measure, onset_time, open_onset, raise
     ch.carry_onset, ch.follow_onset, ch.follow_onsets, ch.measure, ch.onset_time, ch.open_onset, ch.raise_alarm,
     ch.settle_event))
 withdraw_events = compiled(ch.withdraw_events)
-watch_block = compiled(ob.watch_block)
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]
-QUIET = (4, 2)  # shape of sensitivities that carry nothing
+N = 4  # states of its filter
+QUIET = (N, 2)  # shape of sensitivities that carry nothing
 
 
 def config() -> Config:
@@ -36,14 +38,13 @@ def config() -> Config:
 
 def parts():
     """Memory of the constant nominal's estimator, ready for the first sample."""
-    _, cut = allocate(config())
-    return cut
+    return cut_of(config())
 
 
 def opened(watch, blocks: int, belief=BELIEF, first: float = 0.0) -> None:
     """`blocks` blocks of 0.1 s began, with nothing carried."""
     for k in range(blocks):
-        open_onset(watch, belief, np.zeros(QUIET), first + 0.1 * k)
+        open_onset(N, watch, belief, np.zeros(QUIET), first + 0.1 * k)
 
 
 # ---- tracker
@@ -88,7 +89,7 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
         total = track(bank, cut.work.bank, 30.0, 0.1, block)
         column, density = np.zeros(4), []
         for i, (walk, slope) in enumerate(tr.MEMBERS):
-            move(mean[i], covariance[i], walk, slope, 0.1)
+            move(mean[i], covariance[i], 4, walk, slope, 0.1)
             density.append(absorb(mean[i], covariance[i], column, 1.0, 0.5, z)
                            + absorb(mean[i], covariance[i], column, 0.0, 2.0, -0.5 * z))
         assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
@@ -106,7 +107,7 @@ def test_a_member_moves_as_its_model_says():
     f = np.block([[np.eye(2), dt * np.eye(2)], [np.zeros((2, 2)), keep * np.eye(2)]])
     noise = np.diag([0.3**2 * dt] * 2 + [0.2**2 * (1.0 - keep**2)] * 2)
     expected = f @ mean, f @ covariance @ f.T + noise
-    move(mean, covariance, 0.3, 0.2, dt)
+    move(mean, covariance, 4, 0.3, 0.2, dt)
     assert mean == pytest.approx(expected[0]) and covariance == pytest.approx(expected[1])
 
 
@@ -141,7 +142,7 @@ def test_a_restart_of_the_bank_keeps_the_evidence_and_forgets_the_slopes():
 def test_an_onset_believes_what_was_believed_and_a_jump():
     watch = parts().state.watch
     carried = np.arange(8.0).reshape(4, 2)
-    open_onset(watch, BELIEF, carried, 3.0)
+    open_onset(N, watch, BELIEF, carried, 3.0)
     jump = ch.JUMP_STD**2
     assert watch.start[0] == 3.0 and watch.before[0].tolist() == BELIEF.tolist()
     assert (watch.carried[0] == carried).all() and watch.factor[0].tolist() == [0.0, 0.0]
@@ -180,7 +181,7 @@ def test_an_onsets_deviations_drift():
     watch = parts().state.watch
     opened(watch, 1)
     before = watch.covariance[0, 0].copy()
-    assert follow_onset(watch, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
+    assert follow_onset(N, watch, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
     assert watch.covariance[0, 0] - before == pytest.approx(np.array([1.0, 0.0, 1.0]) * ch.DRIFT**2 * 0.4)
 
 
@@ -190,14 +191,14 @@ def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     random = np.random.default_rng(3)
     pair, carried = np.triu(random.standard_normal((7, 7))), random.standard_normal((4, 2))
     watch = parts().state.watch
-    open_onset(watch, BELIEF, carried, 0.0)
+    open_onset(N, watch, BELIEF, carried, 0.0)
     c = watch.covariance[0, kind]
     p = np.array([[c[0], c[1]], [c[1], c[2]]]) + ch.DRIFT**2 * 0.1 * np.eye(2)
     past = pair[:6, :4] @ carried
     h, z = pair[:6, 4:6] - past, pair[:6, 6] - past @ BELIEF[:2]
     s, e = h @ p @ h.T + np.eye(6), z - h @ BELIEF[:2]
     expected = -0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
-    assert follow_onset(watch, 0, kind, pair, 0.1) == pytest.approx(expected)
+    assert follow_onset(N, watch, 0, kind, pair, 0.1) == pytest.approx(expected)
     assert watch.mean[0, kind] == pytest.approx(BELIEF[:2] + p @ h.T @ np.linalg.solve(s, e))
 
 
@@ -205,8 +206,8 @@ def test_the_sensitivities_of_an_onset_are_carried_over_the_block():
     watch = parts().state.watch
     random = np.random.default_rng(4)
     carried, transition = random.standard_normal((4, 2)), random.standard_normal((4, 6))
-    open_onset(watch, BELIEF, carried, 0.0)
-    carry_onset(watch, np.zeros(4), 0, transition)
+    open_onset(N, watch, BELIEF, carried, 0.0)
+    carry_onset(N, watch, np.zeros(4), 0, transition)
     assert watch.carried[0] == pytest.approx(transition[:, :4] @ carried)
 
 
@@ -217,11 +218,11 @@ def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
     watch.factor[:5] = [[1.0, 2.0], [4.0, 3.0], [math.nan, math.nan], [0.0, 6.0], [0.0, 0.0]]
     watch.carried[...] = 1.0
     quiet = np.zeros(4), np.zeros((7, 7)), 3.0 * np.eye(4, 6), 0.1
-    assert follow_onsets(watch, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
+    assert follow_onsets(N, watch, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
     assert watch.factor[:2].tolist() == [[1.5, 2.5], [4.5, 3.5]]
     assert (watch.carried[:5] == 3.0).all() and (watch.carried[5:] == 1.0).all()
     watch.counts[ch.KEPT] = 1
-    assert follow_onsets(watch, *quiet, 0.0) == (0.5, 4, 0)
+    assert follow_onsets(N, watch, *quiet, 0.0) == (0.5, 4, 0)
 
 
 def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
@@ -350,17 +351,25 @@ def test_changes_that_began_after_a_time_are_withdrawn_once_and_leave_no_more():
 # ---- a block that is watched
 
 
+def watch_block(cut) -> bool:
+    """A block of 0.1 s without a row, from 0.4 s on, is used; returns whether a change moved the filter's state."""
+    seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
+    cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
+    ob.reduce_rows(seen, rows)
+    ob.follow_wind(seen, cut.apart["profile"])
+    return bool(ob.detect_change(seen, ob.track_block(seen)))
+
+
 def watched(factor: float):
     """A quiet block, after four, one of which stands at this factor; returns (alarm raised, parts)."""
     cut = parts()
-    state, work = cut.state, cut.work
+    state = cut.state
     opened(state.watch, 4)
     state.watch.factor[1, ch.BOTH_JUMP], state.watch.mean[1, ch.BOTH_JUMP] = factor, (0.4, -0.3)
     state.watch.carried[1] = 0.5
     state.filter.s[:, 4:] = 2.0
     state.filter.s[:, :4] = np.eye(4)
-    state.acc.start[0] = 0.4
-    return bool(watch_block(cut.fixed, state, work, 0.1, 0.5)), cut
+    return watch_block(cut), cut
 
 
 @pytest.mark.parametrize(("factor", "raised"), [(ch.THRESHOLD - 0.01, False), (ch.THRESHOLD + 0.01, True),
@@ -389,5 +398,5 @@ def test_a_block_without_an_alarm_lets_the_last_events_size_settle():
     cut = parts()
     watch = cut.state.watch
     watch.counts[ch.EVENTS], watch.counts[ch.SINCE] = 1, ch.SETTLE
-    assert not watch_block(cut.fixed, cut.state, cut.work, 0.1, 0.5)
+    assert not watch_block(cut)
     assert watch.event[0, ch.E_STAGE] == ch.FINAL

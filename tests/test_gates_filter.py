@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
 from sealed import reseal
 
 from launchid_core import Config, Estimator, Sample, Status
@@ -18,7 +19,6 @@ from launchid_core import ring as rb
 from launchid_core import servo as sv
 from launchid_core import states as sx
 from launchid_core import tracker as tr
-from launchid_core.assembly import allocate
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -38,8 +38,7 @@ def config(nominal=None, **choices) -> Config:
 
 def parts(nominal=None, **choices):
     """Memory of a nominal's estimator (the constant one's), ready for the first sample."""
-    _, cut = allocate(config(nominal, **choices))
-    return cut
+    return cut_of(config(nominal, **choices))
 
 
 def parts_at(rate: float):
@@ -53,7 +52,8 @@ def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int
     """Give the filter one sample; returns how many rows it became."""
     state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
     row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
-    take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, state.check, row, MAX_GAP)
+    take_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
+                cut.apart["rows"], state.check, row, MAX_GAP)
     return int(state.acc.counts[fl.ROWS]) - before
 
 
@@ -291,7 +291,7 @@ def test_a_block_and_what_a_noise_level_does_in_it_are_of_seconds(rate, samples,
     """0.1 s in whole samples; most that a level moves, and what is forgotten, in proportion to what came of it."""
     cut = parts_at(rate)
     fil, acc = cut.state.filter, cut.state.acc
-    assert acc.rows.shape[1] == 3 * samples
+    assert cut.apart["rows"].shape[1] == 3 * samples
     acc.level_information[...] = 1e3 * np.eye(5)
     acc.score[:] = 1e6
     update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
@@ -303,8 +303,8 @@ def test_a_block_and_what_a_noise_level_does_in_it_are_of_seconds(rate, samples,
 
 
 def test_a_block_is_no_longer_than_its_window():
-    assert parts(window=0.05).state.acc.rows.shape[1] == 3 * 5
-    assert parts(window=5e-5, sample_period=1e-6).state.acc.rows.shape[1] == 3 * 50
+    assert parts(window=0.05).apart["rows"].shape[1] == 3 * 5
+    assert parts(window=5e-5, sample_period=1e-6).apart["rows"].shape[1] == 3 * 50
 
 
 def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():
@@ -356,7 +356,7 @@ def test_the_filter_is_linearised_about_the_member_that_drifts(samples):
 
 def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_windows(samples):
     estimator = flown(samples[:305], config(library="quadratic"))
-    state, learner = estimator._parts.state, estimator._parts.learner
+    state, learner = estimator._parts.state, estimator._parts.state.learner
     level, structure = state.filter.level.copy(), learner.r.copy()
     newest = (state.watch.counts[ch.NEXT] - 1) % ch.ONSETS
     state.watch.factor[newest] = 1e3

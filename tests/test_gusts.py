@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
 
 from launchid_core import Config, Estimator
 from launchid_core import changes as ch
 from launchid_core import gusts as gu
 from launchid_core import onboard as ob
-from launchid_core.assembly import allocate
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
 from sim.identify import onboard_model, run
@@ -36,7 +36,7 @@ def config(nominal=DECLARED, window: float = 1.0) -> Config:
 @pytest.fixture
 def cut():
     """Memory of an estimator that expects a tenth of the declared wind."""
-    _, made = allocate(config())
+    made = cut_of(config())
     made.state.filter.level[5:] = math.log(0.1)
     return made
 
@@ -59,7 +59,7 @@ def test_the_mixed_start_has_the_mixtures_moments(cut, share):
     calm[-2:] = BELIEF[:2]
     still = np.zeros_like(covariance)
     still[-2:, -2:] = [[BELIEF[2], BELIEF[3]], [BELIEF[3], BELIEF[4]]]
-    mix_gust(cut.state.gust, BELIEF, share)
+    mix_gust(len(mean), cut.state.gust, BELIEF, share)
     d = mean - calm
     assert cut.state.gust.mean == pytest.approx((1.0 - share) * mean + share * calm)
     assert cut.state.gust.covariance == pytest.approx(
@@ -75,11 +75,11 @@ def test_a_block_is_seen_as_by_a_linear_regression_and_carried_on(cut):
     h, z = pair[:g, :g], pair[:g, g]
     s, e = h @ covariance @ h.T + np.eye(g), z - h @ mean
     gain = covariance @ h.T @ np.linalg.inv(s)
-    density = see_block(gust, cut.work.gust, pair)
+    density = see_block(g, gust, cut.work.gust, pair)
     assert density == pytest.approx(-0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e)))
     f = np.eye(g)
     f[:-2, :-2] = transition[:, :-2]
-    carry_gust(gust, cut.work.gust, transition)
+    carry_gust(cut.memory.size, gust, cut.work.gust, transition)
     assert gust.mean == pytest.approx(f @ (mean + gain @ e))
     assert gust.covariance == pytest.approx(f @ (covariance - gain @ h @ covariance) @ f.T)
     assert gust.covariance == pytest.approx(gust.covariance.T, rel=1e-12)

@@ -7,14 +7,17 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
+from sealed import folded, reseal
 
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core import changes as ch
 from launchid_core import tracker as tr
 from launchid_core import undeclared as un
 from launchid_core import whiteness as wh
-from launchid_core.assembly import allocate, carried
-from launchid_core.guard import CARRIED, seal_of
+from launchid_core.assembly import allocate
+from launchid_core.guard import CARRIED
+from launchid_core.memory import named_arrays
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.identify import next_step, onboard_model, report, run
@@ -40,7 +43,7 @@ def config(nominal) -> Config:
 
 @pytest.fixture
 def state():
-    return allocate(config(load_nominal("constant")))[1].state.undeclared
+    return cut_of(config(load_nominal("constant"))).state.undeclared
 
 
 def sudden(name: str, effect: str) -> Estimator:
@@ -94,7 +97,7 @@ def test_the_distance_is_walds(state):
 
 def test_what_hides_in_the_declared_noise_contradicts_nothing():
     """A block of noise at a fifth of the declared says what it would say in the declared noise."""
-    _, cut = allocate(config(load_nominal("constant")))
+    cut = cut_of(config(load_nominal("constant")))
     work, triangle = cut.work.undeclared, np.triu(np.random.default_rng(2).standard_normal((11, 11)))
     reduce_moment(cut.fixed.belief, work, triangle, 1.0)
     whole = work.triangle.copy()
@@ -140,10 +143,10 @@ def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
 
 def followed(level: float, triangle: np.ndarray, *doubts: int):
     """State after this block, once for each of `doubts`."""
-    _, cut = allocate(config(load_nominal("constant")))
+    cut = cut_of(config(load_nominal("constant")))
     cut.state.filter.level[:] = level
     for doubt in doubts:
-        follow(cut.fixed.belief, cut.state.filter, cut.state.undeclared, cut.work.undeclared, triangle,
+        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared, triangle,
                np.array([0.5, 0.5]), doubt, 10.0, 0.1)
     return cut.state.undeclared
 
@@ -182,7 +185,7 @@ def test_a_model_with_nuisances_of_its_own_has_none():
     declared = dataclasses.replace(load_nominal("constant"), wind=Wind(walk=0.005, turbulence=0.005))
     offsets = dataclasses.replace(load_nominal("constant"), offsets=Offsets(attitude_bias=0.005))
     for nominal in (declared, offsets):
-        assert allocate(config(nominal))[1].state.undeclared.mean.size == 0
+        assert allocate(config(nominal)).parts.state.undeclared.mean.size == 0
 
 
 # ---- in flight
@@ -350,14 +353,16 @@ def test_drifting_a6_and_k1_are_none():
 @pytest.mark.parametrize("library", ["rigid-body", "quadratic"])
 @pytest.mark.parametrize("air", ["still", "wind"])
 def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
-    """What a kernel leaves out of its seal may flip unseen."""
+    """What a kernel leaves out of its seal may flip unseen: all but the gate's clock and counts, and the outcome."""
     nominal = load_nominal("constant")
     if air == "wind":
         nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005), offsets=Offsets(gyro_bias=1e-3))
     estimator = Estimator(Config(formulation="filtered", library=library, model=ranged_model(nominal)))
     for sample in list(fly_whole(nominal, SEED).samples())[:1500]:
         estimator.update(sample)
-    assert estimator._parts.state.guard[CARRIED] == seal_of(carried(estimator._parts))
+    state, rows = estimator._parts.state, estimator._memory.apart["rows"][:, :estimator._parts.state.acc.counts[0]]
+    gate = state._replace(clock=None, counts=None, guard=None, outcome=None)
+    assert state.guard[CARRIED] == folded(rows, *(array for _, array in named_arrays(gate)))
 
 
 def test_rounding_that_breaks_the_covariance_begins_it_anew():
@@ -367,9 +372,8 @@ def test_rounding_that_breaks_the_covariance_begins_it_anew():
     for sample in samples[:500]:
         estimator.update(sample)
     state = estimator._parts.state
-    state.guard[CARRIED] ^= seal_of(state.undeclared)
     state.undeclared.covariance[0, 4, 4] = math.nan
-    state.guard[CARRIED] ^= seal_of(state.undeclared)
+    reseal(estimator)
     for sample in samples[500:520]:
         estimator.update(sample)
     assert np.isfinite(state.undeclared.covariance).all() and estimator.counts["RECOVERED"] == 0

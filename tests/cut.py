@@ -1,0 +1,28 @@
+"""Memory of an estimator before its first sample, for tests of single kernels."""
+
+from typing import Any, NamedTuple
+
+from launchid_core import Config, onboard, regression
+from launchid_core.assembly import Memory, allocate
+from launchid_core.compress import first_state
+from launchid_core.memory import FILTERED
+
+
+class Cut(NamedTuple):
+    """fixed, state, work: named tuples of views, as much as is in use; apart, memory: as `assembly.Memory`."""
+
+    fixed: Any
+    state: Any
+    work: Any
+    apart: dict[str, Any]
+    memory: Memory
+
+
+def cut_of(config: Config) -> Cut:
+    """The memory of a configuration, as it is before the first sample."""
+    memory = allocate(config)
+    if memory.struct is FILTERED:
+        onboard.restart_filtered(memory.seen, memory.apart["rows"], memory.words)
+    else:
+        regression.restart_regression(memory.seen, memory.words, first_state(config.seed))
+    return Cut(memory.parts.fixed, memory.parts.state, memory.parts.work, memory.apart, memory)
