@@ -11,17 +11,15 @@ bits of it did (radiation, a stray write).  Three of them:
 Not guarded: the counters of answers, and the last outcome, which the next window overwrites.
 
 What is not as it was left is not used: the kernel answers RECOVERED and the caller begins anew.  So does it where what
-is carried is no longer sound: not finite, or absurd (`is_sound`).
+is carried is no longer sound: not finite, or absurd (`onboard.is_sound`).
 """
 
 import numpy as np
 
 from . import ring as rb
 from .kernels import inner
-from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 
 CONTROL, CARRIED = range(2)
-HIGHEST_LEVEL = 12.0   # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 
 
 @inner
@@ -135,20 +133,3 @@ def fold_rows(rows, columns, count):
     for j in range(columns):
         seal = xor_integer(seal, fold(rows[j], count))
     return seal
-
-
-@inner
-def is_sound(size, fil, total):
-    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level.
-
-    total (N_BELIEF,) in  the tracked belief
-    """
-    sound = np.isfinite(total[MEAN_A6] + total[MEAN_K1] + total[COV] + total[VAR_A6] + total[VAR_K1])
-    sound = sound and total[VAR_A6] >= 0.0 and total[VAR_K1] >= 0.0
-    for i in range(size.states):
-        sound = sound and np.isfinite(fil.x[i])
-        for j in range(size.states):
-            sound = sound and np.isfinite(fil.p[i, j])
-    for k in range(size.levels):
-        sound = sound and abs(fil.level[k]) <= HIGHEST_LEVEL
-    return sound

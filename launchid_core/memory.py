@@ -24,6 +24,7 @@ from . import ring as rb
 from . import undeclared as un
 from . import whiteness as wh
 from .belief import N_AIR, N_CONSTANTS, N_NODE
+from .changes import ONSETS
 from .library import CODE_LENGTH, MAX_POWER, MAX_TERMS, N_VARIABLES
 from .model import MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
 from .plan import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
@@ -293,12 +294,12 @@ BANK_WORK = struct(
 
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
-    ("mean", F8, (ch.ONSETS, 2, 2), "deviations by onset, kind, parameter"),
-    ("covariance", F8, (ch.ONSETS, 2, 3), "AA, AK, KK by onset, kind"),
-    ("factor", F8, (ch.ONSETS, 2), "log Bayes factors"),
-    ("before", F8, (ch.ONSETS, N_BELIEF), "tracked belief before each onset"),
-    ("start", F8, (ch.ONSETS,), "of each [s]"),
-    ("carried", F8, (ch.ONSETS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
+    ("mean", F8, (ONSETS, 2, 2), "deviations by onset, kind, parameter"),
+    ("covariance", F8, (ONSETS, 2, 3), "AA, AK, KK by onset, kind"),
+    ("factor", F8, (ONSETS, 2), "log Bayes factors"),
+    ("before", F8, (ONSETS, N_BELIEF), "tracked belief before each onset"),
+    ("start", F8, (ONSETS,), "of each [s]"),
+    ("carried", F8, (ONSETS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
     ("counts", I8, (ch.N_COUNTS,), "NEXT, KEPT, EVENTS, SINCE"),
     ("event", F8, (ch.MAX_EVENTS, ch.N_EVENT), "alarms, the newest over the oldest"),
     ("reference", F8, (N_BELIEF,), "belief before the last change"))
@@ -313,7 +314,7 @@ CHECK = struct(
     "Check", "State of the test whether the model is true.",
     ("mean", F8, (N_CHANNELS, 3), "of the block at hand"),
     ("seen", I8, (N_CHANNELS,), "measurements in it"),
-    ("pending", F8, (ch.ONSETS, N_CHANNELS), "blocks that wait"),
+    ("pending", F8, (ONSETS, N_CHANNELS), "blocks that wait"),
     ("history", F8, (wh.LAGS, N_CHANNELS), "the last ones taken, newest first"),
     ("sums", F8, (N_CHANNELS, wh.LAGS + 1), "fading sums of a channel and of its products by lag"),
     ("number", F8, (wh.N_NUMBERS,), "STATISTIC and on"),

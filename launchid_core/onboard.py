@@ -52,7 +52,6 @@ from .guard import (
     give_up,
     is_control_whole,
     is_row_whole,
-    is_sound,
     refuse,
     seal_newest,
     xor_integer,
@@ -107,6 +106,7 @@ STUCK = int(EstimateStatus.STUCK)
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
+ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 
 
 @inner
@@ -488,6 +488,23 @@ def follow_range(block, sigma, code):
         watch_range(sigma, state.gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
         if code == rb.WINDOW_COMPLETE:
             close_range(sigma, state.gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
+
+
+@inner
+def is_sound(size, fil, total):
+    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level.
+
+    total (N_BELIEF,) in  the tracked belief
+    """
+    sound = np.isfinite(total[MEAN_A6] + total[MEAN_K1] + total[COV] + total[VAR_A6] + total[VAR_K1])
+    sound = sound and total[VAR_A6] >= 0.0 and total[VAR_K1] >= 0.0
+    for i in range(size.states):
+        sound = sound and np.isfinite(fil.x[i])
+        for j in range(size.states):
+            sound = sound and np.isfinite(fil.p[i, j])
+    for k in range(size.levels):
+        sound = sound and abs(fil.level[k]) <= ABSURD_LEVEL
+    return sound
 
 
 @kernel

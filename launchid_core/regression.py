@@ -202,7 +202,8 @@ def open_window(block, ring, seals, words, rows, marks):
     """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, how many, rows to keep, OK or the
     reason why not to use them, gaps).
 
-    words  in  of the block what is carried on, seen as int64;  rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
+    words  in  of the block what is carried on, seen as int64
+    rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
     """
     fixed, state = block[0].fixed, block[0].state
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
