@@ -87,11 +87,11 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
         block = np.array([[1.0, 0.5, z], [0.0, 2.0, -0.5 * z], [0.0, 0.0, 0.0]])
         weight, mean, covariance = bank.weight.copy(), bank.mean.copy(), bank.covariance.copy()
         total = track(bank, cut.work.bank, 30.0, 0.1, block)
-        column, density = np.zeros(4), []
+        density = []
         for i, (walk, slope) in enumerate(tr.MEMBERS):
             move(mean[i], covariance[i], 4, walk, slope, 0.1)
-            density.append(absorb(mean[i], covariance[i], column, 1.0, 0.5, z)
-                           + absorb(mean[i], covariance[i], column, 0.0, 2.0, -0.5 * z))
+            density.append(absorb(mean[i], covariance[i], cut.work.bank, 1.0, 0.5, z)
+                           + absorb(mean[i], covariance[i], cut.work.bank, 0.0, 2.0, -0.5 * z))
         assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
         assert bank.mean == pytest.approx(mean) and bank.covariance == pytest.approx(covariance)
         assert bank.evidence == pytest.approx(np.array([-3.0, -1.0]) * math.exp(-0.1 / 30.0) + density)
@@ -118,7 +118,7 @@ def test_a_member_absorbs_as_a_kalman_filter_does():
     s, e = h @ covariance @ h + 1.0, 0.9 - h @ mean
     gain = covariance @ h / s
     expected = mean + gain * e, covariance - np.outer(gain, h @ covariance), -0.5 * (math.log(s) + e * e / s)
-    density = absorb(mean, covariance, np.zeros(4), h[0], h[1], 0.9)
+    density = absorb(mean, covariance, parts().work.bank, h[0], h[1], 0.9)
     assert mean == pytest.approx(expected[0]) and covariance == pytest.approx(expected[1])
     assert density == pytest.approx(expected[2])
 

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import cut_of
 from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import Config, Estimate, Estimator, Model, Sample, Status
@@ -29,7 +30,6 @@ from launchid_core import states as sx
 from launchid_core import tracker as tr
 from launchid_core import transition as tn
 from launchid_core import whiteness as wh
-from launchid_core.assembly import allocate
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
 from sim.effects import from_text
@@ -55,7 +55,7 @@ set_step, fill_push, fill_transition, take_sample = map(compiled, (
 start_segment, let_offsets_wander, believe_nuisances = map(compiled, (
     pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
 move_wind_level, contradict = compiled(fl.move_wind_level), compiled(wh.contradict)
-solve_window, report_filtered = compiled(ft.solve_window), compiled(ft.report_filtered)
+solve_window, report_window = compiled(ft.solve_window), compiled(ft.report_window)
 note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
     compiled, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
                wh.likelihood_of_chance))
@@ -63,6 +63,13 @@ note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_win
 
 def config(nominal: Nominal = WINDY, **choices) -> Config:
     return Config(**{"window": 5.0, "formulation": "filtered", "model": onboard_model(nominal), **choices})
+
+
+def take(cut, row) -> None:
+    """One sample into the filter."""
+    state, apart = cut.state, cut.apart
+    take_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
+                apart["rows"], state.check, row, 0.015)
 
 
 def with_effects(*texts: str) -> Nominal:
@@ -93,7 +100,7 @@ def assert_close(values, exact, tolerance: float = 1e-10) -> None:
 @pytest.fixture(scope="module")
 def calm_parts():
     """Memory of the calm nominal's estimator."""
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     return cut
 
 
@@ -144,12 +151,12 @@ def all_of_it(a6: float, k1: float, roles, turbulence_time: float) -> np.ndarray
 
 
 def test_one_step_with_every_nuisance_is_the_matrix_exponential():
-    _, cut = allocate(config())
+    cut = cut_of(config())
     belief, fil, work = cut.fixed.belief, cut.state.filter, cut.work.filter
     assert belief.role.tolist() == list(range(7)) and belief.partner.tolist() == [bl.NONE, 9, 10]
     set_step(belief.constant, PERIOD, work, fil.step)
     fill_push(belief, 2.0, -7.0, work.push)
-    fill_transition(fil, work.transition, 2.0, -7.0, belief.role, work.push)
+    fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     exact = linalg.expm(all_of_it(2.0, -7.0, belief.role, 1.0) * PERIOD)
     left_out = 2.0 * PERIOD**2 / 6.0  # of what pushes: a6 h^2/6, as `fill_transition` says
     assert np.allclose(work.transition[:, [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]], exact[:, [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]],
@@ -232,11 +239,11 @@ def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
 def test_score_of_the_levels_in_wind_is_the_slope_of_a_plain_filters_likelihood(seed):
     rows = windy_rows(seed)[500:560]
     levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3, 0.4, 0.0])  # a segment begins with the turbulence as declared
-    _, cut = allocate(config())
+    cut = cut_of(config())
     state = cut.state
     state.filter.level[...] = levels
     for row in rows:
-        take_sample(cut.fixed.belief, state.filter, cut.work.filter, state.acc, state.check, row, 0.015)
+        take(cut, row)
         state.acc.counts[fl.ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
@@ -245,7 +252,7 @@ def test_score_of_the_levels_in_wind_is_the_slope_of_a_plain_filters_likelihood(
 
 
 def test_after_a_gap_the_walk_has_gone_on_and_the_offsets_are_as_declared():
-    _, cut = allocate(config())
+    cut = cut_of(config())
     belief, fil, model = cut.fixed.belief, cut.state.filter, onboard_model(WINDY)
     for t in (3.0, 40.0):
         fil.p[...], fil.sx[...] = 9.0, 9.0
@@ -261,7 +268,7 @@ def test_after_a_gap_the_walk_has_gone_on_and_the_offsets_are_as_declared():
 
 
 def test_offsets_wander_where_a_window_ends_and_the_wind_does_not():
-    _, cut = allocate(config())
+    cut = cut_of(config())
     p = cut.state.filter.p
     let_offsets_wander(cut.fixed.belief, cut.state.filter, 60.0)
     expected = [0.0, 0.0, *(getattr(onboard_model(WINDY), name)**2 * 60.0 / ds.OFFSET_TIME for name in OFFSETS)]
@@ -270,7 +277,7 @@ def test_offsets_wander_where_a_window_ends_and_the_wind_does_not():
 
 def test_a_window_begins_with_what_is_declared_of_the_nuisances():
     """Its rows say: x + s (p - p_bar) + d, over the declared spread, is 0 with unit variance."""
-    _, cut = allocate(config())
+    cut = cut_of(config())
     belief, fil, acc, model = cut.fixed.belief, cut.state.filter, cut.state.acc, onboard_model(WINDY)
     random = np.random.default_rng(5)
     fil.x[:], fil.s[...], fil.p_bar[:] = random.standard_normal(11), random.standard_normal(fil.s.shape), (0.1, -0.2)
@@ -289,17 +296,17 @@ def test_the_filter_in_wind_is_a_plain_kalman_filter():
     """200 samples at p_bar = 0 and the declared levels; rows carry e/sqrt(S), x and P what S and the gain make."""
     table = windy_rows(0)[2000:2200]
     of = config(noise="declared")
-    _, cut = allocate(of)
+    cut = cut_of(of)
     state, fil = cut.state, cut.state.filter
     plain = Plain(of.model, table[0])
     for k, row in enumerate(table):
         if k > 0:
             plain.predict(table[k - 1, 5])
         e, s = plain.correct(row[1:4])
-        take_sample(cut.fixed.belief, fil, cut.work.filter, state.acc, state.check, row, 0.015)
+        take(cut, row)
         assert state.acc.counts[fl.ROWS] == 3
         state.acc.counts[fl.ROWS] = 0
-        assert np.allclose(state.acc.rows[-1, :3], e / np.sqrt(s), rtol=1e-9, atol=1e-9)
+        assert np.allclose(cut.apart["rows"][-1, :3], e / np.sqrt(s), rtol=1e-9, atol=1e-9)
         column = plain.p @ plain.h[2] * s[2] / plain.r[2]  # before the update: P h (1 - (S - r)/S) = P+ h
         assert np.allclose(cut.work.filter.column, column, rtol=1e-9, atol=1e-9 * np.max(np.abs(column)))
         scale = np.sqrt(np.diag(plain.p))
@@ -328,21 +335,21 @@ def test_the_covariance_stays_one_for_a_whole_flight(seed):
 
 def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_than_least():
     """Information about the square root of the level stays what it was; the sensors' own is left alone."""
-    _, cut = allocate(config())
+    cut = cut_of(config())
     fil, acc = cut.state.filter, cut.state.acc
     random = np.random.default_rng(8).standard_normal((7, 7))
     before = random @ random.T
     acc.level_information[...] = before
-    move_wind_level(fil, acc, 5, -0.3, fl.WIND_STEP)
+    move_wind_level(7, fil, acc, 5, -0.3, fl.WIND_STEP)
     ratio = acc.level_information / before
     assert fil.level.tolist() == [0.0] * 5 + [-0.3, 0.0] and fil.note[sx.LEVEL_CLAMPS] == 0
     assert ratio[5, 5] == pytest.approx(math.exp(-0.3)) and ratio[5, 2] == pytest.approx(math.exp(-0.15))
     assert (acc.level_information == acc.level_information.T).all()
     assert (np.delete(np.delete(ratio, 5, 0), 5, 1) == 1.0).all()
-    move_wind_level(fil, acc, 5, 7.0, fl.WIND_STEP)
+    move_wind_level(7, fil, acc, 5, 7.0, fl.WIND_STEP)
     assert fil.level[5] == pytest.approx(-0.3 + fl.WIND_STEP) and fil.note[sx.LEVEL_CLAMPS] == 1
     for _ in range(20):
-        move_wind_level(fil, acc, 5, -0.35, fl.WIND_STEP)
+        move_wind_level(7, fil, acc, 5, -0.35, fl.WIND_STEP)
     assert fil.level[5] == fl.LEAST_WIND == math.log(0.02)
 
 
@@ -368,7 +375,7 @@ def test_a_calm_model_has_no_nuisance_and_no_wind():
     of = config(CALM)
     assert of.model.nuisances == () and of.model.levels == ("theta_std", "theta_dot_std", "beta_std",
                                                              "command_noise_std", "acceleration_noise_std")
-    _, cut = allocate(of)
+    cut = cut_of(of)
     assert cut.fixed.belief.constant[bl.HELD] == cut.fixed.belief.constant[bl.AIRY] == 0.0
     assert len(cut.state.filter.x) == 4 and cut.fixed.belief.partner.tolist() == [bl.NONE] * 3
     zero = dataclasses.replace(CALM, wind=Wind(walk=0.0, turbulence=0.0), offsets=Offsets())
@@ -542,7 +549,7 @@ feed_blocks = numba.njit(error_model="numpy")(blocks_fed)
 def checked(blocks: np.ndarray, check=None, level=None):
     """(check, how often raised, the statistic after each block) of a state as before the first sample."""
     if check is None:
-        _, cut = allocate(config(CALM))
+        cut = cut_of(config(CALM))
         check = cut.state.check
     statistic = np.zeros(len(blocks))
     raised = feed_blocks(check, np.zeros(tr.N_BELIEF), np.zeros(5) if level is None else level, blocks, statistic)
@@ -572,7 +579,7 @@ def test_what_stays_or_swings_raises_it_and_it_clears(channel, habit):
 
 
 def test_a_surprise_is_cut_and_what_a6_and_k1_may_be_is_in_the_variance():
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check, total = cut.state.check, np.array([0.0, 0.0, 0.3, 0.1, 0.2])
     for e, a, k in ((0.5, 1.0, 2.0), (0.7, -2.0, 0.5)):
         note_innovation(check, 1, e, a, k)
@@ -586,7 +593,7 @@ def test_a_surprise_is_cut_and_what_a6_and_k1_may_be_is_in_the_variance():
 
 def test_a_block_s_innovations_are_those_about_the_tracked_belief():
     """What the filter was linearised about is another's, and moves its innovations by h (p_bar - p)."""
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check, total = cut.state.check, np.array([0.02, -0.03, 0.0, 0.0, 0.0])
     p_bar, p = np.array([0.1, -0.2]), total[:2]
     e = 0.3 + np.array([2.0, -1.0]) @ (p - p_bar)  # of a block that is off by 0.3 about the belief
@@ -625,7 +632,7 @@ def test_a_gap_forgets_the_blocks_and_the_neighbours_but_not_the_sums():
 
 
 def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
-    _, cut = allocate(config())
+    cut = cut_of(config())
     check, level = cut.state.check, np.zeros(7)
     for k in range(7):
         for value, raised in ((0.99 * wh.HIGHEST_LEVEL, 0), (1.01 * wh.HIGHEST_LEVEL, int(k < 5)), (0.0, 0)):
@@ -637,7 +644,7 @@ def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
 
 def test_a_change_soon_after_another_is_the_models_fault_but_not_the_same_ones_alarm_or_one_much_later():
     for second, contradicted in ((2.0, 0), (5.0, 1), (30.0, 0)):
-        _, cut = allocate(config(CALM))
+        cut = cut_of(config(CALM))
         check, level = cut.state.check, np.zeros(5)
         drop_blocks(check, 1, 100.0)
         drop_blocks(check, 1, 100.0 + second)
@@ -649,7 +656,7 @@ def test_a_change_soon_after_another_is_the_models_fault_but_not_the_same_ones_a
 
 def test_alarms_that_follow_one_another_are_no_change_that_goes_on_for_ever():
     """Each within MERGED of the one before, the last beyond it of the first: a gust that nobody declared does so."""
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check = cut.state.check
     for alarm in (100.0, 100.5, 101.0, 102.4):
         drop_blocks(check, 1, alarm)
@@ -659,7 +666,7 @@ def test_alarms_that_follow_one_another_are_no_change_that_goes_on_for_ever():
 
 
 def test_a_clock_set_back_ends_what_later_changes_contradicted():
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check, level = cut.state.check, np.zeros(5)
     drop_blocks(check, 1, 100.0)
     drop_blocks(check, 1, 105.0)
@@ -671,7 +678,7 @@ def test_a_clock_set_back_ends_what_later_changes_contradicted():
 
 def test_what_hides_in_the_declared_noise_contradicts_nothing():
     """Levels far below the declared: the same surprise, in declared noise, is none."""
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check = cut.state.check
     judge_window(check, np.full(5, -2.0), 2.0 * wh.STEADY_WINDOW, 0.0)
     assert not check.flag.any()
@@ -681,7 +688,7 @@ def test_what_hides_in_the_declared_noise_contradicts_nothing():
 
 
 def test_one_window_s_test_is_believed_for_that_window_and_two_within_20_s_or_one_far_off_beyond_it():
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check, level = cut.state.check, np.zeros(5)
     judge_window(check, level, wh.STEADY_WINDOW, 1.0)
     assert not check.flag.any()
@@ -735,7 +742,7 @@ def test_the_attitude_s_bias_is_told_where_the_air_is_still():
 
 def test_the_p_value_is_that_of_a_chi_square():
     stats = pytest.importorskip("scipy.stats")
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     check = cut.state.check
     for statistic in (30.0, 63.0, 90.0, 130.0):
         check.number[wh.STATISTIC] = statistic
@@ -748,7 +755,7 @@ def test_the_p_value_is_that_of_a_chi_square():
 
 def solved(correlation: float, std: float):
     """Parts of an estimator whose window knows both deviations to `std`, 0.1 and -0.2, correlated so."""
-    _, cut = allocate(config(CALM))
+    cut = cut_of(config(CALM))
     acc = cut.state.acc
     covariance = std**2 * np.array([[1.0, correlation], [correlation, 1.0]])
     root = np.linalg.cholesky(np.linalg.inv(covariance)).T  # R'R = information
@@ -766,14 +773,14 @@ def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
     work, belief = cut.work.acc, cut.fixed.belief
     assert abs(work.deviation) == pytest.approx([std, std, abs(correlation)], rel=1e-9)
     assert work.coefficient == pytest.approx([0.1, -0.2], rel=1e-9)
-    found = report_filtered(belief, cut.state, work, 2.5)
+    found = report_window(belief, cut.apart["profile"], cut.state, work, 2.5)
     assert ft.EstimateStatus(found).name == status
     number = cut.state.outcome.number
     assert (number[ft.O_A6_BOUND], number[ft.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
     if status == "OK":
         assert (number[ft.O_A6], number[ft.O_K1]) == pytest.approx((2.2, -5.6))
     cut.state.check.flag[wh.IN_WINDOW] = 1
-    contradicted = ft.EstimateStatus(report_filtered(belief, cut.state, work, 2.5)).name
+    contradicted = ft.EstimateStatus(report_window(belief, cut.apart["profile"], cut.state, work, 2.5)).name
     assert contradicted == ("LOW_INFORMATION" if status == "LOW_INFORMATION" else "MODEL")
 
 
@@ -781,7 +788,7 @@ def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
 def test_the_correlation_has_its_sign(correlation):
     cut = solved(correlation, 0.2)
     assert cut.work.acc.deviation[ft.CORR] == pytest.approx(correlation, rel=1e-9)
-    report_filtered(cut.fixed.belief, cut.state, cut.work.acc, 2.5)
+    report_window(cut.fixed.belief, cut.apart["profile"], cut.state, cut.work.acc, 2.5)
     assert cut.state.outcome.number[ft.O_CORRELATION] == pytest.approx(-correlation)  # a6 k1 < 0
 
 
@@ -838,10 +845,10 @@ def test_saved_in_wind_it_continues_to_the_same_bits():
 
 
 def flown(estimator: Estimator, samples: np.ndarray) -> int:
-    """The compiled loop of `replay`, without the estimates that the host makes; returns how many windows closed."""
-    loop, at, closed = loop_of("filtered"), 0, 0
+    """The loop of `replay`, without the estimates that the host makes; returns how many windows closed."""
+    take_rows, at, closed = loop_of(estimator._memory), 0, 0
     while at < len(samples):
-        at, code = loop(*estimator._block, *estimator._options, samples, at)
+        at, code = take_rows(samples, at)
         closed += int(code == rb.WINDOW_COMPLETE)
     return closed
 
