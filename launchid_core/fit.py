@@ -8,12 +8,21 @@ from .linsolve import absorb_rows
 from .states import N_SLOPES, N_TESTS
 from .status import EstimateStatus
 from .whiteness import IN_WINDOW
-from .window import ATTITUDE, O_A6, O_A6_BOUND, O_A6_STD, O_CONDITION, O_CORRELATION, O_K1, O_K1_BOUND, O_K1_STD, STATUS
-
-INTERVAL = 1.96       # standard deviations: 95 %
-NOTHING_KNOWN = 1.0  # relative: with both bounds above it a window says nothing of a6 and k1
-SEPARATE = 0.3       # relative: with both bounds above it and a correlation beyond INSEPARABLE a window knows only what
-INSEPARABLE = 0.99   # a6 and k1 have in common
+from .window import (
+    ATTITUDE,
+    INTERVAL,
+    O_A6,
+    O_A6_BOUND,
+    O_A6_STD,
+    O_CONDITION,
+    O_CORRELATION,
+    O_K1,
+    O_K1_BOUND,
+    O_K1_STD,
+    STATUS,
+    knows_nothing,
+    knows_one_direction,
+)
 
 OK = int(EstimateStatus.OK)
 LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
@@ -154,11 +163,11 @@ def report_window(belief, profile, state, work, t_centre):
     a6, k1 = profile_at(profile, state.filter.cell, t_centre)
     out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
     out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
-    if not (std_a <= NOTHING_KNOWN or std_k <= NOTHING_KNOWN):
+    if knows_nothing(std_a, std_k):
         return LOW_INFORMATION
     if state.check.flag[IN_WINDOW] == 1:
         return MODEL
-    if abs(correlation) > INSEPARABLE and std_a > SEPARATE and std_k > SEPARATE:
+    if knows_one_direction(std_a, std_k, correlation):
         return SEPARATION
     for j in range(belief.size.terms):
         out.xi[j, ATTITUDE] = coefficient[j]

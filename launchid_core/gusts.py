@@ -18,6 +18,7 @@ Assumption: an increment of the wind comes at a block's start.
 from .belief import A6, AT_BETA, AT_THETA, K1, TURBULENCE_TIME
 from .elementary import exp_of, log_of
 from .kernels import inner
+from .linsolve import measure
 from .model import WALK
 from .states import N_STATES
 from .tracker import COV, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
@@ -96,22 +97,10 @@ def see_block(g, gust, column, pair):
 
     column (g,) scratch;  pair (g + 1, g + 1) in  square-root information: d, a6, k1, right-hand side
     """
-    mean, covariance = gust.mean, gust.covariance
+    mean, covariance = gust.mean[:], gust.covariance[:]
     volume, square = 1.0, 0.0
     for row in range(g):
-        e, variance = pair[row, g], 1.0
-        for i in range(row, g):
-            e -= pair[row, i] * mean[i]
-        for i in range(g):
-            column[i] = 0.0
-            for j in range(row, g):
-                column[i] += covariance[i, j] * pair[row, j]
-        for i in range(row, g):
-            variance += pair[row, i] * column[i]
-        for i in range(g):
-            mean[i] += column[i] / variance * e
-            for j in range(g):
-                covariance[i, j] -= column[i] * column[j] / variance
+        e, variance = measure(mean, covariance, pair[row], row, g, pair[row, g], column)
         volume *= variance
         square += e * e / variance
     return -0.5 * (log_of(volume) + square)

@@ -162,6 +162,31 @@ def pivot_ratio(at, rank):
 
 
 @inner
+def measure(mean, covariance, row, first, n, z, column):
+    """One scalar measurement z = row . state + unit noise of a Kalman filter of n states; returns (innovation, its
+    variance).
+
+    mean (>=n,), covariance (>=n, >=n)  inout;  row (>=n,)  in, from `first` on, 0 before;  column (>=n,)  scratch
+    Source: Anderson & Moore, Optimal Filtering, 1979, section 5.3.
+    """
+    e, variance = z, 1.0
+    for i in range(first, n):
+        e -= row[i] * mean[i]
+    for i in range(n):
+        column[i] = 0.0
+        for j in range(first, n):
+            column[i] += covariance[i, j] * row[j]
+    for i in range(first, n):
+        variance += row[i] * column[i]
+    for i in range(n):
+        gain = column[i] / variance
+        mean[i] += gain * e
+        for j in range(n):
+            covariance[i, j] -= gain * column[j]
+    return e, variance
+
+
+@inner
 def absorb_rows(r, rt, n, k):
     """Triangle of [R; rows]: adds k rows of data to a square-root information matrix, by Householder.
 

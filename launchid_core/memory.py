@@ -290,7 +290,8 @@ BANK = struct(
 BANK_WORK = struct(
     "BankWork", "Scratch of the tracker.",
     ("density", F8, (len(MEMBERS),), "log predictive densities of the last block"),
-    ("column", F8, (4,), "of a member's covariance"))
+    ("row", F8, (4,), "of a measurement; the slopes' part stays 0"),
+    ("column", F8, (4,), "covariance that it shows"))
 
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",

@@ -135,8 +135,7 @@ def remind(belief, fil, bank, work, dt):
             continue
         w = np.sqrt(known / variance * dt / SLOPE_TIME)
         z = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
-        absorb(bank.mean[quickest], bank.covariance[quickest], work.column[:], w * fil.s[k, theta], w * fil.s[k, beta],
-               z)
+        absorb(bank.mean[quickest], bank.covariance[quickest], work, w * fil.s[k, theta], w * fil.s[k, beta], z)
     if n > N_STATES:
         mix(bank)
 

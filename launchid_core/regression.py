@@ -84,13 +84,12 @@ from .window import (
     O_K1_STD,
     USED,
     clear_outcome,
+    knows_nothing,
+    knows_one_direction,
 )
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
-ONE_DIRECTION = 0.99      # |correlation| beyond which a6 and k1 are one direction
-UNKNOWN_APART = 0.3       # relative standard deviation of both, in one direction: only a combination is known
 RATE = 1                  # theta_dot, as the argument of a term's function
-UNKNOWN = 1.0             # relative standard deviation of both: nothing is known
 
 OK = int(EstimateStatus.OK)
 SHORT = int(EstimateStatus.SHORT)
@@ -126,9 +125,9 @@ def coefficient(work, term):
 def judge_separation(number):
     """OK, or why a6 and k1 are not known apart, or not at all."""
     a6, k1 = number[O_A6_STD] / abs(number[O_A6]), number[O_K1_STD] / abs(number[O_K1])
-    if abs(number[O_CORRELATION]) > ONE_DIRECTION and a6 > UNKNOWN_APART and k1 > UNKNOWN_APART:
+    if knows_one_direction(a6, k1, number[O_CORRELATION]):
         return SEPARATION
-    return LOW_INFORMATION if a6 > UNKNOWN and k1 > UNKNOWN else OK
+    return LOW_INFORMATION if knows_nothing(a6, k1) else OK
 
 
 @inner

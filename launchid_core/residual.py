@@ -34,11 +34,10 @@ from .plan import ERROR, HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
 from .ring import ATTACK, BETA, T
 from .rows import integrate, integrate_held
 from .sparse import ACTIVE_TOLERANCE, solve_active
-from .window import O_A6, O_A6_STD, O_CORRELATION
+from .window import INTERVAL, O_A6, O_A6_STD, O_CORRELATION
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
 BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
-INTERVAL = 1.96      # standard deviations of a 95 % limit
 
 
 @inner

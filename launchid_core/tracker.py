@@ -17,6 +17,7 @@ import numpy as np
 from .belief import A6, K1
 from .elementary import exp_of, log_of
 from .kernels import inner
+from .linsolve import measure
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
@@ -70,17 +71,11 @@ def move(mean, covariance, states, walk, slope, dt):
 
 
 @inner
-def absorb(mean, covariance, column, h0, h1, z):
+def absorb(mean, covariance, work, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
-    for i in range(4):
-        column[i] = covariance[i, 0] * h0 + covariance[i, 1] * h1
-    variance = h0 * column[0] + h1 * column[1] + 1.0
-    e = z - h0 * mean[0] - h1 * mean[1]
-    for i in range(4):
-        gain = column[i] / variance
-        mean[i] += gain * e
-        for j in range(4):
-            covariance[i, j] -= gain * column[j]
+    row = work.row
+    row[A6], row[K1] = h0, h1
+    e, variance = measure(mean, covariance, row[:], 0, MEMBER_STATES, z, work.column[:])
     return -0.5 * (log_of(variance) + e * e / variance)
 
 
@@ -123,8 +118,8 @@ def track(state, work, memory, dt, block):
     for i in range(len(MEMBERS)):
         mean, covariance = state.mean[i], state.covariance[i]
         move(mean, covariance, MEMBER_STATES, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
-        density = absorb(mean, covariance, work.column[:], block[0, 0], block[0, 1], block[0, 2])
-        density += absorb(mean, covariance, work.column[:], 0.0, block[1, 1], block[1, 2])
+        density = absorb(mean, covariance, work, block[0, 0], block[0, 1], block[0, 2])
+        density += absorb(mean, covariance, work, 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density
         work.density[i] = density
         best = max(best, density)

@@ -27,7 +27,7 @@ from .belief import A6, AT_BETA, AT_THETA, K1, profile_at
 from .changes import ONSETS
 from .elementary import exp_of, log_of
 from .kernels import inner
-from .linsolve import absorb_rows
+from .linsolve import absorb_rows, measure
 from .states import MOMENT_TEST, N_STATES, N_TESTS
 from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
 from .whiteness import KEEPS_CHANGING, NOTHING, quietest_share
@@ -151,24 +151,6 @@ def forget_constants(covariance, dt):
 
 
 @inner
-def take_row(mean, covariance, row, column, z):
-    """One scalar measurement z = row . state + unit noise; returns its log predictive density.  column (u,) scratch"""
-    variance, e = 1.0, z
-    for i in range(SIZE):
-        column[i] = 0.0
-        for j in range(SIZE):
-            column[i] += covariance[i, j] * row[j]
-        variance += row[i] * column[i]
-        e -= row[i] * mean[i]
-    for i in range(SIZE):
-        gain = column[i] / variance
-        mean[i] += gain * e
-        for j in range(SIZE):
-            covariance[i, j] -= gain * column[j]
-    return -0.5 * (log_of(variance) + e * e / variance)
-
-
-@inner
 def distance(mean, covariance):
     """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
     w, d = mean[WIND], mean[LEAN]
@@ -258,7 +240,8 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
             r, row = work.triangle[i], work.row[:]
             row[:] = 0.0
             row[A6], row[K1], row[WIND], row[LEAN] = r[0], r[1], a6 * r[2], k1 * r[2]
-            density = take_row(mean, covariance, row, work.column[:], r[ROW - 1])
+            e, variance = measure(mean, covariance, row, 0, SIZE, r[ROW - 1], work.column[:])
+            density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
     choose_filter(state, better)
     found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])

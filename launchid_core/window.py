@@ -15,6 +15,23 @@ N_NUMBERS = 11
 STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3
 
+INTERVAL = 1.96        # standard deviations of a 95 % limit
+UNKNOWN = 1.0          # relative standard deviation of both: a window says nothing of a6 and k1
+ONE_DIRECTION = 0.99   # |correlation| beyond which a6 and k1 are one direction
+UNKNOWN_APART = 0.3    # relative standard deviation of both, in one direction: only a combination is known
+
+
+@inner
+def knows_nothing(a6, k1):
+    """Whether a window says nothing of a6 and k1, by their relative standard deviations (NaN: none)."""
+    return not (a6 <= UNKNOWN or k1 <= UNKNOWN)
+
+
+@inner
+def knows_one_direction(a6, k1, correlation):
+    """Whether a window knows only what a6 and k1 have in common, by their relative standard deviations."""
+    return abs(correlation) > ONE_DIRECTION and a6 > UNKNOWN_APART and k1 > UNKNOWN_APART
+
 
 @inner
 def clear_outcome(out, status):
