@@ -30,6 +30,7 @@ config: Any = numba.config
 SUM = ".sum"       # behind the name of a file: its digest
 OLD = 8            # folders that are kept: as many checkouts and versions may be in use in turn
 GIVEN = config.CACHE_DIR  # by the host
+_used: list[Path] = []    # folders of this process
 
 
 def cache_folder() -> Path | None:
@@ -79,7 +80,9 @@ def folder_of(package: str) -> Path | None:
         _drop_old(folder)
     except OSError:
         return None
-    atexit.register(finish)
+    if not _used:
+        atexit.register(finish)
+    _used.append(folder)
     return folder
 
 
@@ -115,10 +118,9 @@ def _drop_old(folder: Path) -> None:
 
 def finish() -> None:
     """Put the digests of what was compiled since beside it."""
-    for package in ("launchid_core", "sim"):
-        folder = folder_of(package) if package in sys.modules else None
+    for folder in _used:
         with contextlib.suppress(OSError):
-            for path in _files(folder) if folder else ():
+            for path in _files(folder):
                 beside = path.with_name(path.name + SUM)
                 if not beside.exists() or beside.stat().st_mtime_ns < path.stat().st_mtime_ns:
                     part = beside.with_name(f"{beside.name}.{os.getpid()}")

@@ -19,12 +19,35 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.core import event
 
 from .cache import kept_apart
+from .compiling import compile_listeners
 
 _numba: Any = numba  # some of the choices are not in its types
 Function = TypeVar("Function", bound=Callable[..., Any])
 CHOICES: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+
+
+class _Teller(event.Listener):
+    """Tells `compile_listeners` when numba compiles one of our functions."""
+
+    def __init__(self) -> None:
+        self.ours: set[Callable[..., Any]] = set()
+
+    def on_start(self, event: Any) -> None:
+        """A compilation begins."""
+        function = event.data["dispatcher"].py_func
+        if function in self.ours:
+            for listener in compile_listeners:
+                listener(function.__module__, function.__name__)
+
+    def on_end(self, event: Any) -> None:
+        """A compilation ends, of which nobody is told."""
+
+
+_teller = _Teller()
+event.register("numba:compile", _teller)
 
 
 def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function]:
@@ -33,6 +56,7 @@ def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function
     def decorate(function: Function) -> Function:
         with kept_apart(function) as is_safe:
             kernel: Function = _numba.njit(cache=kept and is_safe, **CHOICES, **choices)(function)
+        _teller.ours.add(function)
         return kernel
 
     return decorate
