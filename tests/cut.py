@@ -2,10 +2,12 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from launchid_core import Config, onboard, regression
 from launchid_core.assembly import Memory, allocate
 from launchid_core.compress import first_state
-from launchid_core.memory import FILTERED
+from launchid_core.memory import FILTERED, Struct, dtype_of, members, size_of
 
 
 class Cut(NamedTuple):
@@ -26,3 +28,8 @@ def cut_of(config: Config) -> Cut:
     else:
         regression.restart_regression(memory.seen, memory.words, first_state(config.seed))
     return Cut(memory.parts.fixed, memory.parts.state, memory.parts.work, memory.apart, memory)
+
+
+def scratch(struct: Struct, terms: int) -> Any:
+    """The arrays of a struct of the table, all zero, as much as an estimator of so many terms uses."""
+    return members(struct, np.zeros(1, dtype_of(struct)), size_of(terms))

@@ -40,7 +40,7 @@ def values(k: int) -> dict[str, float]:
 
 def arrays(estimator: Estimator) -> dict[str, np.ndarray]:
     """Everything that an estimator remembers from one sample to the next."""
-    return dict(named_arrays(estimator._parts.state))
+    return {name.removeprefix("state."): array for name, array in estimator._memory.state_arrays()}
 
 
 def snapshot(estimator: Estimator) -> dict[str, np.ndarray]:
@@ -48,9 +48,9 @@ def snapshot(estimator: Estimator) -> dict[str, np.ndarray]:
 
 
 def addresses(estimator: Estimator) -> list[int]:
-    parts = estimator._parts
-    return [a.__array_interface__["data"][0] for part in (parts.fixed, parts.state, parts.work)
-            for _, a in named_arrays(part)]
+    memory = estimator._memory
+    every = (*(a for _, a in named_arrays(memory.parts)), *memory.apart.values())
+    return [a.__array_interface__["data"][0] for a in every]
 
 
 def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimator: Estimator, status: Status) -> None:
@@ -69,7 +69,7 @@ def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
     state = estimator._parts.state
-    n, left_out = compiled(rb.copy_window)(state.ring, state.counts, np.full(rb.N_COLUMNS, INF), signal)
+    n, left_out = compiled(rb.copy_window)(estimator._memory.apart["ring"], state.counts, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 
@@ -376,7 +376,7 @@ def test_log_with_repeated_or_late_stamps_gives_the_result_without_them(status):
         assert clean.estimate() is dirty.estimate() or np.array_equal(clean.estimate().xi, dirty.estimate().xi,
                                                                       equal_nan=True)
     assert clean._parts.state.outcome.number.tobytes() == dirty._parts.state.outcome.number.tobytes()
-    assert clean._parts.state.ring.tobytes() == dirty._parts.state.ring.tobytes()
+    assert clean._memory.apart["ring"].tobytes() == dirty._memory.apart["ring"].tobytes()
 
 
 # ---- re-entrancy
@@ -406,7 +406,7 @@ def test_update_from_within_update_is_busy():
     assert inner == [Status.BUSY]
     assert estimator.counts["BUSY"] == 1
     assert sum(estimator.counts.values()) == 2
-    assert estimator._parts.state.ring[0, rb.T] == 0.0
+    assert estimator._memory.apart["ring"][0, rb.T] == 0.0
 
 
 @pytest.mark.parametrize("wrong", [("0", *(0.1,) * 6), (0.0, None, *(0.1,) * 5), (0.0, 0.1, 0.1), (0.0,) * 8])

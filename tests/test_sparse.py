@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import scratch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from launchid_core import SOLVERS, sparse
+from launchid_core.memory import SPARSE, WHOLE
 from launchid_core.sparse import (
     LASSO,
     LASSO_SWEEPS,
@@ -16,8 +18,6 @@ from launchid_core.sparse import (
     SR3_ITERATIONS,
     SSR,
     STLS,
-    view_sparse,
-    view_whole,
 )
 
 covariance_entry, invert_active, sparse_solve, factor_whole, solve_active = map(compiled, (
@@ -25,12 +25,6 @@ covariance_entry, invert_active, sparse_solve, factor_whole, solve_active = map(
 
 EPS = np.finfo(np.float64).eps
 ALL = range(len(SOLVERS))
-
-
-def sparse_work(q):
-    """Scratch for q terms."""
-    work, _, _ = view_sparse(np.zeros(5 * q * q + 8 * q), 0, np.zeros(2 * q, np.int64), 0, q)
-    return work
 
 
 seeds = st.integers(0, 2**32 - 1)
@@ -41,10 +35,10 @@ def solve_reduced(solver, mt, y, threshold, own=0.0):
     """(passes, xi, active, work) on a given reduced problem, columns of M as rows of mt."""
     mt, y = np.array(mt, dtype=float), np.array(y, dtype=float)
     q = y.size
-    xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), sparse_work(q)
-    whole, _, _ = view_whole(np.zeros(q * q + 2 * q), 0, np.zeros(q + 1, np.int64), 0, q)
-    factor_whole(mt, whole)
-    passes = sparse_solve(solver, mt, whole, y, float(threshold), float(own), xi, active, work)
+    xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), scratch(SPARSE, q)
+    whole = scratch(WHOLE, q)
+    factor_whole(q, mt, whole)
+    passes = sparse_solve(solver, q, mt, whole, y, float(threshold), float(own), xi, active, work)
     return passes, xi, active, work
 
 
@@ -224,13 +218,13 @@ def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, pro
     a, y, threshold = problem
     _, xi, active, work = solve(solver, a, y, threshold)
     q, r = np.linalg.qr(a)
-    assert solve_active(r.T.copy(), q.T @ y, active, xi.copy(), work) == 0
+    assert solve_active(len(r), r.T.copy(), q.T @ y, active, xi.copy(), work) == 0
     size = int(np.sum(active))
-    invert_active(work, size)
+    invert_active(len(r), work, size)
     kept = a[:, active]
     norms = np.linalg.norm(kept, axis=0)
     wanted = np.linalg.inv((kept / norms).T @ (kept / norms))
-    found = np.array([[covariance_entry(work, i, j) for j in range(size)] for i in range(size)]).reshape(size, size)
+    found = np.array([[covariance_entry(size, work, i, j) for j in range(size)] for i in range(size)]).reshape(size, size)
     assert np.allclose(found * np.outer(norms, norms), wanted, rtol=1e-9, atol=1e-10)
 
 

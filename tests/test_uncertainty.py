@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import scratch
 from hypothesis import given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
@@ -20,6 +21,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Sample, Status
 from launchid_core import uncertainty as un
 from launchid_core.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
+from launchid_core.memory import GAUGE
 from sim.cli import main
 from sim.experiments import confidence
 from sim.flight import fly_whole
@@ -42,9 +44,9 @@ class Range:
     """A gauge with constant sigma, fed by hand."""
 
     def __init__(self, sigma: float = SIGMA) -> None:
-        self.gauge, _, _ = un.view_gauge(np.zeros(14), 0, np.zeros(8, np.int64), 0)
-        un.restart_gauge(self.gauge)
-        self.range = un.Sigma(np.zeros(1), np.array([sigma]), np.array([sigma]))
+        self.gauge = scratch(GAUGE, 2)
+        compiled(un.restart_gauge)(self.gauge)
+        self.range = np.array([[0.0, sigma, sigma]])
         self.sigma = sigma
         self.counts, self.event = np.zeros(N_COUNTS, np.int64), np.zeros((MAX_EVENTS, N_EVENT))
 
@@ -182,7 +184,7 @@ def test_the_level_is_the_tracked_estimate_over_the_range(constant):
     again = pickle.loads(pickle.dumps(estimator))
     assert again.estimate().uncertainty == last
     estimator.reset()
-    assert estimator.estimate() is None and (estimator._parts.gauge.flag == 0).all()
+    assert estimator.estimate() is None and (estimator._parts.state.gauge.flag == 0).all()
 
 
 def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
