@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import Config, onboard, regression
+from launchid_core import Config, Estimator, onboard, regression
 from launchid_core.assembly import Memory, allocate
 from launchid_core.compress import first_state
 from launchid_core.memory import FILTERED, Struct, dtype_of, members, size_of
@@ -33,3 +33,14 @@ def cut_of(config: Config) -> Cut:
 def scratch(struct: Struct, terms: int) -> Any:
     """The arrays of a struct of the table, all zero, as much as an estimator of so many terms uses."""
     return members(struct, np.zeros(1, dtype_of(struct)), size_of(terms))
+
+
+def persisting(estimator: Estimator) -> dict[str, np.ndarray]:
+    """Everything that an estimator remembers from one sample to the next, by name."""
+    return {name.removeprefix("state."): array for name, array in estimator._memory.state_arrays()}
+
+
+def flip(array: np.ndarray, place: int, bit: int) -> None:
+    """One bit of the array's number `place` becomes the other; the array may have gaps in memory."""
+    at = np.unravel_index(place, array.shape)
+    array.view(np.int64)[at] ^= np.uint64(1 << bit).astype(np.int64)

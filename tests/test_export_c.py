@@ -29,6 +29,7 @@ from ported import (
 )
 
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
+from launchid_core.entries import calls_of
 from launchid_core.model import OFFSETS
 from sim.cli import main
 from sim.errors import InputError
@@ -418,9 +419,11 @@ def test_a_strict_array_refuses_an_index_from_the_end():
 @pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only with NUMBA_DISABLE_JIT=1: compiled code does not ask")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_kernel_counts_an_index_from_the_end(name):
-    """Compiled code takes an index as it is, as C does (`parts.counting_from_the_first`): each one is asked here."""
+    """Compiled code may count it from the end, C takes it as it is: each one is asked here."""
     e = Estimator(dataclasses.replace(CONFIGS[name], window=0.4))
-    e._block = strict(e._block)
+    memory = e._memory._replace(parts=strict(e._memory.parts), words=strict(e._memory.words),
+                                apart={name: strict(array) for name, array in e._memory.apart.items()})
+    e._step = calls_of(e.config, memory).update
     for sample in [*flight()[1900:2100], *hostile(143, 300)]:
         e.update(sample)
     assert e.counts["WINDOW_COMPLETE"] > 3

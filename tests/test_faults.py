@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from cut import flip, persisting
 from sealed import reseal
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
@@ -75,7 +76,7 @@ def hit(rows: range | Iterable[int], change: Callable[[Sample], Sample], length:
 
 def remembered(estimator: Estimator) -> dict[str, bytes]:
     """All that persists but the counters of answers, and what follows an earlier clock."""
-    found = {name: array.copy() for name, array in named_arrays(estimator._parts.state)}
+    found = {name: array.copy() for name, array in persisting(estimator).items()}
     found["counts"][rb.COUNT_FIRST:] = 0
     found["clock"][rb.T_CANDIDATE] = 0.0
     del found["guard"]
@@ -445,16 +446,15 @@ def test_every_word_of_the_state_that_changes_by_itself_is_seen(formulation):
     of, rows = config(formulation), flight()[:400]
     one = fly(of, rows[:155]).estimator
     saved, counted = one.save(), one.counts
-    for name, array in named_arrays(one._parts.state):
+    for name, array in persisting(one).items():
         if name.startswith("outcome"):
             continue
-        words = array.reshape(-1).view(np.int64)
-        own = range(rb.COUNT_FIRST) if name == "counts" else range(words.size)
+        own = range(rb.COUNT_FIRST) if name == "counts" else range(array.size)
         # each word of the small arrays, some of the large ones; every bit in turn
         for turn, place in enumerate(own if len(own) < 40 else own[::max(1, len(own) // 25)]):
             one.restore(saved)
-            words[place] ^= np.int64(1) << np.int64(7 * turn % 63)
-            assert_found(one, of, rows, counted, f"{name}[{place}]", unused=name in ("ring", "seals"))
+            flip(array, place, 7 * turn % 63)
+            assert_found(one, of, rows, counted, f"{name}[{place}]", unused=name in ("ring", "seals", "rows"))
 
 
 def assert_found(one: Estimator, of: Config, rows: tuple[Sample, ...], counted: dict[str, int], name: str,
@@ -465,7 +465,7 @@ def assert_found(one: Estimator, of: Config, rows: tuple[Sample, ...], counted: 
         if answers[-1] is Status.RECOVERED:
             break
     if unused and Status.RECOVERED not in answers:
-        return  # a row that was used before
+        return  # a row that was used before, or is written before it is read
     assert answers[-1] is Status.RECOVERED, name
     assert one.counts["RECOVERED"] == 1 and len(answers) <= 45, name
     assert sum(one.counts[s.name] for s in Status) == sum(counted[s.name] for s in Status) + len(answers)
@@ -482,7 +482,7 @@ def test_a_damaged_outcome_raises_nothing_and_is_overwritten_by_the_next_window(
         for place in range(array.size):
             for bit in (0, 33, 62):
                 one.restore(saved)
-                array.reshape(-1).view(np.int64)[place] ^= np.int64(1) << np.int64(bit)
+                flip(array, place, bit)
                 assert isinstance(one.estimate(), Estimate), name
                 for row in rows[155:]:
                     one.update(row)
@@ -501,7 +501,7 @@ def test_a_bad_sample_does_not_begin_anew():
 def test_what_is_not_sound_is_forgotten_and_said(part):
     """By whatever way it came about: the seals fit."""
     one = fly(config("filtered"), flight()[:1500]).estimator
-    getattr(one._parts.state.filter, part).reshape(-1)[0] = NAN
+    getattr(one._parts.state.filter, part).flat[0] = NAN
     reseal(one)
     answers = [one.update(row) for row in flight()[1500:1600]]
     assert answers.count(Status.RECOVERED) == 1 and answers.index(Status.RECOVERED) < 10

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cut import flip, persisting
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from launchid_core import Config, Estimate, Estimator, Sample, Status
-from launchid_core.memory import named_arrays
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -76,12 +76,16 @@ class Course:
     windows: dict[int, Estimate]               # by the row that closed it
 
 
+def buffers(estimator: Estimator) -> tuple[np.ndarray, ...]:
+    return estimator._memory.words, *estimator._memory.apart.values()
+
+
 def memory(estimator: Estimator) -> tuple[np.ndarray, ...]:
-    return tuple(buffer.copy() for buffer in estimator._block)
+    return tuple(buffer.copy() for buffer in buffers(estimator))
 
 
 def put_back(estimator: Estimator, state: tuple[np.ndarray, ...]) -> None:
-    for buffer, kept in zip(estimator._block, state, strict=True):
+    for buffer, kept in zip(buffers(estimator), state, strict=True):
         buffer[:] = kept
 
 
@@ -159,7 +163,7 @@ def sweep(formulation: str, every: int = 1) -> tuple[Found, dict[str, float]]:
 def flips(formulation: str, number: int, seed: int = 0, seconds: float = math.inf) -> Found:
     """What became of so many flipped bits (or as many as fit into the time), anywhere in the state, at any sample."""
     of, estimator, found = course(formulation), Estimator(config(formulation)), Counter()
-    parts = [(name, array.reshape(-1).view(np.int64)) for name, array in named_arrays(estimator._parts.state)]
+    parts = list(persisting(estimator).items())
     ends = np.cumsum([own.size for _, own in parts])
     random, start = np.random.default_rng(seed), time.monotonic()
     for turn in range(number):
@@ -169,7 +173,7 @@ def flips(formulation: str, number: int, seed: int = 0, seconds: float = math.in
         put_back(estimator, of.states[k])
         part = int(np.searchsorted(ends, at, "right"))
         name, own = parts[part]
-        own[at - (ends[part - 1] if part else 0)] ^= np.int64(np.uint64(1) << np.uint64(bit))
+        flip(own, int(at - (ends[part - 1] if part else 0)), int(bit))
         if name.startswith("outcome"):
             assert isinstance(estimator.estimate(), Estimate)
         what, _ = judged(of, estimator, k, None)

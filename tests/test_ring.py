@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from cut import persisting
 from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -40,7 +41,7 @@ def values(k: int) -> dict[str, float]:
 
 def arrays(estimator: Estimator) -> dict[str, np.ndarray]:
     """Everything that an estimator remembers from one sample to the next."""
-    return {name.removeprefix("state."): array for name, array in estimator._memory.state_arrays()}
+    return persisting(estimator)
 
 
 def snapshot(estimator: Estimator) -> dict[str, np.ndarray]:

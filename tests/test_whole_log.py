@@ -35,24 +35,24 @@ def test_in_parts_and_as_samples_too():
     assert one.save() == two.save() and len(parts) == len(estimates)
 
 
-def set_back(state):
-    state.clock[rb.T_FIRST] -= 1.0
+def set_back(memory):
+    memory.parts.state.clock[rb.T_FIRST] -= 1.0
 
 
-def set_forward(state):
-    state.clock[rb.T_FIRST] += 1.0
+def set_forward(memory):
+    memory.parts.state.clock[rb.T_FIRST] += 1.0
 
 
-def late(state):
-    state.clock[rb.T_LAST] += 1.0
+def late(memory):
+    memory.parts.state.clock[rb.T_LAST] += 1.0
 
 
-def unbegun(state):
-    state.counts[rb.STARTED] = 0
+def unbegun(memory):
+    memory.parts.state.counts[rb.STARTED] = 0
 
 
-def row(state):
-    state.ring[state.counts[rb.HEAD] - 3, rb.THETA] += 1.0
+def row(memory):
+    memory.apart["ring"][memory.parts.state.counts[rb.HEAD] - 3, rb.THETA] += 1.0
 
 
 @pytest.mark.parametrize("damage", [set_back, set_forward, late, unbegun, row])
@@ -63,7 +63,7 @@ def test_memory_that_is_damaged_begins_anew_in_the_same_way(damage):
     for estimator in (one, two):
         for sample in samples[:120]:
             estimator.update(sample)
-        damage(estimator._parts.state)
+        damage(estimator._memory)
     estimates = [one.estimate() for sample in samples[120:] if one.update(sample) is Status.WINDOW_COMPLETE]
     assert len(two.replay(samples[120:])) == len(estimates)
     assert one.save() == two.save() and two.counts["RECOVERED"] == 1
