@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 
 SERVER = """
-import json, os, sys
+import atexit, json, os, sys
 import numba
 numba.njit(lambda x: x + 1.0)(1.0)
 for line in sys.stdin:
@@ -41,6 +41,7 @@ for line in sys.stdin:
         exec(compile(code, "<run>", "exec"), {"__name__": "__main__"})
         status = 0
     finally:
+        atexit._run_exitfuncs()
         sys.stdout.flush()
         if status:
             import traceback
