@@ -69,6 +69,7 @@ def restore(config: Config, memory: Memory, saved: bytes) -> None:
     """Overwrite the state with what `save` gave for the same configuration; ValueError says what is wrong with it."""
     saved, arrays = bytes(saved), [array for _, array in memory.state_arrays()]
     at = _check(config, arrays, saved)
+    memory.words[:] = 0  # a flipped bit beyond the extents in use, too
     for array in arrays:
         kind = array.dtype.newbyteorder("<")
         array[...] = np.frombuffer(saved, kind, array.size, at).reshape(array.shape)

@@ -84,6 +84,7 @@ def calls_of(config: Config, memory: Memory) -> Calls:
         begin = partial(regression.restart_regression, seen, words, first_state(config.seed))
 
     def restart() -> None:
+        words[:] = 0  # a flipped bit beyond the extents in use, too
         for _, array in memory.state_arrays():
             array[...] = 0
         begin()

@@ -77,7 +77,7 @@ class Course:
 
 
 def buffers(estimator: Estimator) -> tuple[np.ndarray, ...]:
-    return estimator._memory.words, *estimator._memory.apart.values()
+    return estimator._memory.block.view(np.int64), *estimator._memory.apart.values()
 
 
 def memory(estimator: Estimator) -> tuple[np.ndarray, ...]:

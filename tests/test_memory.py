@@ -1,0 +1,148 @@
+"""The one memory: fixed maxima, as much of it in use as a configuration needs, and nothing compiled for another."""
+
+import dataclasses
+
+import numba
+import numpy as np
+import pytest
+from cut import flip
+from numba.core import event
+
+from launchid_core import Config, Estimator, Sample, Status, entries, memory
+from launchid_core.assembly import size_of
+from launchid_core.library import MAX_TERMS, polynomial
+from launchid_core.memory import FIXED, LARGEST, STATE, WORK
+from sim.flight import fly_whole
+from sim.identify import onboard_model
+from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
+from sim.uncertainty.level import ranged_model
+
+CALM = load_nominal("constant")
+WINDY = dataclasses.replace(
+    CALM, wind=Wind(walk=0.005, turbulence=0.005),
+    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
+                    moment=1e-3))
+TURBULENT = dataclasses.replace(CALM, wind=Wind(turbulence=0.005))
+
+
+def filtered(nominal=CALM, **choices) -> Config:
+    return Config(**{"window": 0.5, "formulation": "filtered", "model": onboard_model(nominal)} | choices)
+
+
+CHOICES = ("integral", "solver", "by_share", "structured", "ranged")  # of `Size`: no extents
+CONFIGS = {
+    "integral": Config(window=0.5, library="quadratic", compression=2),
+    "measured": Config(window=0.5, formulation="measured", solver="lasso", threshold=0.1),
+    "calm": filtered(),
+    "range": filtered(model=ranged_model(CALM)),
+    "terms": filtered(library="quadratic"),
+    "wind": filtered(WINDY),
+}
+
+
+def flown(config: Config, samples: int = 230) -> Estimator:
+    estimator = Estimator(config)
+    for sample in list(fly_whole(CALM, 5).samples())[1900:1900 + samples]:
+        estimator.update(sample._replace(theta_ddot=2.0 * sample.theta - 7.0 * sample.beta))
+    return estimator
+
+
+def in_use(config: Config) -> np.ndarray:
+    """Of every word of the block whether it belongs to the extents in use."""
+    estimator = Estimator(config)
+    words = estimator._memory.block.view(np.int64)
+    words[:] = 0
+    for _, array in memory.named_arrays(estimator._memory.parts):
+        array.view(np.int64)[...] = -1
+    return words != 0
+
+
+# ---- the extents in use
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_after_a_flight_every_word_outside_the_extents_in_use_is_zero(name):
+    """So seals of the whole block are those of C, which has these extents alone.  The size itself is no array."""
+    estimator = flown(CONFIGS[name])
+    assert estimator.counts["WINDOW_COMPLETE"] >= 4
+    block, used = estimator._memory.block, in_use(CONFIGS[name])
+    fixed = block[FIXED]["belief"] if CONFIGS[name].formulation == "filtered" else block[FIXED]
+    assert tuple(fixed["size"][0]) == estimator._memory.size
+    fixed["size"] = np.zeros(1, fixed["size"].dtype)
+    assert used.any() and not used.all()
+    assert not block.view(np.int64)[~used].any()
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_word_outside_the_extents_in_use_that_flips_is_seen_and_forgotten(name):
+    """Begun anew it is zero again: what is saved then goes on anywhere else."""
+    estimator, other = flown(CONFIGS[name], 205), Estimator(CONFIGS[name])
+    saved, words = estimator.save(), estimator._memory.words
+    whole, used = estimator._memory.block.view(np.int64), in_use(CONFIGS[name])
+    first = (words.ctypes.data - whole.ctypes.data) // words.itemsize
+    spare = np.flatnonzero(~used[first:first + words.size]).tolist()
+    samples = list(fly_whole(CALM, 5).samples())[2105:2160]
+    for turn, place in enumerate(spare[::max(1, len(spare) // 5)]):
+        flip(words, place, 7 * turn % 63)
+        assert [estimator.update(sample) for sample in samples].count(Status.RECOVERED) == 1, place
+        assert words[place] == 0, place
+        other.restore(estimator.save())
+        for each in (estimator, other):
+            assert Status.RECOVERED not in [each.update(s._replace(t=s.t + 1.0)) for s in samples], place
+        flip(words, place, 7 * turn % 63)
+        estimator.restore(saved)
+        assert words[place] == 0, place
+    assert bool(spare) == (CONFIGS[name].formulation == "filtered")
+
+
+def test_the_extents_in_use_never_exceed_the_largest():
+    """The largest library, every nuisance, every level."""
+    largest = filtered(WINDY, library=polynomial(5)[:MAX_TERMS])
+    for config in (largest, *CONFIGS.values()):
+        for name, number in size_of(config)._asdict().items():
+            assert number <= getattr(LARGEST, name) or name in CHOICES, name
+    assert size_of(largest).terms == LARGEST.terms and size_of(largest).sensitivities == LARGEST.sensitivities
+
+
+def test_every_line_of_the_table_is_an_array_of_its_name_and_type():
+    for struct in (memory.REGRESSION, memory.FILTERED):
+        whole = memory.dtype_of(struct)
+        assert whole.names == (FIXED, STATE, WORK) and whole.isalignedstruct
+        for part in whole.names:
+            for line in next(each.kind for each in struct.lines if each.name == part).lines:
+                kind = whole[part][line.name]
+                assert kind.itemsize % 8 == 0, line.name  # words, with no byte between
+                assert line.about or isinstance(line.kind, memory.Struct), line.name
+
+
+# ---- nothing is compiled for another configuration
+
+
+def signatures(config: Config) -> list[int]:
+    estimator = Estimator(config)
+    return [len(entry.signatures) for entry in entries.entries_of(config, estimator._memory)]
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize(("first", "others"), [
+    (filtered(), [filtered(window=2.0), filtered(load_nominal("vega_like")), filtered(WINDY), filtered(TURBULENT),
+                  filtered(sample_period=0.0025, model=onboard_model(CALM, 0.0025)), filtered(noise="declared")]),
+    (filtered(library="quadratic"), [filtered(library="linear"), filtered(WINDY, library="theta,beta,theta_dot^2", window=3.0)]),
+    (Config(library="linear"), [Config(library="quadratic", window=3.0), Config(compression=3, sample_period=0.001),
+                                Config(library=("theta", "beta", "sin(theta)"))])],
+    ids=["filtered", "terms", "integral"])
+def test_another_window_rate_nominal_library_and_set_of_nuisances_compiles_nothing(first, others):
+    before = signatures(first)
+    with event.install_recorder("numba:compile") as recorder:
+        for other in others:
+            assert signatures(other) == before
+            flown(other, 60)
+    assert [each.data["dispatcher"].py_func.__name__ for _, each in recorder.buffer] == []
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_the_recorder_sees_what_is_compiled():
+    with event.install_recorder("numba:compile") as recorder:
+        numba.njit(lambda x: x + 1.0)(1.0)
+    assert len(recorder.buffer) >= 1
