@@ -8,15 +8,18 @@ import numpy as np
 
 from .diagnosis.data.check import check
 from .diagnosis.data.fault import Fault
-from .diagnosis.data.relations import GAIN_SLACK, RATE_BLOCK, rate_fit
+from .diagnosis.data.relations import GAIN_SLACK
+from .diagnosis.data.slope import RATE_BLOCK, rate_fit
 from .diagnosis.data.stamps import uniform_times, usable_rows
+from .diagnosis.data.turns import unwrapped
 from .diagnosis.data.vehicle import CLEAR, FEWEST_BLOCKS, NEIGHBOURS, plant_faults
 from .errors import InputError
 from .log import Log
 from .nominal import Nominal, constant_profile
 from .sections import Sensors
 
-COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity
+COLUMN_FAULTS = ("unit", "sign", "swapped", "motion", "origin")  # of a whole column: it is of another quantity
+CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed
 FEWEST_IDEAL = 20       # rows
 EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
 ONE_MOTION = 0.98       # share of the variance of theta's changes that theta_dot must explain to tell a scale
@@ -25,32 +28,45 @@ MASKED = "; these rows are left out"          # by the diagnosis; an estimator j
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """What the data check finds; without a nominal what the columns tell of each other."""
+    """What the data check finds; without a nominal what the columns tell of each other.
+
+    InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
+    """
+    period = log.check_clock()
     if nominal is None:  # of a vehicle and of sensors that say nothing
         nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
-            period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
-    made = check(log, nominal)
+            period=log.period if period is None else period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
+    made = check(unwrapped(log)[0], nominal)
     for fault in made.faults:
-        if fault.kind == "unit" and fault.channel == "t":
+        if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    if any(fault.kind in COLUMN_FAULTS for fault in made.faults):
+    if foreign(made.faults):
         return made.faults
     return (*made.faults, *plant_faults(log, nominal, made.masks))
 
 
-def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """What the data check finds in one line, nothing if that is nothing.
+def warned(log: Log, found: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+    """What the data check found in one line, nothing if that is nothing.
 
-    InputError instead if `strict`, or if a column is in another unit, of the other sign or under another's name and
-    that is refused.
+    InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
     """
-    found = faults(log, nominal)
     if not found:
         return ()
     line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in found)}"
-    if strict or (refuse_columns and any(fault.kind in COLUMN_FAULTS for fault in found)):
+    if strict or (refuse_columns and foreign(found)):
         raise InputError(line)
     return (line,)
+
+
+def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+    """Both in one: look at a log, and say what is found."""
+    return warned(log, faults(log, nominal), strict, refuse_columns)
+
+
+def foreign(found: tuple[Fault, ...]) -> str:
+    """Of which other quantity than their names say whole columns are, in words; "": none.  No advice but to correct
+    them has a meaning then."""
+    return "; ".join(fault.message for fault in found if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:

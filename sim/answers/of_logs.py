@@ -10,7 +10,7 @@ import numpy as np
 from launchid_core import Config, Estimate
 
 from ..asked import integer, real, word
-from ..checked import data_warnings, ideal_note, profile_note, rate_note
+from ..checked import data_warnings, faults, foreign, ideal_note, profile_note, rate_note, warned
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
@@ -70,8 +70,8 @@ class Identification(Answer):
 
 def _too_short(log: Log, window: float) -> str:
     t = log.t[np.isfinite(log.t)]
-    if beyond := log.out_of_range():
-        return f"no window of {window:g} s is complete: {beyond}"
+    if reason := log.unusable():
+        return f"no window of {window:g} s is complete: {reason}"
     return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
             "expected a longer log, or a smaller window")
 
@@ -84,14 +84,15 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
-    said = data_warnings(log, nominal, strict) + ideal_note(log) + rate_note(log)
-    config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
+    found = faults(log, nominal)
+    said = warned(log, found, strict) + ideal_note(log) + rate_note(log)
+    config = log_config(log, nominal, window, formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
-    if config.formulation == "filtered":
+    if config.formulation == "filtered" and not foreign(found):
         said += profile_note(nominal, level.log_span(log)[1], log.path)
-    made = identified(config, log)
+    made = identified(config, log, foreign(found), any(fault.kind == "motion" for fault in found))
     if made.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library, said)

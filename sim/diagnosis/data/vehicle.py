@@ -16,7 +16,7 @@ from ...log import Log
 from ...nominal import Nominal
 from ...sums import combined, inner, least_squares, square
 from .fault import Fault
-from .relations import DEGREES, block_means
+from .slope import DEGREES, block_means
 
 BLOCK = 0.2          # s: long enough to average the noise, short beside the motion
 FEWEST_BLOCKS = 30
