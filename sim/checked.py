@@ -32,10 +32,9 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
 
     InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
     """
-    period = log.check_clock()
     if nominal is None:  # of a vehicle and of sensors that say nothing
         nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
-            period=log.period if period is None else period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
+            period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
     made = check(unwrapped(log)[0], nominal)
     for fault in made.faults:
         if fault.channel == "t" and fault.kind in CLOCK_FAULTS:

@@ -74,6 +74,11 @@ class Log(Result):
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
 
+    def is_same(self, other: "Log") -> bool:
+        """Whether the other has the same columns, to the bit."""
+        return self.columns == other.columns and all(
+            np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
+
     def unusable(self) -> str:
         """What of it says nothing to an estimator: columns for which it rejects rows, in how many, and columns that
         never change; in words, "" if there are none."""

@@ -15,7 +15,7 @@ from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
 from ..diagnosis.verdict import diagnose as examine
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..identify import identified, log_config, report_of, table
 from ..log import Log
 from ..nominal import Nominal, write_nominal
@@ -185,7 +185,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
-    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, WITHIN)
+    bootstrap, noise = integer("bootstrap", bootstrap, 0), word("noise", noise, WITHIN)
     for each in (log, holdout):
         if each is not None:
             each.check_clock()
@@ -230,7 +230,10 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
     """
     if not logs:
         raise UsageError("fit-lft: expected at least one log")
-    for name, value in (("--share", share), ("--confidence", confidence)):
+    for k, log in enumerate(logs):
+        if again := next((one for one in logs[:k] if log.is_same(one)), None):
+            raise InputError(f"{log.path}: the same flight as {again.path}; expected each once")
+    for name, value in (("share", share), ("confidence", confidence)):
         if not 0.0 < real(name, value, "a number between 0 and 1") < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()

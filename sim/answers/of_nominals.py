@@ -13,7 +13,7 @@ from launchid_core import Config, Sample
 from ..asked import integer, real, several
 from ..believed import onboard_model
 from ..checked import profile_note
-from ..effects import Effect, from_text
+from ..effects import Effect, from_text, values
 from ..errors import UsageError
 from ..export_c.kit import exported
 from ..export_c.single import single_files
@@ -25,6 +25,7 @@ from ..nominal import Nominal, write_nominal
 from ..plan import Plan
 from ..plan import plan as planned
 from ..result import Columns
+from ..shown import SLOW
 from ..uncertainty import level
 from .answer import Answer
 
@@ -74,23 +75,35 @@ def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: 
     seed     of all noise;  suite `flight` or `ideal`;  period [s] of the log, None: the suite's
     effects  one or several, each as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
     """
-    seed = integer("--seed", seed, 0)
-    period = None if period is None else real("--period", period, "a number of seconds")
-    flight = fly_whole(nominal, seed, suite, period, effects=_chosen(effects))
-    said: tuple[str, ...] = ()
-    if nominal.simulation is not None:
-        said = profile_note(nominal, nominal.simulation.duration, "the flight")
+    seed = integer("seed", seed, 0)
+    period = None if period is None else real("period", period, "a number of seconds")
+    chosen = _chosen(effects)
+    flight = fly_whole(nominal, seed, suite, period, effects=chosen)
+    said = _beside_the_flight(nominal, flight.period, chosen)
     return Flown(flight, nominal, {"rows": len(flight.t), "period": flight.period, "seed": seed, "lost": flight.lost},
                  said)
 
 
+def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -> tuple[str, ...]:
+    """What of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its end."""
+    assert nominal.simulation is not None  # else it would not have flown
+    end = nominal.simulation.duration
+    said = profile_note(nominal, end, "the flight")
+    if period > SLOW:
+        said += (f"{nominal.path}: rows {period:g} s apart (sensors.period {nominal.sensors.period:g} s): no launcher is "
+                 f"logged as slowly, expected at most {SLOW:g} s",)
+    return said + tuple(f"{of.name} begins at {values(of)['time']:g} s, after the flight's end at {end:g} s: it is not "
+                        "in the log" for of in (*nominal.effects, *effects)
+                        if isinstance(values(of).get("time"), float) and values(of)["time"] >= end)
+
+
 def _chosen(effects: str | Iterable[str | Effect]) -> list[Effect]:
     listed = [effects] if isinstance(effects, str) else several(
-        "--effect", effects, "one or a list of effects such as 'gyro_bias:rate=0.01'")
+        "effects", effects, "one or a list of effects such as 'gyro_bias:rate=0.01'")
     chosen = [from_text(each) if isinstance(each, str) else each for each in listed]
     for each in chosen:
         if not isinstance(each, Effect):
-            raise UsageError(f"--effect {each!r}: expected a text such as 'gyro_bias:rate=0.01'")
+            raise UsageError(f"effects: {each!r}: expected a text such as 'gyro_bias:rate=0.01'")
     return chosen
 
 
@@ -136,8 +149,8 @@ class Planned(Answer):
 
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:
     """Design the smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
-    accuracy = real("--accuracy", accuracy, "a relative accuracy such as 0.01")
-    made = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
+    accuracy = real("accuracy", accuracy, "a relative accuracy such as 0.01")
+    made = planned(nominal, accuracy, real("window", window, "a number of seconds"))
     multisine = made.nominal.test_input
     names = ("start", "duration", "frequency", "amplitude", "phase")
     return Planned(made, window, {
