@@ -10,7 +10,7 @@ import numpy as np
 from launchid_core import Config, Estimate
 
 from ..asked import integer, real, word
-from ..checked import data_warnings, faults, foreign, ideal_note, profile_note, rate_note, warned
+from ..checked import data_warnings, faults, foreign, ideal_note, profile_note, warned
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
@@ -85,7 +85,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     choices  further fields of `launchid_core.Config`
     """
     found = faults(log, nominal)
-    said = warned(log, found, strict) + ideal_note(log) + rate_note(log)
+    said = warned(log, found, strict) + ideal_note(log)
     config = log_config(log, nominal, window, formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "

@@ -90,11 +90,12 @@ def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -
     end = nominal.simulation.duration
     said = profile_note(nominal, end, "the flight")
     if period > SLOW:
-        said += (f"{nominal.path}: rows {period:g} s apart (sensors.period {nominal.sensors.period:g} s): no launcher is "
-                 f"logged as slowly, expected at most {SLOW:g} s",)
-    return said + tuple(f"{of.name} begins at {values(of)['time']:g} s, after the flight's end at {end:g} s: it is not "
-                        "in the log" for of in (*nominal.effects, *effects)
-                        if isinstance(values(of).get("time"), float) and values(of)["time"] >= end)
+        said += (f"{nominal.path}: rows {period:g} s apart (sensors.period {nominal.sensors.period:g} s): no launcher "
+                 f"is logged as slowly, expected at most {SLOW:g} s",)
+    begins = {each.name: time for each in (*nominal.effects, *effects)
+              if isinstance(time := values(each).get("time"), float) and time >= end}
+    return said + tuple(f"{name} begins at {time:g} s, after the flight's end at {end:g} s: it is not in the log"
+                        for name, time in begins.items())
 
 
 def _chosen(effects: str | Iterable[str | Effect]) -> list[Effect]:

@@ -21,7 +21,19 @@ import numpy as np
 from ...sections import Nominal
 from ...sums import square
 from .fault import Fault
-from .slope import CLEAR, DEGREES, NO_FIT, SAME_UNIT, Columns, Fit, block_means, is_other_motion, near, rate_fit, regress
+from .slope import (
+    CLEAR,
+    DEGREES,
+    NO_FIT,
+    SAME_UNIT,
+    Columns,
+    Fit,
+    block_means,
+    is_other_motion,
+    near,
+    rate_fit,
+    regress,
+)
 
 UNIT_SLACK = 2.2         # a gain of 57.3 or its inverse within this factor: gains of effects are 0.4..2.5
 GAIN_SLACK = 2.6         # a gain of +-1 within this factor

@@ -23,6 +23,10 @@ FEWEST_BLOCKS = 15
 CLEAR = 0.5              # share of variance a relation must explain to tell unit or sign
 SAME_UNIT = 1.6          # a gain of a unit within this factor: milliseconds and degrees are 3.3 from degrees alone
 ENOUGH_BLOCKS = 30       # of the longest length: the best of several by chance explains less than CLEAR
+ONE_MOTION = 0.98        # share of the variance of theta's changes that theta_dot must explain to tell a scale
+SAME_SCALE = 0.01        # relative: nobody calibrates a gyro better in a vehicle
+SURE = 5.0               # standard deviations
+NEIGHBOURS = 2.0         # times the variance of independent residuals: those of neighbouring blocks share one
 NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
 
@@ -121,6 +125,16 @@ def is_other_motion(columns: Columns, period: float) -> bool:
         return False
     fit, moves = slope_fit(columns, period)
     return moves and fit.explained < CLEAR
+
+
+def foreign_scale(columns: Columns, period: float) -> tuple[float, float] | None:
+    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1."""
+    fit = rate_fit(columns, "theta", "theta_dot", period)
+    gain, blocks = fit.gain[0], len(columns["theta"]) * period / RATE_BLOCK if "theta" in columns else 0.0
+    if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
+        return None
+    std = abs(gain) * math.sqrt(NEIGHBOURS * (1.0 / fit.explained - 1.0) / blocks)
+    return (1.0 / gain, std / gain**2) if abs(gain - 1.0) > max(SURE * std, SAME_SCALE) else None
 
 
 def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | None:

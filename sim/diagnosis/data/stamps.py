@@ -120,7 +120,7 @@ def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str]
         return [], 1.0
     return [Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
                   f"t looks like {unit} over the whole log: {why}; "
-                  + (f"divide it by {factor:g}" if factor >= TIME_UNITS[0][1] else
+                  + (f"divide it by {factor:g}" if (unit, factor) in TIME_UNITS else
                      f"multiply it by about {1.0 / factor:.3g} s"))], factor
 
 

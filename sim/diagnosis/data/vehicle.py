@@ -16,15 +16,10 @@ from ...log import Log
 from ...nominal import Nominal
 from ...sums import combined, inner, least_squares, square
 from .fault import Fault
-from .slope import DEGREES, block_means
+from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means
 
-BLOCK = 0.2          # s: long enough to average the noise, short beside the motion
-FEWEST_BLOCKS = 30
-UNIT_SLACK = 1.6     # a ratio of 57.3 or its inverse within this factor
 SIGN_LEAST = 0.4     # a ratio of -1 within this and its inverse
 EXPLAINED = 0.5      # share of the variance without it that beta must explain
-CLEAR = 5.0          # standard deviations
-NEIGHBOURS = 2.0     # times the variance of independent residuals: those of neighbouring blocks share one
 NOISE_CHANNELS = (("theta", "theta_std", "theta_step"), ("theta_dot", "theta_dot_std", "theta_dot_step"),
                   ("beta", "beta_std", "beta_step"))
 NOISE_SLACK = 2.2    # noise is declared less well than a parameter
@@ -36,7 +31,7 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
     masks  channel -> (n,) bool: the values that may be used
     """
     rows = masks["theta"] & masks["beta"]
-    if np.count_nonzero(rows) < FEWEST_BLOCKS:
+    if np.count_nonzero(rows) < ENOUGH_BLOCKS:
         return []
     t = log.t[rows]
     message = None if nominal.terms else _of_ratio(*_ratio(log, nominal, masks, rows))
@@ -51,11 +46,11 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
 
 def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
     """(kind, channel, message) of k1 over the nominal's, nothing if it may be true."""
-    if not (explained > EXPLAINED and abs(ratio) > CLEAR * std):
+    if not (explained > EXPLAINED and abs(ratio) > SURE * std):
         return None
     said = f"k1 comes out {ratio:.2g} times the nominal's"
     for factor, column in ((DEGREES, "theta"), (1.0 / DEGREES, "beta")):
-        if 1.0 / UNIT_SLACK < abs(ratio) / factor < UNIT_SLACK:
+        if 1.0 / SAME_UNIT < abs(ratio) / factor < SAME_UNIT:
             sign = ", and of the opposite sign," if ratio < 0.0 else ""
             return "unit", column, (f"{column} looks like degrees{sign} over the whole log: {said}; "
                                     "multiply it by pi/180")
@@ -69,8 +64,8 @@ def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.nd
     """k1 over the nominal's, its standard deviation, and the share of the variance that beta explains."""
     with_rate = np.count_nonzero(masks["theta_dot"] & rows) > 0.5 * np.count_nonzero(rows)
     rows = rows & masks["theta_dot"] if with_rate else rows
-    t, theta, size = log.t[rows], log.theta[rows], max(2, round(BLOCK / log.period))
-    if len(t) // size < FEWEST_BLOCKS:
+    t, theta, size = log.t[rows], log.theta[rows], max(2, round(RATE_BLOCK / log.period))
+    if len(t) // size < ENOUGH_BLOCKS:
         return math.nan, math.nan, 0.0
     gamma = log.flight_path[rows]
     alpha = theta - np.where(np.isfinite(gamma), gamma, 0.0)
@@ -100,7 +95,7 @@ def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarra
     for name, std, step in NOISE_CHANNELS:
         declared = math.hypot(getattr(nominal.sensors, std), getattr(nominal.sensors, step) / math.sqrt(12.0))
         x = getattr(log, name)[masks[name]]
-        if declared > 0.0 and len(x) >= FEWEST_BLOCKS:
+        if declared > 0.0 and len(x) >= ENOUGH_BLOCKS:
             third = np.diff(x, n=3)   # of white noise its variance is 20 times the noise's; motion has none
             ratios.append(1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0) / declared)
     return len(ratios) > 1 and all(1.0 / NOISE_SLACK < ratio / DEGREES < NOISE_SLACK for ratio in ratios)
