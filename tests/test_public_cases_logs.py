@@ -146,6 +146,14 @@ def test_all_angles_in_degrees_are_told_as_all(name, period, columns):
     assert said[0].message.startswith("all angles look like degrees")
 
 
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_theta_alone_in_degrees_is_not_all(name):
+    nominal = short(name)
+    log = flown_log(fly_whole(nominal, 2)).measured()
+    assert kinds(times({column: log[column] for column in ("t", "theta", "beta")}, theta=1.0 / DEGREE), nominal) == [
+        ("unit", "theta")]
+
+
 def test_advice_that_a_fault_makes_meaningless_is_not_given():
     nominal = short("constant", period=0.02)
     log = flown_log(fly_whole(nominal, 2)).measured()

@@ -19,6 +19,7 @@ from . import channels, relations, stamps
 from .fault import Fault
 from .rates import HELD, rate_of, slower
 from .slope import Columns, unit_of_time
+from .vehicle import guided_faults
 
 __all__ = ["DataCheck", "Fault", "check"]
 
@@ -73,8 +74,9 @@ def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np
     times = times / factor
     if not columns or not times[1] - times[0] >= SHORTEST:
         return faults
-    for change, fault in relations.relation_faults(columns, float(times[1] - times[0]), nominal, times):
-        faults.append(fault)
+    changes = list(relations.relation_faults(columns, float(times[1] - times[0]), nominal, times))
+    faults += [fault for _, fault in changes] if changes else guided_faults(log, nominal, masks)
+    for change, _ in changes:
         for name in change.channels:
             masks[name][:] = False
     return faults

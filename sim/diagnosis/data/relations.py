@@ -2,7 +2,7 @@
 
 Three relations hold whatever the vehicle does:
 
-    rate        theta = integral of theta_dot (+ bias)
+    rate        theta = integral of theta_dot (+ bias): see `slope`
     nozzle      beta = the actuator's answer to beta_cmd (+ bias), never before it
     controller  beta_cmd = C(theta) - C(theta_ref) (+ bias, + test input), C the nominal's
 
@@ -59,7 +59,6 @@ FAULTS_AT_MOST = 4
 RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
 WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
          "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
-         "units": "all angles look like degrees over the whole log: {1}; multiply them by pi/180",
          "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1",
          "motion": "{1} over the whole log: the body turns about its other axes too, or the two are of different "
                    "devices"}
@@ -98,9 +97,8 @@ def relation_faults(columns: Columns, period: float, nominal: Nominal,
 
 
 def _fault(change: Change, times: np.ndarray) -> Fault:
-    several = len(change.channels) > 1
-    words = WORDS["units" if several and change.kind == "unit" else change.kind]
-    text, channel = words.format(" and ".join(change.channels), change.reason), None if several else change.channels[0]
+    text = WORDS[change.kind].format(" and ".join(change.channels), change.reason)
+    channel = change.channels[0] if len(change.channels) == 1 else None
     return Fault(change.kind, channel, float(times[0]), float(times[-1]), len(times), text)
 
 
@@ -110,7 +108,7 @@ def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray)
     nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
     control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
     change = (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
-              or _far_out(columns, nominal, times) or _reversed(rate, nozzle, control))
+              or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
     if change is None and is_other_motion(columns, period):
         return Change("motion", ("theta", "theta_dot"), 0.0, "theta_dot is not the slope of theta")
     return change
@@ -296,23 +294,18 @@ def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
     return None
 
 
-def _far_out(columns: Columns, nominal: Nominal, times: np.ndarray) -> Change | None:
-    """Where no relation between columns tells: the reference, or an attitude that follows it, against the guidance.
-
-    Then all angles are in degrees: one alone breaks a relation.
-    """
-    if nominal.guidance is None:
+def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
+    """Without a relation that tells: the reference against the guidance's, where theta does not follow it as it is."""
+    reference = columns.get("theta_ref")
+    if reference is None or nominal.guidance is None:
         return None
-    asked, back = columns.get("theta_ref"), 1.0 / DEGREES
-    largest, known = 0.0 if asked is None else float(np.max(np.abs(asked))), max(map(abs, nominal.guidance.theta_ref))
-    is_far = largest > FAR_OUT and known > 0.0 and near(largest / known, DEGREES, UNIT_SLACK)
-    why = f"it reaches {largest:.3g}, the guidance {known:.3g} rad"
-    if "theta" in columns and (asked is None or is_far):
-        fit = regress(columns["theta"], [nominal.guidance.attitude_at(times) if asked is None else asked])
-        if fit.explained > CLEAR and near(fit.gain[0], DEGREES if asked is None else 1.0, UNIT_SLACK):
-            why = why if asked is not None else f"theta is {fit.gain[0]:.1f} times what the guidance asks for"
-            return Change("unit", tuple(columns), back, why)
-    return Change("unit", ("theta_ref",), back, why) if is_far else None
+    largest, known = float(np.max(np.abs(reference))), max(map(abs, nominal.guidance.theta_ref))
+    if not (largest > FAR_OUT and known > 0.0 and near(largest / known, DEGREES, UNIT_SLACK)):
+        return None
+    follows = regress(columns["theta"], [reference]) if "theta" in columns else NO_FIT
+    if follows.explained > VERY_CLEAR and near(follows.gain[0], 1.0, UNIT_SLACK):
+        return None  # both are
+    return Change("unit", ("theta_ref",), 1.0 / DEGREES, f"it reaches {largest:.3g}, the guidance {known:.3g} rad")
 
 
 def _reversed(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
