@@ -8,7 +8,7 @@ import numpy as np
 
 from .diagnosis.data.check import DataCheck, check, related
 from .diagnosis.data.fault import Fault
-from .diagnosis.data.slope import foreign_scale
+from .diagnosis.data.slope import foreign_scale, is_other_motion
 from .diagnosis.data.turns import unwrapped
 from .diagnosis.data.vehicle import plant_faults
 from .errors import InputError
@@ -38,13 +38,19 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
     if foreign(made.faults):
         return made.faults
-    return (*made.faults, *plant_faults(log, nominal, made.masks), *scale_faults(log, made))
+    return (*made.faults, *plant_faults(log, nominal, made.masks), *rate_faults(log, made))
 
 
-def scale_faults(log: Log, data: DataCheck) -> list[Fault]:
-    """That theta_dot is a multiple of the slope of theta: for a diagnosis an effect, which no estimator asks for."""
+def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
+    """That theta_dot is another motion than the slope of theta, or a multiple of it: for a diagnosis an effect of a
+    sensor, which no estimator asks for."""
     t, columns = related(log, data.usable, data.masks)
-    scale = foreign_scale(columns, float(t[1] - t[0])) if columns else None
+    period = float(t[1] - t[0]) if columns else 0.0
+    if columns and is_other_motion(columns, period):
+        return [Fault("motion", None, float(t[0]), float(t[-1]), len(t),
+                      "theta_dot is not the slope of theta over any time: the body turns about its other axes too, or "
+                      "the two are of different devices")]
+    scale = foreign_scale(columns, period) if columns else None
     if scale is None:
         return []
     return [Fault("scale", "theta_dot", float(t[0]), float(t[-1]), len(t),

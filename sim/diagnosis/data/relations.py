@@ -29,7 +29,6 @@ from .slope import (
     Columns,
     Fit,
     block_means,
-    is_other_motion,
     near,
     rate_fit,
     regress,
@@ -59,14 +58,12 @@ FAULTS_AT_MOST = 4
 RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
 WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
          "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
-         "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1",
-         "motion": "{1} over the whole log: the body turns about its other axes too, or the two are of different "
-                   "devices"}
+         "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
 
 
 @dataclass(frozen=True)
 class Change:
-    """One repair: `channels` times `factor`, or exchanged; 0: what they are of is not known."""
+    """One repair: `channels` times `factor`, or exchanged."""
 
     kind: str
     channels: tuple[str, ...]
@@ -91,8 +88,6 @@ def relation_faults(columns: Columns, period: float, nominal: Nominal,
         if change is None:
             return
         yield change, _fault(change, times)
-        if change.factor == 0.0:
-            return
         columns = change.repaired(columns)
 
 
@@ -107,11 +102,8 @@ def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray)
     rate = rate_fit(columns, "theta", "theta_dot", period)
     nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
     control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
-    change = (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
-              or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
-    if change is None and is_other_motion(columns, period):
-        return Change("motion", ("theta", "theta_dot"), 0.0, "theta_dot is not the slope of theta")
-    return change
+    return (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
+            or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
 
 
 # ---- the relations
