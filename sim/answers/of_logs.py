@@ -18,7 +18,7 @@ from ..diagnosis.verdict import diagnose as examine
 from ..errors import UsageError
 from ..identify import identified, log_config, report_of, table
 from ..log import Log
-from ..nominal import Nominal, write_nominal
+from ..nominal import Nominal, rewrite_nominal
 from ..result import Columns, drawn
 from ..uncertainty import greybox, level
 from ..words import WITHIN
@@ -217,8 +217,8 @@ class FittedRange(Answer):
         return range_figure(self.nominal)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML."""
-        write_nominal(self.nominal, path)
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        rewrite_nominal(self.nominal, path)
 
 
 def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confidence: float = 0.95,

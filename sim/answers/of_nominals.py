@@ -21,7 +21,7 @@ from ..export_c.vectors import flown
 from ..files import make_folder, write_text
 from ..flight import Flight, fly_whole
 from ..log import Log, flown_log, log_of, write_flight
-from ..nominal import Nominal, write_nominal
+from ..nominal import Nominal, rewrite_nominal
 from ..plan import Plan
 from ..plan import plan as planned
 from ..result import Columns
@@ -130,8 +130,8 @@ class Planned(Answer):
         return plan_figure(self.made)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML."""
-        write_nominal(self.nominal, path)
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        rewrite_nominal(self.nominal, path)
 
 
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:

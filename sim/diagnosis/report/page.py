@@ -14,7 +14,7 @@ from typing import Any
 from ...effects import CATALOGUE
 from ...errors import InputError
 from ...files import make_folder, remove, write_text
-from ...nominal import write_nominal
+from ...nominal import rewrite_nominal
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
 from ..judge.diagnosis import Diagnosis
@@ -98,7 +98,7 @@ def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) ->
         raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
     drawn = _draw(made, path)
     if made.extension is not None:
-        write_nominal(made.extension, path / "extension.toml")
+        rewrite_nominal(made.extension, path / "extension.toml")
     write_text(path / "verdict.json", [json.dumps(result, indent=1), "\n"])
     write_text(path / "report.html", [page(made, drawn)])
 
