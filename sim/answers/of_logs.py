@@ -55,7 +55,9 @@ class Identification(Answer):
 
     def _figure(self) -> "Figure":
         from .figures import identify_figure
-        return identify_figure(self.log, self.report, self.nominal)
+        terms = {term for estimate in self.estimates for term in estimate.terms}
+        asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
+        return identify_figure(self.log, self.report, self.nominal, asked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """What the windows leave, whether it is white, and what they predict over horizons."""
@@ -84,6 +86,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
+    window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
     said = data_warnings(log, nominal, strict) + ideal_note(log) + rate_note(log)
     config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:

@@ -1,7 +1,7 @@
 """Answers from a nominal alone: simulate, plan, export-c."""
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from launchid_core import Config, Sample
 from ..asked import integer, real, several
 from ..believed import onboard_model
 from ..checked import profile_note
-from ..effects import Effect, from_text
+from ..effects import Effect, from_table, from_text
 from ..errors import UsageError
 from ..export_c.kit import exported
 from ..export_c.single import single_files
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 
 # ---- simulate
+
+GivenEffect = str | Mapping[str, Any] | Effect
+Effects = GivenEffect | Iterable[GivenEffect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +71,11 @@ class Flown(Answer):
 
 
 def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: str | Iterable[str | Effect] = ()) -> Flown:
+             effects: Effects = ()) -> Flown:
     """Fly a nominal.
 
     seed     of all noise;  suite `flight` or `ideal`;  period [s] of the log, None: the suite's
-    effects  one or several, each as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
+    effects  one or several, each as `NAME:PARAMETER=VALUE,...`, as a dict of name and parameters, or an `Effect`
     """
     seed = integer("--seed", seed, 0)
     period = None if period is None else real("--period", period, "a number of seconds")
@@ -84,14 +87,22 @@ def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: 
                  said)
 
 
-def _chosen(effects: str | Iterable[str | Effect]) -> list[Effect]:
-    listed = [effects] if isinstance(effects, str) else several(
+def _chosen(effects: Effects) -> list[Effect]:
+    listed = [effects] if isinstance(effects, (str, Mapping, Effect)) else several(
         "--effect", effects, "one or a list of effects such as 'gyro_bias:rate=0.01'")
-    chosen = [from_text(each) if isinstance(each, str) else each for each in listed]
-    for each in chosen:
-        if not isinstance(each, Effect):
-            raise UsageError(f"--effect {each!r}: expected a text such as 'gyro_bias:rate=0.01'")
-    return chosen
+    return [_effect(each) for each in listed]
+
+
+def _effect(given: object) -> Effect:
+    """By a text, by a dict as a nominal's [[effects]], or as it is."""
+    if isinstance(given, Effect):
+        return given
+    if isinstance(given, str):
+        return from_text(given)
+    if isinstance(given, Mapping):
+        return from_table(dict(given))
+    raise UsageError(f"--effect {given!r}: expected a text such as 'gyro_bias:rate=0.01' or a dict such as "
+                     "{'name': 'gyro_bias', 'rate': 0.01}")
 
 
 # ---- plan
