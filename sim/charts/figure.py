@@ -1,8 +1,8 @@
 """A matplotlib figure of curves as what `charts.js` draws again, so that a picture is described once.
 
     {"columns", "arrays": [[...]], "panels": [{"row", "rows", "column", "columns", "height" [px], "group", "title", "x",
-     "abscissa", "log", "xlim", "ylim", "series": [{"x", "y" (indices of arrays), "label", "color", "width", "dash", "size"}],
-     "marks": [{"axis", "from", "to", "color", ...} | {"at", "words"}]}]}
+     "abscissa", "log", "xlim", "ylim", "series": [{"x", "y" (indices of arrays), "label", "color", "width", "dash",
+     "size"}], "marks": [{"axis", "from", "to", "color", ...} | {"at", "words"}]}]}
 
 Panels of one group share their abscissa.
 """
