@@ -441,7 +441,7 @@ def test_in_a_browser_a_report_s_curves_are_read_and_zoomed(folders, tmp_path):
     said = console(page, tmp_path / "profile")
     assert len(said) == 2, said
     found = json.loads(re.sub(r'\\"', '"', said[0][said[0].index("{"):said[0].rindex("}") + 1]))
-    times = {name: [float(re.search(r"t \[s\]:? ([\d.]+)", each)[1]) for each in found[name]]
+    times = {name: [float(re.search(r"t \[s\]\s*([\d.]+)", each)[1]) for each in found[name]]
              for name in ("before", "after")}
     assert len(set(times["before"])) == len(set(times["after"])) == 1, "one cursor in both panels"
     live = json.loads(re.search(r'id="misfit"><script type="application/json">(.*?)</script>', html)[1])
@@ -449,7 +449,7 @@ def test_in_a_browser_a_report_s_curves_are_read_and_zoomed(folders, tmp_path):
     spacing = 2.0 * float(np.median(np.diff(live["arrays"][0])))
     assert times["before"][0] == pytest.approx(0.5 * (low + high), abs=spacing)
     assert times["after"][0] == pytest.approx(low + 0.375 * (high - low), abs=spacing)
-    assert all(re.search(r"measured:? \u2212?[\d.e\u2212]+", found[name][0]) for name in times)
+    assert all(re.search(r"measured\s*\u2212?[\d.]", found[name][0]) for name in times)
     assert 0 < found["drawn"] == found["charts"] < found["left"], "what is no curve stays a picture"
 
 

@@ -1,7 +1,7 @@
 """Curves on a page that one can zoom into and read: uPlot and what the report and the live page share of it, inlined.
 
 uPlot (https://github.com/leeoniya/uPlot, 1.6.32 of May 2025, MIT) draws time series: 51 kB of script without
-dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 70 times.  A page loads
+dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 95 times.  A page loads
 nothing: the files are in it, the licence with them.
 """
 
