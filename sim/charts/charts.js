@@ -4,25 +4,27 @@
 const CHART_FONT = '12px system-ui, "DejaVu Sans", sans-serif';
 const LATE = 1e5;                           // abscissae beyond it are shown from an origin of their own: stamps since 1970
 
-// What all panels have in common; `of`: title, sync (key of those that share x), xlim, ylim (lists, or functions), x
-// (label), abscissa (its name), log (of x and y), series, and what is drawn `under` and `over` the curves.
+// What all panels have in common; `of`: title, sync (key of those that share x), xlim (a list, or a function), ylim (a
+// list, or a function of the x that is shown), x (label), abscissa (its name), log (of x and y), series, and what is
+// drawn `under` and `over` the curves.
 function panelOptions(of, width, height) {
   const axis = more => ({stroke: "#111", font: CHART_FONT, labelFont: CHART_FONT, labelSize: 18, labelGap: 0,
     grid: {stroke: "#dcdcdc", width: 1}, ticks: {stroke: "#999", size: 4, width: 1},
     values: (u, ticks) => ticks.map(v => v === null ? "" : shortest(v)), ...more});
+  const follows = typeof of.ylim === "function";
   const origin = () => { const low = limits(of.xlim)[0]; return Math.abs(low) < LATE ? 0 : Math.floor(low); };
   const x = {size: 30, values: (u, ticks) => ticks.map(v => v === null ? "" : shortest(v - origin())),
     label: of.x ? () => origin() ? of.x.replace(" [", " \u2212 " + origin() + " [") : of.x : undefined};
   return {
     title: of.title, width, height, series: [{label: of.abscissa, value: (u, v) => shortest(v, 13)}, ...of.series],
-    cursor: {sync: {key: of.sync, setSeries: false, scales: ["x", null]}, drag: {x: true, y: true, uni: 30, dist: 4},
+    cursor: {sync: {key: of.sync, setSeries: false, scales: ["x", null]}, drag: {x: true, y: !follows, uni: 30, dist: 4},
       points: {size: 6}},
     scales: {
       x: {time: false, distr: of.log && of.log[0] ? 3 : 1, range: (u, low, high) => {   // asked before y's
         u.zoomed = low > u.data[0][0] || high < u.data[0][u.data[0].length - 1];
-        return u.zoomed ? [low, high] : limits(of.xlim); }},
-      y: {distr: of.log && of.log[1] ? 3 : 1, range: (u, low, high) => !u.zoomed || low === null ? limits(of.ylim) :
-        of.log && of.log[1] ? [low, high] : uPlot.rangeNum(low, high, 0.08, true)}},
+        return u.shown = u.zoomed ? [low, high] : limits(of.xlim); }},
+      y: {distr: of.log && of.log[1] ? 3 : 1, range: (u, low, high) => follows ? of.ylim(u.shown) :
+        !u.zoomed || low === null ? of.ylim : of.log && of.log[1] ? [low, high] : uPlot.rangeNum(low, high, 0.08, true)}},
     axes: [axis(x), axis({size: 62})],
     legend: {markers: {width: 2}},
     hooks: {drawAxes: [u => inside(u, of.under)], draw: [u => inside(u, of.over)]},
