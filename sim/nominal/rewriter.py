@@ -19,7 +19,7 @@ from .writer import Content, content_of, is_section, key_of, lines_of, literal
 
 ANEW = "# written anew: the comments of the file that it came from could not be kept"
 LINE, HEAD = re.compile(r"[^\n]*\n|[^\n]+"), re.compile(r"[^=]*=\s*")   # a line with its end; a key up to its value
-ENDS = ("]", '"""', "'''")   # one of them stands in the last line of a statement of several lines
+QUOTES = ('"', "'")
 
 Place = tuple[str, ...]
 
@@ -116,7 +116,7 @@ def statements(text: str) -> Iterator[Statement]:
     section: Place = ()
     for line in LINE.findall(text):
         part += line
-        if part != line and not any(end in line for end in ENDS):
+        if part != line and not _may_end(line):
             continue
         try:
             table = tomllib.loads(part)
@@ -129,6 +129,13 @@ def statements(text: str) -> Iterator[Statement]:
         yield Statement(part, place if is_header or not place else (*section, *place), is_header,
                         bool(place) and not is_header and is_section(value))
         part = ""
+
+
+def _may_end(line: str) -> bool:
+    """Whether a list or a text of several lines may end here: else no need to parse all of it again."""
+    code = line.partition("#")[0]
+    code = line if any(quote in code for quote in QUOTES) else code
+    return "]" in code or any(3 * quote in line for quote in QUOTES)
 
 
 def _place(table: object, deepest: int) -> tuple[Place, object]:
