@@ -33,7 +33,7 @@ from sim.watch.first_rows import PERIOD_ROWS, FirstRows
 from sim.watch.follower import LAST_WINDOWS, Follower
 from sim.watch.lines import LONGEST, ORDER, SAID, Lines
 from sim.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, Series, message
-from sim.watch.server import MOST_PAGES, Server
+from sim.watch.server import MOST_PAGES, PAGE, Server
 from sim.watch.session import Watched, follow, watch
 from sim.watch.sources import IDLE, Source, open_source
 
@@ -614,7 +614,8 @@ def test_the_page_and_its_headers(server):
     policy = headers["Content-Security-Policy"]
     assert "default-src 'none'" in policy and policy.count("'sha256-") == 2 and "unsafe" not in policy
     assert int(headers["Content-Length"]) == len(body.encode())
-    assert re.findall(r"(?:src|href)=\"(?!data:)", body) == [] and "://" not in body, "nothing from elsewhere"
+    assert re.findall(r"(?:src|href)=\"(?!data:)", body) == [], "nothing from elsewhere"
+    assert re.findall(r"\S+://\S+", body) == ["https://github.com/leeoniya/uPlot"], "in a comment: who made it"
     assert asked(server.server_address[1], "/", "HEAD")[::2] == (200, "")
 
 
@@ -708,6 +709,49 @@ def test_the_page_in_a_browser(folder, nominal, identified, tmp_path, monkeypatc
     assert text["time"] == "11.99 s" and text["status"] == identified["windows"][-1]["status"]
     assert "k1 is out of its range" in text["notes"]
     assert re.search(r"<td>k1</td>", page), "the change stands in the table"
+    titles = re.findall(r'class="u-title">(.*?)</div>', page)
+    assert [title.split(" [")[0] for title in titles if "level" not in title] == \
+        ["a6", "k1", "wind angle", "status of the windows"]
+    assert page.count("<canvas") >= len(titles), "each is drawn"
+    zoomed(servers[0], tmp_path)
+
+
+DRAG = """<script>
+class Told {
+  constructor() { Told.one = this; setTimeout(() => this.say(STATE), 50); }
+  say(news) { this.onmessage({data: JSON.stringify(news)}); }
+  close() {}
+}
+window.EventSource = Told; window.requestAnimationFrame = work => setTimeout(work, 16);
+setTimeout(() => {
+  const over = document.querySelectorAll(".u-over")[1], box = over.getBoundingClientRect();
+  const hand = (kind, x, on) => on.dispatchEvent(new MouseEvent(kind, {clientX: box.left + x * box.width,
+    clientY: box.top + 0.5 * box.height, bubbles: true, movementX: 9, view: window}));
+  hand("mousemove", 0.5, over); hand("mousedown", 0.25, over);
+  hand("mousemove", 0.75, over); hand("mouseup", 0.75, document);
+  setTimeout(() => Told.one.say({...STATE, head: undefined, points: [], windows: []}), 100);
+  setTimeout(() => hand("mousemove", 0.5, over), 200);
+  setTimeout(() => { document.title = JSON.stringify([plots.map(p => [p.scales.x.min, p.scales.x.max]),
+    [...document.querySelectorAll(".u-legend .u-value:first-of-type")].map(each => each.textContent)]); }, 300);
+}, 500)</script>"""
+
+
+def zoomed(server: Server, folder: Path) -> None:
+    """A drag over the middle half of one panel: all show it, also after news, and the cursor's time is one."""
+    state, page = message(server.live, None)[0], folder / "page.html"
+    script = DRAG.replace("STATE", "window.STATE").replace("<script>", f"<script>window.STATE = {json.dumps(state)};")
+    page.write_text(PAGE.decode().replace("<script>", script + "<script>", 1), encoding="utf-8")
+    done = subprocess.run([
+        CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'second'}",
+        "--window-size=1280,1100", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()],
+        capture_output=True, text=True, timeout=SLOWEST, check=True)
+    spans, times = json.loads(re.search(r"<title>(.*?)</title>", done.stdout)[1])
+    points = [point[0] for point in state["points"]]
+    low, high = min(*points, state["windows"][0][0]), max(*points, state["windows"][-1][1])
+    assert len({tuple(span) for span in spans}) == 1 and len(spans) > 3
+    assert spans[0] == pytest.approx([low + 0.25 * (high - low), low + 0.75 * (high - low)], abs=0.1)
+    assert len({each for each in times if "\u00b1" not in each}) == 1
+    assert float(times[0]) == pytest.approx(0.5 * (low + high), abs=0.1)
 
 
 def test_idle_is_short_enough_for_twenty_a_second():

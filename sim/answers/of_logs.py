@@ -18,7 +18,7 @@ from ..diagnosis.verdict import diagnose as examine
 from ..errors import InputError, UsageError
 from ..identify import identified, log_config, report_of, table
 from ..log import Log
-from ..nominal import Nominal, write_nominal
+from ..nominal import Nominal, rewrite_nominal
 from ..result import Columns, drawn
 from ..uncertainty import greybox, level
 from ..words import WITHIN
@@ -55,7 +55,9 @@ class Identification(Answer):
 
     def _figure(self) -> "Figure":
         from .figures import identify_figure
-        return identify_figure(self.log, self.report, self.nominal)
+        terms = {term for estimate in self.estimates for term in estimate.terms}
+        asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
+        return identify_figure(self.log, self.report, self.nominal, asked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """What the windows leave, whether it is white, and what they predict over horizons."""
@@ -84,9 +86,10 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
+    window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
     found = faults(log, nominal)
     said = warned(log, found, strict) + ideal_note(log)
-    config = log_config(log, nominal, window, formulation, tracked, library=library, **choices)
+    config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
@@ -185,7 +188,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
-    bootstrap, noise = integer("bootstrap", bootstrap, 0), word("noise", noise, WITHIN)
+    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, WITHIN)
     for each in (log, holdout):
         if each is not None:
             each.check_clock()
@@ -218,8 +221,8 @@ class FittedRange(Answer):
         return range_figure(self.nominal)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML."""
-        write_nominal(self.nominal, path)
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        rewrite_nominal(self.nominal, path)
 
 
 def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confidence: float = 0.95,

@@ -17,6 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+from ..charts import inlined
 from ..errors import UsageError
 from .live import Live, message
 from .sources import LOOPBACK
@@ -27,7 +28,7 @@ PATIENCE = 10.0     # s that a browser may leave unread, or a request unfinished
 MOST_PAGES = 16     # at a time
 FAREWELL = 1.0      # s that pages are given to hear of the end
 
-PAGE = (Path(__file__).parent / "page.html").read_bytes()
+PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")).encode()
 
 
 def _hash(tag: str) -> str:
