@@ -2,32 +2,31 @@
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
 from ..log import Log, log_of
 
 PERIOD_ROWS = 64  # whose median step is the sample period
 
 
 class Rate:
-    """Takes sound rows by PERIOD_ROWS: what the estimator would reject for its stamp, or for lack of theta or beta, says
-    nothing of the rate."""
+    """Takes sound rows by PERIOD_ROWS.  What the estimator would reject for its stamp, or for lack of theta or beta,
+    says nothing of the rate."""
 
     def __init__(self, path: str) -> None:
         self._path, self._t = path, list[float]()
 
     def parts(self, log: Log) -> Iterator[tuple[Log, float | None]]:
-        """The log cut behind each row that completes so many, with their median step [s] there; None at its end, and
-        where no step goes forward."""
+        """The log cut behind each row that completes so many, with the median step [s] between their stamps there; None
+        at its end, and where all stamps are one."""
         sound = log.in_range("t") & np.isfinite(log.theta) & np.isfinite(log.beta)
         begin = 0
         for row in np.flatnonzero(sound).tolist():
             self._t.append(float(log.t[row]))
             if len(self._t) == PERIOD_ROWS:
-                steps = np.diff(self._t)
-                steps = steps[steps > 0.0]
+                steps = np.diff(np.unique(self._t))  # in order: what stands among them backward takes one
                 self._t.clear()
                 yield _cut(log, begin, row + 1), float(np.median(steps)) if len(steps) else None
                 begin = row + 1
@@ -42,5 +41,5 @@ class Rate:
 
 def _cut(log: Log, begin: int, end: int) -> Log:
     """These rows of it."""
-    arrays = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
+    arrays: dict[str, Any] = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
     return dataclasses.replace(log, **arrays)

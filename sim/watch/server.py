@@ -24,7 +24,7 @@ from typing import Any
 
 from ..errors import UsageError
 from .live import Live, message
-from .sources import LOOPBACK
+from .sources import ARRIVALS, LOOPBACK
 
 FRAME = 0.05        # s between messages at least: 20 a second
 ALIVE = 2.0         # s without news after which a page is told that there is none
@@ -54,7 +54,7 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
-    request_queue_size = MOST_CONNECTIONS
+    request_queue_size = ARRIVALS
 
     def __init__(self, live: Live, port: int) -> None:
         """UsageError if the port is taken; 0: any free one."""
@@ -137,7 +137,7 @@ class Handler(BaseHTTPRequestHandler):
     def _answer(self, with_body: bool) -> None:
         path = self.path.partition("?")[0]
         if not self._is_ours(path):
-            self._whole(403, "text/plain; charset=utf-8", b"not this host's name, or another page's request\n", with_body)
+            self._whole(403, "text/plain; charset=utf-8", b"asked by another name, or by another page\n", with_body)
         elif path == "/":
             self._whole(200, "text/html; charset=utf-8", PAGE, with_body)
         elif path == "/state":

@@ -26,8 +26,10 @@ DATAGRAMS = 256          # in a piece at most
 BACKLOG = 1 << 22        # bytes that the system is asked to keep of UDP while the estimator is busy
 MOST_SENDERS = 16        # connections that wait to be heard: of more the oldest that says nothing is closed
 SILENT = 10.0            # s after which a sender that says nothing gives way to one that does
+ARRIVALS = 1024          # connections that the system keeps until they are looked at
 KNOWN_BY = 16            # bytes of a first line that tell what it is: no request of HTTP is shorter
-REQUEST = re.compile(rb"[A-Za-z]+ +([/*]|\w+:)")  # of HTTP, which any page of a browser can send to any port
+# of HTTP, which any page in a browser can send to any port
+REQUEST = re.compile(rb"(GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI) ", re.IGNORECASE)
 
 Pieces = Iterator[bytes | None]
 # of select's kinds the one that takes any descriptor and any file, where there is it
@@ -199,7 +201,7 @@ class Tcp:
 
     def __init__(self, bound: socket.socket, once: bool, say: Callable[[str], None] = lambda text: None) -> None:
         self._socket, self._once, self._say = bound, once, say
-        bound.listen(MOST_SENDERS)
+        bound.listen(ARRIVALS)
         bound.setblocking(False)
         self.name = f"tcp:{bound.getsockname()[1]}"
         self._waiting: list[socket.socket] = []  # by age
@@ -258,7 +260,7 @@ class Tcp:
         return speaking[0] if speaking else None
 
     def _accept(self) -> None:
-        for _ in range(MOST_SENDERS):
+        for _ in range(ARRIVALS):
             try:
                 self._waiting.append(self._socket.accept()[0])
             except OSError:  # nobody more
