@@ -1,5 +1,5 @@
-"""The live page under attack: whatever comes to its ports, it ends by no traceback, threads, memory and talk are bounded,
-and what it shows of the sound rows is what it would show without."""
+"""The live page under attack: whatever comes to its ports, it ends by no traceback, threads, memory and talk are
+bounded, and what it shows of the sound rows is what it would show without."""
 
 import contextlib
 import http.client
