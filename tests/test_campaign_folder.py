@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim import folder_lock
 from sim.answers.of_campaigns import campaign
 from sim.cli import main
 from sim.errors import InputError
@@ -336,8 +337,24 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsy
     assert set(files(tmp_path / "out")) == {CAMPAIGN, FLIGHTS, "verdict.json"}
 
 
+def test_a_lock_s_file_that_is_taken_away_meanwhile_is_no_lock(tmp_path, monkeypatch):
+    """Its run has ended between the second's opening and locking it: the second locks the one that stands there."""
+    lock = folder_lock._lock
+
+    def late(handle: int) -> None:
+        lock(handle)
+        if not taken:
+            taken.append((tmp_path / LOCK).unlink())
+
+    taken: list[None] = []
+    monkeypatch.setattr(folder_lock, "_lock", late)
+    with locked(tmp_path):
+        assert taken and (tmp_path / LOCK).exists()
+        with pytest.raises(InputError, match="another run"), locked(tmp_path):
+            pass
+
+
 def test_runs_one_after_another_all_get_the_lock(tmp_path):
-    """The file that the first takes away is not the one that the second holds."""
     for _ in range(200):
         with locked(tmp_path), pytest.raises(InputError), locked(tmp_path):
             pass

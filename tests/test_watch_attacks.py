@@ -247,8 +247,8 @@ def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
     """A window of 100 s at a microsecond were 9 GB."""
     follower, lines = Follower("udp:1", nominal, window=100.0), Lines("udp:1", False, lambda text: None)
     assert list(lines.logs(HEADER)) == []
-    for row in (b"nan,0,0,0,0\n", b"1,0,0,0,0\n"):
-        for piece in [row] * (MOST_WAITING + 100) + [row * 500] * 100:
+    for row, alone in ((b"nan,0,0,0,0\n", MOST_WAITING + 100), (b"1,0,0,0,0\n", 100)):
+        for piece in [row] * alone + [row * 500] * 100:
             for log in lines.logs(piece):
                 follower.take(log)
         assert len(follower._waiting) <= MOST_WAITING and follower._first.count <= MOST_CHECKED + 500

@@ -212,7 +212,7 @@ class Tcp:
             while True:
                 sender = self._next()
                 if sender is None:
-                    time.sleep(IDLE) if self._waiting else is_readable(self._socket, IDLE)
+                    is_readable(self._socket, IDLE)
                     yield b""
                     continue
                 self._waiting.remove(sender)
@@ -245,16 +245,12 @@ class Tcp:
         speaking = []
         for sender in [*self._waiting]:
             first = _first_bytes(sender)
-            if first is None:
-                continue
-            if first and not REQUEST.match(first) and b"\0" not in first:
+            if first and (REQUEST.match(first) or b"\0" in first):
+                self._refuse(sender)
+            elif first:
                 speaking.append(sender)
-                continue
-            self._close(sender)
-            if first:
-                self.refused += 1
-            if first and self.refused == 1:
-                self._say(f"{self.name}: a connection that sent HTTP, or no text, was closed; expected rows")
+            elif first is not None:
+                self._close(sender)
         while len(self._waiting) > MOST_SENDERS:
             self._close(next((each for each in self._waiting if each not in speaking), self._waiting[-1]))
         return speaking[0] if speaking else None
@@ -266,6 +262,12 @@ class Tcp:
             except OSError:  # nobody more
                 return
             self._waiting[-1].setblocking(False)
+
+    def _refuse(self, sender: socket.socket) -> None:
+        self.refused += 1
+        if self.refused == 1:
+            self._say(f"{self.name}: a connection that sent HTTP, or no text, was closed; expected rows")
+        self._close(sender)
 
     def _close(self, sender: socket.socket) -> None:
         self._waiting.remove(sender)
