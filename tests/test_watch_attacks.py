@@ -135,6 +135,7 @@ def test_silent_connections_to_both_ports(nominal, rows, quiet, many_descriptors
 def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
     server = Server(Live({"source": "x"}), 0)
     try:
+        early = Listener(server.server_address[1])
         before = threading.active_count()
         with connections(server.server_address[1], n, first):
             assert threading.active_count() <= before + MOST_CONNECTIONS + FEW_THREADS
@@ -146,6 +147,9 @@ def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
         server.live.now = {"state": "ended"}
         server.live.revision += 1
         page.end()
+        early.end()
+        pages = b"/events" in first and first.endswith(b"\r\n\r\n")
+        assert (early.last["now"]["state"] == "ended") != pages, "a page stays, but for newer pages"
         Session.until(lambda: not server.open)
         assert server._room._value == MOST_CONNECTIONS, "every connection's room is free again"
     finally:
