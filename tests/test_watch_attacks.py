@@ -248,6 +248,27 @@ def test_a_rate_that_a_window_was_found_with_is_kept(nominal, rows, quiet):
     assert follower.report()["samples"]["accepted"] == len(rows) + 200
 
 
+def test_the_data_check_is_of_the_rows_after_the_last_header(nominal, rows):
+    """One row under another header does not keep it waiting: beta of the other sign is said."""
+    turned = [b",".join([*cells[:3], repr(-float(cells[3])).encode(), repr(-float(cells[4])).encode()]) + b"\n"
+              for cells in (row.split(b",") for row in rows)]
+    for first in (b"", b"t,theta,beta,gamma\n0,0,0,0\n"):
+        follower = followed(nominal, first, HEADER, *turned)
+        assert [note for note in follower._notes if "the data check" in note and "beta" in note], first
+
+
+def test_rates_that_come_and_go_are_said_once(nominal):
+    """Each 64 rows another, slower than the controller, as fast, and none that can be used."""
+    follower, lines, begun = Follower("udp:1", nominal, window=5.0), Lines("udp:1", False, lambda text: None), set()
+    for k in range(30):
+        step = (0.02, 0.01, 3.0)[k % 3]
+        for log in lines.logs((HEADER if k == 0 else b"") + stamped([1000.0 * k + step * row for row in range(64)])):
+            follower.take(log)
+        assert follower.estimator is not None
+        begun.add(round(follower.estimator.config.sample_period, 6))
+    assert begun == {0.01, 0.02} and len(follower._notes) == len(set(follower._notes)) <= 3
+
+
 def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
     """A window of 100 s at a microsecond were 9 GB."""
     follower, lines = Follower("udp:1", nominal, window=100.0), Lines("udp:1", False, lambda text: None)
