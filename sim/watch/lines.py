@@ -123,7 +123,7 @@ class Lines:
 
     def _refuse(self, text: str) -> None:
         self.malformed += 1
-        self.last = text[:LONGEST_SAID]
+        self.last = text
         self._tell(f"{self.last}; the row is left out")
 
     def _tell(self, text: str) -> None:
