@@ -29,10 +29,10 @@ from sim.identify import onboard_model
 from sim.log import flown_log, read_log
 from sim.nominal import Nominal, load_nominal
 from sim.shown import with_std
-from sim.watch.first_rows import PERIOD_ROWS, FirstRows
 from sim.watch.follower import LAST_WINDOWS, Follower
 from sim.watch.lines import LONGEST, ORDER, SAID, Lines
 from sim.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, Series, message
+from sim.watch.rate import PERIOD_ROWS
 from sim.watch.server import MOST_PAGES, PAGE, Server
 from sim.watch.session import Watched, follow, watch
 from sim.watch.sources import IDLE, Source, open_source
@@ -136,6 +136,7 @@ class Listener:
 
     def __init__(self, port: int) -> None:
         self.times: list[float] = []
+        self.events: list[str] = []
         self.points: list[list] = []
         self.windows: list[list] = []
         self.full = 0
@@ -148,7 +149,9 @@ class Listener:
 
     def _listen(self) -> None:
         for line in self.answer:
-            if line.startswith(b"data: "):
+            if line.startswith(b"event: "):
+                self.events.append(line[7:].decode().strip())
+            elif line.startswith(b"data: ") and not self.events:
                 news = json.loads(line[6:])
                 self.times.append(time.monotonic())
                 if "head" in news:
@@ -553,17 +556,20 @@ def test_memory_does_not_grow(folder, nominal):
     assert most < 400_000, "bytes of the longest message"
 
 
-def test_rows_before_the_period_is_known_are_few(nominal):
-    first = FirstRows("log")
-    follower = Follower("log", nominal)
-    lines = Lines("log", False, lambda text: None)
-    for k in range(PERIOD_ROWS - 1):
-        for log in lines.logs(b"%.2f,0,0,0\n" % (k / 100)):
-            follower.take(log)
-    assert follower.estimator is None and first.count == 0
-    for log in lines.logs(b"0.63,0,0,0\n"):
-        follower.take(log)
-    assert follower.estimator is not None and follower.estimator.config.sample_period == pytest.approx(0.01)
+def test_the_period_is_that_of_the_first_rows_however_they_come(nominal):
+    """One at a time, in pieces, or with everything behind them: the same period, and no row is lost."""
+    rows = [b"%.4f,0,0,0\n" % (k / 100 + 0.002 * (k % 3 == 1)) for k in range(3 * PERIOD_ROWS)]
+    found = []
+    for size in (1, 7, PERIOD_ROWS, 3 * PERIOD_ROWS):
+        follower, lines = Follower("log", nominal), Lines("log", False, lambda text: None)
+        for k in range(0, len(rows), size):
+            for log in lines.logs(b"".join(rows[k:k + size])):
+                follower.take(log)
+            assert (follower.estimator is None) == (k + size < PERIOD_ROWS)
+        follower.end()
+        found.append((follower.estimator.config.sample_period, follower.report()))
+        assert sum((found[-1][1]["samples"]["accepted"], *found[-1][1]["samples"]["rejected"].values())) == len(rows)
+    assert all(each == found[0] for each in found[1:]) and found[0][0] == pytest.approx(0.01, abs=0.001)
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
@@ -636,19 +642,21 @@ def test_it_listens_on_the_loopback_only(server):
         source._socket.close()
 
 
-def test_one_page_too_many_is_told_so(server):
-    port = server.server_address[1]
-    pages = []  # held, for a page that is forgotten is closed
-    for _ in range(MOST_PAGES):
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=SLOWEST)
-        connection.request("GET", "/events")
-        pages.append(connection.getresponse())
-        assert pages[-1].getheader("Content-Type") == "text/event-stream"
-    assert asked(port, "/events")[0] == 503
+def test_the_newest_pages_are_told_and_the_oldest_goes_for_one_more(server):
+    """It hears why, and does not come again by itself."""
+    pages = [Listener(server.server_address[1])]
+    Session.until(lambda: bool(pages[0].last))
+    for k in range(MOST_PAGES):
+        pages.append(Listener(server.server_address[1]))
+        assert pages[-1].answer.getheader("Content-Type") == "text/event-stream"
+        Session.until(lambda k=k: len(server.telling) == min(k + 2, MOST_PAGES))  # type: ignore[misc]
+    pages[0].end()
+    assert pages[0].events == ["replaced"] and len(server.telling) == MOST_PAGES
     server.live.now = {"state": "ended"}
     server.live.revision += 1
-    Session.until(lambda: not server.telling)
-    assert asked(port, "/events")[0] == 200
+    for page in pages[1:]:
+        page.end()
+        assert page.last["now"] == {"state": "ended"} and page.events == []
 
 
 # ---- as a command
