@@ -200,7 +200,8 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
     if name_of(path) in CLUSTER:
         allowed |= {"distributed"}
     if name_of(path) in FORMATS:
-        allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy"}
+        allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy", "pymavlink",
+                    "zstandard"}
     if name_of(path) in COMPLETION:
         allowed |= {"argcomplete"}
     for module, _, line in imports(path):
