@@ -6,6 +6,8 @@ width, which readers of data frames fill up.  What it does not know is where a t
 
 import csv
 import itertools
+import math
+import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -27,6 +29,7 @@ POINTS = (".", ",")
 COMMENT = "#%"        # before a header, as numpy.savetxt and MATLAB write it
 EPOCH = datetime(1970, 1, 1)
 MICROSECOND = 1000    # ns, the resolution of a date in text
+PLAIN = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
 NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
 
 
@@ -143,12 +146,16 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
     line: int | None = options.get("header")
     if line is not None and line > len(head):
         raise InputError(f"{path}: line {line}, the map's [file] header, is not among the first {len(head)}")
-    delimiters, points = options.get("delimiter", DELIMITERS), options.get("decimal", POINTS)
+    text = "".join(head)
+    delimiters = options.get("delimiter") or [each for each in DELIMITERS if each in text] or DELIMITERS[0]
+    points = options.get("decimal") or [each for each in POINTS if each in text] or POINTS[0]
+    if (",", ",") == (*delimiters, *points):
+        points = POINTS[0]
     rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in points for delimiter in delimiters
                 if delimiter != decimal), key=lambda each: each.score)
     if not any(rows.numbers):
         raise InputError(f"{path}: no row of numbers in its first {len(head)} lines; expected text with a table of "
-                         "numbers, ULog, MCAP, MAT (of version 5 or later), HDF5, Parquet or ArduPilot's DataFlash")
+                         "numbers, ULog, ArduPilot's DataFlash, MCAP, MAT, HDF5 or Parquet")
     if line:
         rows = _Rows(head, rows.delimiter, rows.decimal)
     header = line - 1 if line else None if line == 0 else _named(rows, head, wanted)
@@ -174,12 +181,12 @@ def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
 def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
     """The place of the header of a table that begins at `first`, None if it has none; InputError if that cannot be
     told."""
-    header = first
-    while header and len(rows.cells[header - 1]) == rows.width:
-        header -= 1
-    if header < first:
-        return header
     above = [k for k in range(first) if rows.cells[k]]
+    header = None
+    while above and len(rows.cells[above[-1]]) == rows.width:
+        header = above.pop()
+    if header is not None:
+        return header
     if above and head[above[-1]].lstrip()[0] in COMMENT and len(rows.names(head[above[-1]])) == rows.width:
         return above[-1]
     above = [k for k in above if head[k].lstrip()[0] not in COMMENT]
@@ -233,8 +240,11 @@ class _Numbers:
         self.count, self.decimal, self.odds, self.odd = 0, decimal, 0, ""
 
     def __call__(self, cell: str) -> float:
+        if PLAIN(cell):  # as nearly all are: what `number` does, quickly
+            self.count += 1
+            return float(cell)
         value = decimal_number(cell, self.decimal)
-        if np.isnan(value):
+        if math.isnan(value):
             self._count_odd(cell)
         else:
             self.count += 1
