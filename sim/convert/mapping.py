@@ -167,7 +167,8 @@ class _Reader:
         options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal", "header"))
         for key in ("delimiter", "decimal"):
             value = options.get(key, "x")
-            if not isinstance(value, str) or len(value) != 1 or value in '"\r\n':
+            if not isinstance(value, str) or len(value) != 1 or value in '"\r\n' or (
+                    key == "decimal" and value.isspace()):
                 raise self.fail(f"file.{key}", value, "one character")
         if options.get("delimiter", ";") == options.get("decimal", "."):
             raise self.fail("file.decimal", options["decimal"], "another character than the delimiter")

@@ -9,20 +9,24 @@ import os
 import stat
 import struct
 import warnings
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, UsageError, extras_named
 from ..files import reads
-from .channels import NOT_ASKED, Channels, Wanted, is_asked, too_large
+from .channels import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, too_large
 from .messages import read_dataflash, read_mcap, read_ulog
 from .text import read_text
 
 FIRST_BYTES = 128         # the header of a MAT file
 LONGEST_NAME = 64         # of a MATLAB variable, with its end
 MATLAB_ONLY = {"object", "opaque", "function"}   # classes of variables
+MAT_TAG, MAT_MATRIX, MAT_PACKED, MAT_COMPLEX = 8, 14, 15, 1 << 11
+MAT_TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}   # of numbers and characters
+MAT_NUMBERS = {4: 1, 5: 3, **dict.fromkeys(range(6, 16), 1)}   # class -> elements of such types: text, sparse, numbers
 DEEPEST = 100             # groups within groups: the library's time grows with the square
 OBJECT = "is a MATLAB object (a table, timeseries, ...); save its columns in MATLAB as plain arrays or a struct of them"
 SAID = 120                # characters of what a library says
@@ -148,6 +152,7 @@ def read_mat(path: str, wanted: Wanted) -> Channels:
     """Variables of a MAT file of version 4 to 7, fields of structs behind a `/`."""
     import scipy.io
     size = os.path.getsize(path)
+    _walk_mat_5(path)
     channels = Channels()
     asked = []
     for name, shape, kind in scipy.io.whosmat(path):
@@ -163,6 +168,51 @@ def read_mat(path: str, wanted: Wanted) -> Channels:
         table = scipy.io.loadmat(path, simplify_cells=True, variable_names=asked)
         _take_nested(channels, "", {name: x for name, x in table.items() if not name.startswith("__")}, wanted)
     return channels
+
+
+def _walk_mat_5(path: str) -> None:
+    """ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or
+    cells in cells without an end.  Its framing is in MathWorks' "MAT-File Format"."""
+    with open(path, "rb") as file:
+        header = file.read(FIRST_BYTES)
+        order = {b"IM": "<", b"MI": ">"}.get(header[126:])
+        if order is None:  # version 4, which is flat
+            return
+        while len(tag := file.read(MAT_TAG)) == MAT_TAG:
+            kind, size = struct.unpack(f"{order}2I", tag)
+            data = file.read(min(size, os.path.getsize(path)))
+            if kind == MAT_PACKED:
+                data = zlib.decompressobj().decompress(data, 8 * MOST_NUMBERS)
+                kind, data = next(_elements(data, order), (0, b""))
+            if kind == MAT_MATRIX:
+                _walk_matrix(data, order, 0)
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """(type, bytes) of the elements in one; the last may be cut short, which the library finds."""
+    at = 0
+    while at + MAT_TAG <= len(data):
+        kind, size = struct.unpack_from(f"{order}2I", data, at)
+        if kind >> 16:  # of up to four bytes, in the tag itself
+            kind, size = kind & 0xFFFF, 0
+        yield kind, data[at + MAT_TAG:at + MAT_TAG + size]
+        at += MAT_TAG + (size + 7) // 8 * 8
+
+
+def _walk_matrix(data: bytes, order: str, depth: int) -> None:
+    """The same of one array: two words of flags behind a tag, dimensions, name, then numbers or further arrays."""
+    if depth > DEEPEST:
+        raise ValueError(f"cells within more than {DEEPEST} others")
+    if len(data) < 2 * MAT_TAG:  # an empty one
+        return
+    flags, = struct.unpack_from(f"{order}I", data, MAT_TAG)
+    parts = list(_elements(data[2 * MAT_TAG:], order))[2:]
+    numbers = MAT_NUMBERS.get(flags & 0xFF, 0) + (1 if flags & MAT_COMPLEX and flags & 0xFF in MAT_NUMBERS else 0)
+    if len(parts) < numbers or any(kind not in MAT_TYPES for kind, _ in parts[:numbers]):
+        raise ValueError("an array without numbers of a known type")
+    for kind, part in parts:
+        if kind == MAT_MATRIX:
+            _walk_matrix(part, order, depth + 1)
 
 
 def _take_nested(channels: Channels, prefix: str, table: dict[str, Any], wanted: Wanted) -> None:

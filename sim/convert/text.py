@@ -147,15 +147,13 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
     if line is not None and line > len(head):
         raise InputError(f"{path}: line {line}, the map's [file] header, is not among the first {len(head)}")
     text = "".join(head)
-    delimiters = options.get("delimiter") or [each for each in DELIMITERS if each in text] or DELIMITERS[0]
-    points = options.get("decimal") or [each for each in POINTS if each in text] or POINTS[0]
-    if (",", ",") == (*delimiters, *points):
-        points = POINTS[0]
-    rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in points for delimiter in delimiters
-                if delimiter != decimal), key=lambda each: each.score)
+    delimiters = options.get("delimiter") or [each for each in DELIMITERS[:-1] if each in text] + [BLANKS]
+    rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in options.get("decimal", POINTS)
+                for delimiter in delimiters if delimiter != decimal), key=lambda each: each.score)
     if not any(rows.numbers):
-        raise InputError(f"{path}: no row of numbers in its first {len(head)} lines; expected text with a table of "
-                         "numbers, ULog, ArduPilot's DataFlash, MCAP, MAT, HDF5 or Parquet")
+        between = f" with {options['delimiter']!r} between cells" if "delimiter" in options else ""
+        raise InputError(f"{path}: no row of numbers{between} in its first {len(head)} lines; expected text with a "
+                         "table of numbers, ULog, ArduPilot's DataFlash, MCAP, MAT, HDF5 or Parquet")
     if line:
         rows = _Rows(head, rows.delimiter, rows.decimal)
     header = line - 1 if line else None if line == 0 else _named(rows, head, wanted)
@@ -173,8 +171,7 @@ def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
     """The place of the line with the most of the names that are asked for; None if none has one."""
     if wanted is None:
         return None
-    shares = [0 if rows.is_row(k) and rows.numbers[k] == len(rows.cells[k]) else
-              len(wanted.intersection(rows.names(line))) for k, line in enumerate(head)]
+    shares = [0 if rows.is_row(k) else len(wanted.intersection(rows.names(line))) for k, line in enumerate(head)]
     return shares.index(max(shares)) if max(shares) else None
 
 
