@@ -5,8 +5,10 @@ Every table below is written from numbers that are known, and has to give them b
 
 import json
 import math
+import os
 import struct
 import warnings
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -27,6 +29,7 @@ from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.log import read_log, write_columns
 from sim.nominal import load_nominal
+from sim.watch.lines import Lines
 
 ROWS, PERIOD = 60, 0.008
 T = np.round(PERIOD * np.arange(ROWS), 6)
@@ -224,6 +227,15 @@ def test_nothing_is_left_out_without_a_word(tmp_path, capsys):
     assert any("holds no numbers ('auto')" in what for what in listed_.values())
 
 
+def test_a_log_that_grows_in_runs_of_blanks_is_read_as_the_whole(tmp_path):
+    text = table(" ", width=15)
+    assert convert(tmp_path, text, MAP + '[file]\ndelimiter = " "\n') == 0
+    lines = Lines("x", True, print, load_map(tmp_path / "map.toml"))
+    grown = [log for k in range(0, len(text), 100) for log in lines.logs(text[k:k + 100].encode())]
+    for name, x in read_log(tmp_path / "o.csv").measured().items():
+        assert np.array_equal(np.concatenate([getattr(log, name) for log in grown]), x)
+
+
 def test_a_map_for_whole_files_is_refused_for_a_log_that_grows(tmp_path):
     for line in ("[file]\nheader = 3\n", 'format = "%H"\n', f"period = {PERIOD}\n"):
         text = MAP + line if "[file]" in line else MAP.replace("[columns]", line + "[columns]")
@@ -248,7 +260,6 @@ def test_a_wrong_period_is_one_line(tmp_path, capsys, line, mention):
 
 
 def test_a_pipe_is_refused_before_it_is_read(tmp_path, capsys):
-    import os
     os.mkfifo(tmp_path / "pipe")
     assert main(["convert", str(tmp_path / "pipe"), "--list"]) == 3
     assert "not a regular file" in capsys.readouterr().err
@@ -549,6 +560,57 @@ def test_a_mat_file_that_lies_is_refused(tmp_path, capsys):
     data = bytearray((tmp_path / "f.mat").read_bytes())
     struct.pack_into("<i", data, data.find(struct.pack("<i", ROWS)), 2**31 - 1)
     assert "is there but declares 2.147e+09 numbers" in refusal(tmp_path, capsys, bytes(data))
+
+
+def element(kind: int, body: bytes) -> bytes:
+    """One of MAT version 5."""
+    return struct.pack("<2I", kind, len(body)) + body
+
+
+def array(kind: int, inner: bytes) -> bytes:
+    """A variable `beta` of this class, 1 x 1."""
+    return element(14, element(6, struct.pack("<2I", kind, 0)) + element(5, struct.pack("<2i", 1, 1))
+                   + element(1, b"beta".ljust(8, b"\0")) + inner)
+
+
+def nested_cells() -> bytes:
+    cells = array(6, element(9, bytes(8)))
+    for _ in range(300):
+        cells = array(1, cells)
+    return cells
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+@pytest.mark.parametrize(("variable", "mention"), [
+    (lambda: array(6, element(0, bytes(8))), "without numbers of a known type"),   # each ended the process
+    (lambda: array(6, b""), "without numbers of a known type"), (nested_cells, "cells within more than 100 others"),
+    (lambda: element(14, element(6, struct.pack("<2I", 17, 0)) + element(1, b"beta".ljust(8, b"\0")) + element(
+        1, b"MCOS".ljust(8, b"\0")) + element(1, b"table".ljust(8, b"\0"))), "")])
+def test_what_ends_the_mat_library_is_refused_and_what_it_does_not_know_is_told(tmp_path, capsys, variable, mention,
+                                                                               is_packed):
+    io = pytest.importorskip("scipy.io")
+    io.savemat(tmp_path / "f.mat", {"t": T, "theta": THETA})
+    more = element(15, zlib.compress(variable())) if is_packed else variable()
+    data = (tmp_path / "f.mat").read_bytes() + more
+    if mention:
+        assert mention in refusal(tmp_path, capsys, data)
+    else:
+        status, channels, _ = listed(tmp_path, capsys, data)
+        assert status == 0 and channels["theta"].startswith("60 rows")
+        assert "is a MATLAB object" in next(what for name, what in channels.items() if name.startswith("beta"))
+
+
+def test_a_dataflash_log_of_messages_without_length_is_refused(tmp_path, capsys):
+    pytest.importorskip("pymavlink")
+    dataflash(tmp_path / "log.bin")
+    data = bytearray((tmp_path / "log.bin").read_bytes())
+    data[89 + 4] = 0   # the length in the format of ATT: the library would not end
+    assert "messages of 0 bytes" in refusal(tmp_path, capsys, bytes(data), ARDUPILOT)
+    junk = (tmp_path / "log.bin").read_bytes() + bytes(120_000)
+    assert "damaged in too many places" in refusal(tmp_path, capsys, junk, ARDUPILOT)
+    (tmp_path / "log.bin").write_bytes((tmp_path / "log.bin").read_bytes()[:-700] + b"?" * 700)
+    assert convert(tmp_path, (tmp_path / "log.bin").read_bytes(), ARDUPILOT) == 0
+    assert "the file is damaged; what could be read is used" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("text", "mention"), [

@@ -20,7 +20,7 @@ NANOSECONDS = "log_time"  # of a message, as an MCAP file stamps it
 MOST_FIELDS = 10_000      # numbers of a message: a hundred times of what one has
 LARGEST_CHUNK = 1 << 30   # bytes of an MCAP chunk, unpacked: recorders write megabytes
 DATAFLASH_HEADER = 3      # bytes before a message
-MOST_TALK = 1_000_000     # pieces of what a library says of damage, two a byte: half a megabyte that is no log
+MOST_TALK = 200_000       # pieces of what a library says of damage, two a byte: 100 kB that are no log
 DAMAGED = "{}: the file is damaged; what could be read is used"
 SHOWN = 40                # bytes of a damaged name
 

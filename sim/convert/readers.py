@@ -4,6 +4,7 @@ A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs sta
 the extra `logs`, of ArduPilot's logs `ardupilot`; tables of text need none.
 """
 
+import itertools
 import math
 import os
 import stat
@@ -11,7 +12,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -23,7 +24,8 @@ from .text import read_text
 
 FIRST_BYTES = 128         # the header of a MAT file
 LONGEST_NAME = 64         # of a MATLAB variable, with its end
-MATLAB_ONLY = {"object", "opaque", "function"}   # classes of variables
+MAT_OPAQUE = 17
+MATLAB_ONLY = {3, 16, MAT_OPAQUE}   # classes of variables: objects, functions, and of these no library knows
 MAT_TAG, MAT_MATRIX, MAT_PACKED, MAT_COMPLEX = 8, 14, 15, 1 << 11
 MAT_TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}   # of numbers and characters
 MAT_NUMBERS = {4: 1, 5: 3, **dict.fromkeys(range(6, 16), 1)}   # class -> elements of such types: text, sparse, numbers
@@ -152,15 +154,18 @@ def read_mat(path: str, wanted: Wanted) -> Channels:
     """Variables of a MAT file of version 4 to 7, fields of structs behind a `/`."""
     import scipy.io
     size = os.path.getsize(path)
-    _walk_mat_5(path)
     channels = Channels()
     asked = []
-    for name, shape, kind in scipy.io.whosmat(path):
+    with open(path, "rb") as file:
+        order = {b"IM": "<", b"MI": ">"}.get(file.read(FIRST_BYTES)[126:])
+        variables = list(_variables(file, order, size) if order else (
+            (name, math.prod(shape), 0) for name, shape, _ in scipy.io.whosmat(path)))
+    for name, numbers, kind in variables:
         if not is_asked(name, wanted):
             channels.unread[name] = NOT_ASKED
         elif kind in MATLAB_ONLY:
             channels.unread[name] = OBJECT
-        elif reason := too_large(math.prod(shape), 1, size):
+        elif reason := too_large(numbers, 1, size):
             channels.unread[name] = reason
         else:
             asked.append(name)
@@ -170,22 +175,28 @@ def read_mat(path: str, wanted: Wanted) -> Channels:
     return channels
 
 
-def _walk_mat_5(path: str) -> None:
-    """ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or
-    cells in cells without an end.  Its framing is in MathWorks' "MAT-File Format"."""
-    with open(path, "rb") as file:
-        header = file.read(FIRST_BYTES)
-        order = {b"IM": "<", b"MI": ">"}.get(header[126:])
-        if order is None:  # version 4, which is flat
-            return
-        while len(tag := file.read(MAT_TAG)) == MAT_TAG:
-            kind, size = struct.unpack(f"{order}2I", tag)
-            data = file.read(min(size, os.path.getsize(path)))
-            if kind == MAT_PACKED:
-                data = zlib.decompressobj().decompress(data, 8 * MOST_NUMBERS)
-                kind, data = next(_elements(data, order), (0, b""))
-            if kind == MAT_MATRIX:
-                _walk_matrix(data, order, 0)
+def _variables(file: BinaryIO, order: str, file_size: int) -> Iterator[tuple[str, int, int]]:
+    """Name, numbers and class of the variables of a MAT file of version 5 to 7, behind its header.
+
+    ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or cells
+    in cells without an end.  (The library's own list does not know objects.)  The framing is in MathWorks' "MAT-File
+    Format".
+    """
+    while len(tag := file.read(MAT_TAG)) == MAT_TAG:
+        kind, size = struct.unpack(f"{order}2I", tag)
+        data = file.read(min(size, file_size))
+        if kind == MAT_PACKED:
+            data = zlib.decompressobj().decompress(data, 8 * MOST_NUMBERS)
+            kind, data = next(_elements(data, order), (0, b""))
+        if kind == MAT_MATRIX and len(data) > 2 * MAT_TAG:
+            _walk_matrix(data, order, 0)
+            flags, = struct.unpack_from(f"{order}I", data, MAT_TAG)
+            parts = [part for _, part in itertools.islice(_elements(data[2 * MAT_TAG:], order), 2)]
+            sizes = b"" if flags & 0xFF == MAT_OPAQUE else parts.pop(0)
+            shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes[:len(sizes) // 4 * 4])
+            name = parts[0].decode("latin-1") if parts else ""
+            if name:  # the one without holds what objects are made of
+                yield name, math.prod(shape), flags & 0xFF
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -194,8 +205,10 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
     while at + MAT_TAG <= len(data):
         kind, size = struct.unpack_from(f"{order}2I", data, at)
         if kind >> 16:  # of up to four bytes, in the tag itself
-            kind, size = kind & 0xFFFF, 0
-        yield kind, data[at + MAT_TAG:at + MAT_TAG + size]
+            yield kind & 0xFFFF, data[at + 4:at + 4 + min(kind >> 16, 4)]
+            size = 0
+        else:
+            yield kind, data[at + MAT_TAG:at + MAT_TAG + size]
         at += MAT_TAG + (size + 7) // 8 * 8
 
 
