@@ -84,6 +84,8 @@ TABLES = {   # kind -> text, map
     "a column of text and no header": ("".join(f"{line},auto\n" for line in table(header=None).splitlines()).replace(
         "0.0,-1e-05", "0,-1e-05", 1), BY_PLACE),
     "quotes": ('"' + table('","').replace("\n", '"\n"')[:-1], MAP),
+    "a note of two lines": (table().replace("beta\n", 'beta,note\n', 1).replace("\n", ',"a\nb"\n').replace(
+        'note,"a\nb"', "note", 1), MAP),
     "blank lines": ("\n\n" + table().replace("\n", "\n\n"), MAP),
     "no stamps": (table(header="n,theta,beta", stamps=lambda t: "7"),
                   MAP.replace('name = "t"', f"period = {PERIOD}")),
@@ -186,7 +188,7 @@ def test_columns_of_one_name_are_refused_where_they_are_asked_for(tmp_path, caps
 @pytest.mark.parametrize("kind", [kind for kind in TABLES if kind != "any character"])
 def test_every_kind_is_listed(tmp_path, capsys, kind):
     status, channels, _ = listed(tmp_path, capsys, TABLES[kind][0])
-    assert status == 0 and len(channels) == 3 + ("text" in kind)
+    assert status == 0 and len(channels) == 3 + ("text" in kind or "note" in kind)
     rows = [what for what in channels.values() if what.startswith(("60 rows", "120 rows"))]
     foreign = [what for what in channels.values() if "holds no numbers ('01.05.2024" in what]
     assert len(rows) == 3 - len(foreign) and len(foreign) == (kind == "dates of another form")
@@ -207,6 +209,7 @@ def test_what_holds_no_table_is_refused_and_never_an_empty_list(tmp_path, capsys
     (table().replace("\n0.024,", "\n", 1), "line 5: 2 cells, expected 3 as in the header"),
     ("t, theta\n1, 2\n3, 4\n", "no channel 'beta', which * there is theta, t"),
     ("theta\n1,5\n2,5\n", "line 2: 2 cells, expected 1 as in the header"),
+    (table().replace("0.04,", '0.04,"', 1), "line 7: a quote is opened and not closed"),
     ("a title\n" + table(header=None), "no header of its own"),
     (table(header="time,theta,beta"), "no channel 't'")])
 def test_what_a_table_lacks_is_one_line(tmp_path, capsys, text, mention):

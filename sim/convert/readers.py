@@ -14,8 +14,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
-import numpy as np
-
 from ..errors import InputError, UsageError, extras_named
 from ..files import reads
 from .channels import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, too_large
@@ -90,18 +88,21 @@ def read_parquet(path: str, wanted: Wanted) -> Channels:
             elif reason := too_large(rows, 1, size):
                 channels.unread[name] = reason
             else:
-                column = file.read(columns=[name]).column(0)
-                channels.take(name, _of_lists(column) if "list" in str(column.type) else
-                              column.to_numpy(zero_copy_only=False), wanted)
+                _take_column(channels, name, file.read(columns=[name]).column(0), wanted)
     return channels
 
 
-def _of_lists(column: Any) -> np.ndarray:
-    """A Parquet column of lists (n, k), if all are equally long; else of objects."""
+def _take_column(channels: Channels, name: str, column: Any, wanted: Wanted) -> None:
+    """One column; of lists (n, k) if all are equally long."""
     import pyarrow.compute
+    if "list" not in str(column.type):
+        channels.take(name, column.to_numpy(zero_copy_only=False), wanted)
+        return
     flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
-    is_table = len(pyarrow.compute.list_value_length(column).unique()) == 1 and len(flat)
-    return flat.reshape(len(column), -1) if is_table else np.empty(0, dtype=object)
+    if len(flat) and len(pyarrow.compute.list_value_length(column).unique()) == 1:
+        channels.take(name, flat.reshape(len(column), -1), wanted)
+    else:
+        channels.unread[name] = "holds lists that are not equally long"
 
 
 def read_hdf5(path: str, wanted: Wanted) -> Channels:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..csv_text import AS_TEXT, Lines
+from ..csv_text import AS_TEXT, Lines, rows
 from ..errors import InputError
 from ..log_table import number, shown
 from .channels import NOT_ASKED, Channels, Wanted
@@ -97,6 +97,21 @@ def cells_of(line: str, delimiter: str) -> list[str]:
         return [line]
 
 
+def _split(head: list[str], delimiter: str) -> list[list[str]]:
+    """The cells of the row that begins on each line; of a line within a quoted cell none."""
+    if delimiter == BLANKS or not any('"' in line for line in head):
+        return [cells_of(line, delimiter) for line in head]
+    cells: list[list[str]] = [[] for _ in head]
+    reader, begins = csv.reader(head, delimiter=delimiter), 0
+    try:
+        for row in reader:
+            cells[begins] = [cell.strip() for cell in row]
+            begins = reader.line_num
+    except csv.Error:  # a cell that is far too long: a quote, most likely
+        cells[begins:] = [cells_of(line, delimiter) for line in head[begins:]]
+    return cells
+
+
 def decimal_number(cell: str, decimal: str) -> float:
     """A cell with this decimal point; NaN for what is no number."""
     value = number(cell.replace(decimal, ".") if decimal != "." else cell)
@@ -114,8 +129,8 @@ class _Rows:
     """
 
     def __init__(self, head: list[str], delimiter: str, decimal: str) -> None:
-        self.delimiter, self.decimal = delimiter, decimal
-        self.cells = [cells_of(line, delimiter) for line in head]
+        self.delimiter, self.decimal, self._head = delimiter, decimal, head
+        self.cells = _split(head, delimiter)
         point = str.maketrans({decimal: "."})
         self.numbers = [sum(1 for cell in row if cell and number(cell.translate(point)) is not None)
                         for row in self.cells]
@@ -133,10 +148,11 @@ class _Rows:
         """Does a line hold about as many numbers as the others of its width."""
         return len(self.cells[k]) == self.width and 2.0 * self.numbers[k] >= self._usual
 
-    def names(self, line: str) -> list[str]:
-        """The names in a header; a column without one has its place."""
-        cells = cells_of(line.lstrip().lstrip(COMMENT), self.delimiter)
-        return [cell or str(k) for k, cell in enumerate(cells)]
+    def names(self, k: int) -> list[str]:
+        """The names in a line, if it is a header; a column without one has its place."""
+        bare = self._head[k].lstrip()
+        cells = cells_of(bare.lstrip(COMMENT), self.delimiter) if bare[:1] in COMMENT else self.cells[k]
+        return [cell or str(place) for place, cell in enumerate(cells)]
 
 
 def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted) -> Layout:
@@ -160,7 +176,7 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
     first = next(k for k in range(len(head)) if rows.is_row(k)) if header is None else header + 1
     if header is None and line is None:
         header = _before(path, rows, head, first)
-    names = [str(k) for k in range(rows.width)] if header is None else rows.names(head[header])
+    names = [str(k) for k in range(rows.width)] if header is None else rows.names(header)
     if header is not None:  # units, say, stand between
         first = next((k for k in range(header + 1, len(head)) if rows.numbers[k] or len(rows.cells[k]) not in
                       (0, len(names))), header + 1)
@@ -171,7 +187,7 @@ def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
     """The place of the line with the most of the names that are asked for; None if none has one."""
     if wanted is None:
         return None
-    shares = [0 if rows.is_row(k) else len(wanted.intersection(rows.names(line))) for k, line in enumerate(head)]
+    shares = [0 if rows.is_row(k) else len(wanted.intersection(rows.names(k))) for k in range(len(head))]
     return shares.index(max(shares)) if max(shares) else None
 
 
@@ -184,7 +200,7 @@ def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
         header = above.pop()
     if header is not None:
         return header
-    if above and head[above[-1]].lstrip()[0] in COMMENT and len(rows.names(head[above[-1]])) == rows.width:
+    if above and head[above[-1]].lstrip()[0] in COMMENT and len(rows.names(above[-1])) == rows.width:
         return above[-1]
     above = [k for k in above if head[k].lstrip()[0] not in COMMENT]
     if above:
@@ -201,7 +217,7 @@ def _left_out(path: str, head: list[str], layout: Layout, options: dict[str, Any
     if before:
         what = "the first row of numbers" if layout.header is None else "the header"
         yield f"{path}: lines {before[0]} to {before[-1]} stand before {what} in line {end + 1} and are left out"
-    between = [k + 1 for k in range(end + 1, layout.first) if head[k].strip()]
+    between = [k + 1 for k in range(end + 1, layout.first) if head[k].strip() and layout.header is not None]
     if between:
         yield f"{path}: line {between[0]}, between the header and the first row of numbers, is left out"
     if layout.header is None and options.get("header") is None:
@@ -300,6 +316,13 @@ def _reader(cells: Iterable[str], layout: Layout, options: dict[str, Any], name:
     return _Dates(None) if is_date else _Numbers(layout.decimal)
 
 
+def _check_quotes(path: str, delimiter: str) -> None:
+    """InputError for a quote that is not closed: all behind it is one cell."""
+    with open(path, **AS_TEXT) as file:
+        for _ in rows(path, file, delimiter):
+            pass
+
+
 def _numbered(lines: Lines, head: list[str], first: int) -> Iterator[tuple[int, str]]:
     """The lines from `first` on, with their numbers."""
     yield from enumerate(head[first:], first + 1)
@@ -309,11 +332,12 @@ def _numbered(lines: Lines, head: list[str], first: int) -> Iterator[tuple[int, 
 
 def _table(path: str, layout: Layout, lines: Iterator[tuple[int, str]], readers: dict[int, _Numbers]) -> np.ndarray:
     """The rows as a structured array with the field f0 of column 0, and so on; InputError naming the line."""
-    last = (layout.first, "")
+    last, quotes = (layout.first, ""), 0
 
     def text() -> Iterator[str]:
-        nonlocal last
+        nonlocal last, quotes
         for last in lines:
+            quotes += last[1].count('"')
             yield last[1]
     kinds = [(f"f{k}", readers[k].kind if k in readers else "U1") for k in range(len(layout.names))]
     blanks = layout.delimiter == BLANKS
@@ -324,11 +348,15 @@ def _table(path: str, layout: Layout, lines: Iterator[tuple[int, str]], readers:
             table = np.loadtxt(text(), np.dtype(kinds), comments=None, delimiter=None if blanks else layout.delimiter,
                                converters=converters, ndmin=1, quotechar=None if blanks else '"')
     except ValueError as error:
+        if not blanks:
+            _check_quotes(path, layout.delimiter)
         cells = len(cells_of(last[1], layout.delimiter))
         reason = str(error).splitlines()[0] if cells == len(layout.names) else \
             f"{cells} cell{'s' * (cells != 1)}, expected {len(layout.names)} as in the " + (
                 "first row" if layout.header is None else "header")
         raise InputError(f"{path}: line {last[0]}: {reason}") from None
+    if quotes % 2 and not blanks:
+        _check_quotes(path, layout.delimiter)
     for k, reader in readers.items():
         if reader.kind == "i8":
             kinds[k] = (f"f{k}", "M8[ns]")
