@@ -257,9 +257,21 @@ def test_a_wrong_word_about_the_text_is_one_line(tmp_path, capsys, change, menti
 
 @pytest.mark.parametrize(("line", "mention"), [
     ("period = 0", "at least 1e-06"), (f"period = {DIGITS}", "a number"), ('period = 0.1\nname = "t"', "leave one"),
-    ('period = 0.1\nunit = "ms"', "leave one"), ("", "or a time.period")])
+    ('period = 0.1\nunit = "ms"', "leave one"), ("", "or a time.period"),
+    ('period = 0.1\n[columns.gamma]\nfrom = "beta"\ntime = "t"', "leave one")])
 def test_a_wrong_period_is_one_line(tmp_path, capsys, line, mention):
     assert mention in refusal(tmp_path, capsys, table(), MAP.replace('name = "t"', line))
+
+
+def test_a_period_is_of_one_table(tmp_path, capsys):
+    io = pytest.importorskip("scipy.io")
+    io.savemat(tmp_path / "f.mat", {"theta": THETA, "beta": BETA[::2]})
+    of = MAP.replace('name = "t"', "period = 0.01")
+    assert "theta has 60 rows and beta has 30 rows; expected one table" in refusal(
+        tmp_path, capsys, (tmp_path / "f.mat").read_bytes(), of)
+    io.savemat(tmp_path / "f.mat", {"theta": THETA, "beta": BETA})
+    assert convert(tmp_path, (tmp_path / "f.mat").read_bytes(), of) == 0
+    assert np.allclose(read_log(tmp_path / "o.csv").t, 0.01 * np.arange(ROWS))
 
 
 def test_a_pipe_is_refused_before_it_is_read(tmp_path, capsys):

@@ -138,6 +138,10 @@ class _Reader:
         if not columns:
             raise InputError(f"{self.path}: [columns] is empty; expected [columns.theta] and others")
         period = self.period(time)
+        if own := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
+                   and "time" in value]:
+            raise InputError(f"{self.path}: columns.{own[0]}.time is of stamps, time.period of rows without any; leave "
+                             "one of them out")
         names = [name for name in REQUIRED[1:] + OPTIONAL if name in columns]
         sources = tuple(self.source(name, columns[name]) for name in names)
         options = self.options()
