@@ -45,8 +45,8 @@ def mapped(path: str, channels: Mapping[str, np.ndarray], of: Map) -> Channels:
         clock = of.clock or _slower(found)
         lengths = {name: len(channels[name]) for source in of.sources for name in source.channels}
         if of.period is not None and len(set(lengths.values())) > 1:
-            raise InputError(f"{path}: {' and '.join(f'{name} has {n} rows' for name, n in list(lengths.items())[:3])}; "
-                             f"expected one table for the time.period of {of.path}")
+            found_rows = " and ".join(f"{name} has {n} rows" for name, n in lengths.items())
+            raise InputError(f"{path}: {found_rows}; expected one table for the time.period of {of.path}")
         if len({stamps.dtype.kind == "M" for stamps, _ in found.values()}) > 1:
             raise InputError(f"{path}: stamps that are dates and stamps that are numbers; expected one kind "
                              f"(columns.COLUMN.time in {of.path})")
