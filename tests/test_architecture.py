@@ -22,7 +22,7 @@ DRAWING = {"sim/canvas.py", "sim/pictures.py", "sim/plots.py", "sim/uncertainty/
            "sim/diagnosis/report/canvas.py", "sim/diagnosis/report/misfit.py",
            "sim/result.py", "sim/answers/figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
-FORMATS = {"sim/convert/readers.py"}  # of other people's logs
+FORMATS = {"sim/convert/readers.py", "sim/convert/messages.py"}  # of other people's logs
 CLUSTER = {"sim/requirement/executor.py"}  # beyond one machine
 FRAMES = {"sim/result.py"}  # answers as data frames
 COMPLETION = {"sim/cli.py"}  # of the shell
@@ -200,7 +200,8 @@ def test_sim_imports_numpy_and_numba_and_draws_in_named_files_only(path):
     if name_of(path) in CLUSTER:
         allowed |= {"distributed"}
     if name_of(path) in FORMATS:
-        allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy"}
+        allowed |= {"pyulog", "mcap", "mcap_ros2", "mcap_protobuf", "h5py", "pyarrow", "scipy", "pymavlink",
+                    "zstandard"}
     if name_of(path) in COMPLETION:
         allowed |= {"argcomplete"}
     for module, _, line in imports(path):

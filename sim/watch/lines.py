@@ -10,6 +10,7 @@ from launchid_core import Sample
 
 from ..convert.mapping import Map
 from ..convert.stream import MappedColumns, MappedStream
+from ..convert.text import BLANKS
 from ..errors import InputError
 from ..log import Log, log_of_values
 from ..log_table import REQUIRED, Columns
@@ -90,6 +91,8 @@ class Lines:
         try:
             text = line.removeprefix(BOM if self.number == 1 else b"").rstrip(b"\r").decode("utf-8")
             delimiter = "," if self._mapped is None else self._mapped.delimiter
+            if delimiter == BLANKS:
+                return text.split()
             return next(csv.reader([text], strict=True, delimiter=delimiter), [])
         except UnicodeDecodeError:
             raise InputError(f"{self.path}: line {self.number}: not UTF-8; expected a UTF-8 CSV row") from None
