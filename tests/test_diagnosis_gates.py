@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from every import every
 
 from sim.diagnosis.causes import RECORDS, Cause, missing_term
 from sim.diagnosis.data.world import CALM, MOMENT, SLOW_MOMENT, TURBULENCE, WIND, Source
@@ -211,10 +212,10 @@ def test_a_cause_gains_on_rows_left_out_about_what_it_gains_on_all(nats, fitted,
     assert bool(measure.of_gain(gain, DOMINANT)) == hollow
 
 
-@pytest.mark.parametrize(("scale", "apart", "doubted"), [
+@every(("scale", "apart", "doubted"), [
     (1.003, 1.003, True), (0.997, 0.997, True), (1.003, 1.0, False), (1.003, 0.997, False), (1.1, 1.003, False),
     (1.0001, 1.0 + 0.9 * SAME_CLOCK, False), (1.04, 1.04, True), (1.06, 1.06, False), (0.9, 0.94, False)])
-@pytest.mark.parametrize("every", [1, 3, 0.5, 0.2])
+@every("every", [1, 3, 0.5, 0.2])
 def test_stamps_that_run_fast_are_no_scale_of_a_gyro(scale, apart, doubted, every):
     """Rates against the slopes of attitudes are off by as much."""
     t = np.delete(every * 0.01 * apart * np.arange(500), slice(100, 120))

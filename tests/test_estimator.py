@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from every import every
 from hypothesis import assume, example, given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
@@ -632,7 +633,7 @@ def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
 # ---- configuration
 
 
-@pytest.mark.parametrize(("field", "value", "allowed"), [
+@every(("field", "value", "allowed"), [
     *[("sample_period", value, ("1e-06", "10000")) for value in (0.0, -0.01, NAN, INF, 1e-7, 2e4, "0.01", None, True)],
     *[("window", value, ("0.04", "10000")) for value in (0.0, -1.0, 0.03, 1e6, NAN, INF, "1", None, True, [1.0], 1j)],
     *[("compression", value, ("1 to 100",)) for value in (0, -1, 101, 1.0, "3", None, True)],

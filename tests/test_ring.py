@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -300,8 +301,8 @@ def test_step_above_max_gap_is_after_gap():
 # ---- what is rejected
 
 
-@pytest.mark.parametrize("value", [NAN, INF, -INF])
-@pytest.mark.parametrize("broken", [names for n in range(1, 5) for names in itertools.combinations(CHANNELS, n)])
+@every("value", [NAN, INF, -INF])
+@every("broken", [names for n in range(1, 5) for names in itertools.combinations(CHANNELS, n)])
 def test_nonfinite_channels(broken, value):
     """All 15 combinations; a NaN in theta_dot alone is a rate that was not measured."""
     estimator = Estimator(small_config())
