@@ -21,11 +21,14 @@ from launchid_core.memory import named_arrays
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
 
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
 CONSTANT = load_nominal("constant")
+IN_WIND = dataclasses.replace(CONSTANT, wind=Wind(walk=0.005, turbulence=0.005),
+                              offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
 A6, K1 = 2.0, -7.0
 FORMULATIONS = ("integral", "filtered")
 ACCEPTED, COMPLETE = Status.ACCEPTED, Status.WINDOW_COMPLETE
@@ -439,10 +442,12 @@ def test_a_dead_actuator_is_not_called_an_effect():
 # ---- memory
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_every_word_of_the_state_that_changes_by_itself_is_seen(formulation):
+@pytest.mark.parametrize("of", [config("integral"), config("filtered"),
+                                config("filtered", model=onboard_model(IN_WIND))],
+                         ids=["integral", "filtered", "filtered in wind"])
+def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
     """Within a window, at the first use; then everything is as of a new estimator that begins with that sample."""
-    of, rows = config(formulation), flight()[:400]
+    rows = flight()[:400]
     one = fly(of, rows[:155]).estimator
     saved, counted = one.save(), one.counts
     for name, array in named_arrays(one._parts.state):
@@ -495,6 +500,17 @@ def test_a_bad_sample_does_not_begin_anew():
     assert one.update(Sample(NAN, 0.0, 0.0, 0.0)) is Status.NONFINITE
     assert one.update(flight()[155]) is Status.RECOVERED
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1
+
+
+@pytest.mark.parametrize("place", [0, 1], ids=["a6", "k1"])
+def test_a_tracked_variance_below_zero_is_forgotten_and_said(place):
+    """The other one is as it should be."""
+    one = fly(config("filtered"), flight()[:1500]).estimator
+    one._parts.state.bank.covariance[:, place, :] = one._parts.state.bank.covariance[:, :, place] = 0.0
+    one._parts.state.bank.covariance[:, place, place] = -1e-3
+    reseal(one)
+    answers = [one.update(row) for row in flight()[1500:1600]]
+    assert answers.count(Status.RECOVERED) == 1 and answers.index(Status.RECOVERED) < 10
 
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])

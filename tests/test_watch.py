@@ -29,7 +29,7 @@ from sim.identify import onboard_model
 from sim.log import flown_log, read_log
 from sim.nominal import Nominal, load_nominal
 from sim.shown import with_std
-from sim.watch.first_rows import PERIOD_ROWS, FirstRows
+from sim.watch.first_rows import PERIOD_ROWS
 from sim.watch.follower import LAST_WINDOWS, Follower
 from sim.watch.lines import LONGEST, ORDER, SAID, Lines
 from sim.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, Series, message
@@ -554,16 +554,16 @@ def test_memory_does_not_grow(folder, nominal):
 
 
 def test_rows_before_the_period_is_known_are_few(nominal):
-    first = FirstRows("log")
     follower = Follower("log", nominal)
     lines = Lines("log", False, lambda text: None)
     for k in range(PERIOD_ROWS - 1):
         for log in lines.logs(b"%.2f,0,0,0\n" % (k / 100)):
             follower.take(log)
-    assert follower.estimator is None and first.count == 0
+    assert follower.estimator is None and follower._first.count == PERIOD_ROWS - 1
     for log in lines.logs(b"0.63,0,0,0\n"):
         follower.take(log)
     assert follower.estimator is not None and follower.estimator.config.sample_period == pytest.approx(0.01)
+    assert follower.estimator.counts["ACCEPTED"] == PERIOD_ROWS  # those that waited too
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
