@@ -13,16 +13,20 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from compiled import compiled
 from sealed import reseal
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
+from launchid_core import guard
 from launchid_core import ring as rb
+from launchid_core import tracker as tr
 from launchid_core.memory import named_arrays
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
+is_sound = compiled(guard.is_sound)
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
@@ -502,15 +506,27 @@ def test_a_bad_sample_does_not_begin_anew():
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1
 
 
-@pytest.mark.parametrize("place", [0, 1], ids=["a6", "k1"])
-def test_a_tracked_variance_below_zero_is_forgotten_and_said(place):
-    """The other one is as it should be."""
-    one = fly(config("filtered"), flight()[:1500]).estimator
-    one._parts.state.bank.covariance[:, place, :] = one._parts.state.bank.covariance[:, :, place] = 0.0
-    one._parts.state.bank.covariance[:, place, place] = -1e-3
-    reseal(one)
-    answers = [one.update(row) for row in flight()[1500:1600]]
-    assert answers.count(Status.RECOVERED) == 1 and answers.index(Status.RECOVERED) < 10
+def test_what_cannot_be_is_not_sound_each_by_itself():
+    """A variance of 0 is (a known parameter), one below is not; nor is anything that is no number, nor a noise level
+    1e10 times the declared."""
+    state = fly(config("filtered"), flight()[:155]).estimator._parts.state
+    fil, total = state.filter, state.bank.total
+    assert is_sound(fil, total)
+    for array in (fil.x, fil.p, fil.level, total):
+        for place in np.ndindex(array.shape):
+            kept = array[place]
+            array[place] = NAN
+            assert not is_sound(fil, total), place
+            array[place] = kept
+    for place in (tr.VAR_A6, tr.VAR_K1):
+        for value, sound in ((0.0, True), (-1e-12, False)):
+            kept, total[place] = total[place], value
+            assert is_sound(fil, total) == sound
+            total[place] = kept
+    for place in range(len(fil.level)):
+        fil.level[place] = -math.log(1e10)
+        assert not is_sound(fil, total)
+        fil.level[place] = 0.0
 
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])
