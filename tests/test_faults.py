@@ -16,8 +16,7 @@ import pytest
 from compiled import compiled
 from sealed import reseal
 
-from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
-from launchid_core import guard
+from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status, guard
 from launchid_core import ring as rb
 from launchid_core import tracker as tr
 from launchid_core.memory import named_arrays
