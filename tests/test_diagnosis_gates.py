@@ -105,6 +105,13 @@ def test_a_share_of_what_a_place_s_causes_explain_may_be_left_there(shape, bound
     assert doubts(foreign, left=(left(INSIDE * most, shape=shape),), bounds=bounds, same_place=False) == []
 
 
+def test_a_cause_that_leaves_a_line_of_an_eighth_is_not_even_dominant():
+    """Of what it explains; one of a fifteenth may stay beside it."""
+    for share, doubted in ((1.0 / 15.0, 0), (1.0 / 8.0, 1)):
+        assert len(doubts(cause(evidence=20000.0), left=(left(share * 20000.0, shape="sin(3 t)"),),
+                          bounds=DOMINANT)) == doubted
+
+
 def test_what_a_row_gains_is_too_little_to_explain():
     """A long log shows what no model has: a limit in nats would fail every one."""
     rows, many = 100_000, PER_ROW * 100_000

@@ -17,6 +17,7 @@ from launchid_core import report as rp
 from launchid_core import ring as rb
 from launchid_core import servo as sv
 from launchid_core import states as sx
+from launchid_core import structure as sr
 from launchid_core import tracker as tr
 from launchid_core import whiteness as wh
 from launchid_core.assembly import allocate
@@ -28,6 +29,7 @@ begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample
     compiled, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
                fl.update_levels, fl.relax_levels))
 
+absorb_structure = compiled(sr.absorb_structure)
 MAX_GAP = 0.015
 CHANNELS = ("theta", "theta_dot", "beta")
 
@@ -315,6 +317,15 @@ def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(
         estimator.update(Sample(k / rate, *row, beta_cmd=0.0))
     weight = 1.0 / (1.0 - math.exp(-2.0 * 0.1 / 10.0))
     assert estimator._parts.state.check.number[wh.WEIGHT] == pytest.approx(weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
+def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
+    """Of the information, the triangle's square; whatever a block lasts."""
+    learner, scratch = np.triu(np.ones((4, 4))), np.zeros(200)
+    for _ in range(round(1.0 / dt)):
+        absorb_structure(learner, np.zeros((6, 6)), 2, scratch, dt)
+    assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
 
 
 def test_a_block_is_no_longer_than_its_window():
