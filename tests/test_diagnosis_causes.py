@@ -37,6 +37,18 @@ def test_where_a_search_starts_and_a_limit_is_given_is_an_effect_within_its_rang
         assert all(free.low <= value <= free.high for free, value in zip(record.free, values, strict=True))
 
 
+def test_a_limit_of_what_begins_at_some_time_is_of_one_that_begins_within_the_log():
+    """Wherever its clock begins."""
+    for first in (0.0, 100.0, -60.0):
+        log = SimpleNamespace(**vars(RECORD) | {"t": RECORD.t + first})
+        timed = [(name, dict(zip([free.name for free in record.free[1:]], record.limit_at(log), strict=True)))
+                 for name, record in RECORDS.items() if any(free.name == "time" for free in record.free[1:])
+                 and record.limit_at(log)]
+        assert {"control_loss", "gust"} <= {name for name, _ in timed}
+        for name, at in timed:
+            assert log.t[0] < at["time"] < log.t[-1] - at.get("duration", 0.0), name
+
+
 @pytest.mark.parametrize(("name", "channels", "known"), [
     ("gyro_bias", ("theta", "beta"), True), ("gyro_scale", ("theta", "beta"), True),
     ("gyro_delay", ("theta", "beta"), True), ("nozzle_sensor_bias", ("theta", "theta_dot"), True),
