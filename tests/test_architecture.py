@@ -18,7 +18,7 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
 NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/canvas.py", "sim/pictures.py", "sim/plots.py", "sim/uncertainty/figures.py",  # figures
-           "sim/diagnosis/report/figures.py",
+           "sim/charts/figure.py", "sim/diagnosis/report/figures.py",
            "sim/diagnosis/report/canvas.py", "sim/diagnosis/report/misfit.py",
            "sim/result.py", "sim/answers/figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
