@@ -345,7 +345,7 @@ def test_from_python_it_is_the_command(tmp_path, capsys):
     assert {name: text for name, text in files(tmp_path / "a").items() if name != "campaign.png"} == \
         files(tmp_path / "b")
     assert made.columns()["seed"] == list(range(4, 4 + made.report["flown"])) and made.verdict == "met"
-    with pytest.raises(UsageError, match="^stop 'sometimes'"):
+    with pytest.raises(UsageError, match=r"^stop 'sometimes'"):
         launchid.campaign(tmp_path / "n.toml", out=tmp_path / "c", flights=3, stop="sometimes")
 
 
