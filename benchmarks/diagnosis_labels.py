@@ -7,10 +7,12 @@ the log, so a label that is corrected judges the rows that there are.
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
+
+from sim.effects import CATALOGUE
 
 SET = Path(__file__).with_name("diagnosis_set.toml")
 NAMED = ("explained", "dominant")      # the verdicts that name causes
@@ -22,6 +24,9 @@ ANYTHING = "anything"   # of `accepted`: whatever is not wrong
 OTHERS = "others"   # of `never`: every cause that is neither accepted nor beside
 OF_INPUT = ("control_effectiveness", "control_loss", "control_slope", "thrust_misalignment", "nozzle_inertia",
             "nozzle_sensor_bias", "lateral_drift")  # causes of the input, besides those of actuator and controller
+KNOWN = {*CATALOGUE, *SAYS_NOTHING, ANYTHING, OTHERS}
+OPTIONS = {"seed", "factor", "variant", "rate", "reference", "duration", "drop", "air", "period", "with", "as_command",
+           "changes", "shift"}  # of `diagnosis_sources`
 NORMAL_95 = 1.96
 FAR = 3.0           # standard deviations from what is known, at which a size is off
 
@@ -41,6 +46,7 @@ class Case:
     never      what is wrong: causes, terms, verdicts; `others`: all causes that are neither accepted nor beside
     sizes      {"cause.parameter": (from, to)} as known; a generator's flights tell theirs
     part       held-out: nothing was chosen on it; tuned: something was; judge: nothing ever may be, so it is not run
+    identify   what `identify` is asked over the whole of a measured log and what is known: library, a6, k1 (from, to)
     in_tests   whether it is one of those that every run of the tests answers
     """
 
@@ -54,6 +60,7 @@ class Case:
     beside: Names = ()
     never: Names = (OTHERS,)
     sizes: dict[str, Range] = field(default_factory=dict)
+    identify: dict[str, Any] = field(default_factory=dict)
     part: str = "held-out"
     in_tests: bool = False
     words: str = ""
@@ -87,33 +94,35 @@ def _case(group: str, given: dict[str, Any], of_group: dict[str, Any], sets: dic
         raise ValueError(f"{name}: expected one of {', '.join(SOURCES)}")
     values = {key: both.pop(key) for key in TAKEN & set(both)} | {"name": name, "group": group, "source": source[0]}
     for key in ("accepted", "beside", "never"):
-        values[key] = tuple(_spread(values.get(key, [OTHERS] if key == "never" else []), sets))
-    if not values["accepted"] and source[0][0] == "hidden":
+        values[key] = tuple(_spread(each, sets) for each in values.get(key, [OTHERS] if key == "never" else []))
+    if not values["accepted"] and source[0][0] == "hidden" and source[0][1]:
         values["accepted"] = (source[0][1],)     # every cause that the generator hides
     if not values["accepted"] or values.get("part", "held-out") not in PARTS:
         raise ValueError(f"{name}: expected accepted answers, and a part out of {', '.join(PARTS)}")
+    unknown = {each for key in ("accepted", "beside", "never") for each in _names(values[key])
+               if each.partition("(")[0] not in KNOWN} | set(both) - OPTIONS
+    if unknown:
+        raise ValueError(f"{name}: {', '.join(sorted(unknown))}: no cause, no verdict and no option of a case")
     values["sizes"] = {key: (float(low), float(high)) for key, (low, high) in values.get("sizes", {}).items()}
     return Case(**values, options=both)
 
 
-def _spread(names: list[str], sets: dict[str, list[str]]) -> Iterator[str]:
-    """The names, with those of a set of the file ("@OFFSETS") in its place."""
-    for name in names:
-        sets_in = re.findall(r"@(\w+)", name)
-        if name.startswith("@") and len(sets_in) == 1 and name[1:] in sets:
-            yield from sets[name[1:]]
-        else:
-            for each in sets_in:
-                name = name.replace(f"@{each}", "/".join(sets[each]))
-            yield name
+def _spread(name: str, sets: dict[str, list[str]]) -> str:
+    """The name, with those of a set of the file in the place of "@SET"."""
+    return re.sub(r"@(\w+)", lambda found: "/".join(sets[found[1]]), name)
+
+
+def _names(of: Iterable[str]) -> set[str]:
+    """The single names of answers: "a+b/c" has three."""
+    return {name for each in of for name in re.split(r"[+/]", each)}
 
 
 # ---- judging
 
 
 def outcome(case: Case, row: Row) -> str:
-    """right, wrong or refused."""
-    if wrong_names(case, row) or row["verdict"] in case.never:
+    """right, wrong or refused; a diagnosis that crashed is wrong."""
+    if row["verdict"] == "crashed" or wrong_names(case, row) or row["verdict"] in case.never:
         return "wrong"
     return "right" if any(each == ANYTHING or _is_answer(each, row) for each in case.accepted) else "refused"
 
@@ -141,15 +150,14 @@ def names_in(answer: dict[str, Any]) -> set[str]:
 
 def wrong_names(case: Case, row: Row) -> list[str]:
     """What is named and is not so."""
-    right = {name for each in (*case.accepted, *case.beside) for name in re.split(r"[+/]", each)
-             if name not in SAYS_NOTHING}
+    right, never = _names((*case.accepted, *case.beside)), _names(case.never)
     named = row["named"] if row["verdict"] in NAMED else []
     wrong = []
     for answer in named:
         names = names_in(answer)
         if names & right:
             continue
-        if OTHERS in case.never or {answer["cause"], *names} & set(case.never):
+        if OTHERS in never or names & never:
             wrong.append(f"{answer['cause']}({answer['term']})" if answer["term"] else answer["cause"])
     return wrong
 

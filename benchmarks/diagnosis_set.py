@@ -1,14 +1,14 @@
 """The diagnosis on its labelled set: right, wrong and refused answers by group and by kind; what a change changes.
 
-    python benchmarks/diagnosis_set.py [--groups G...] [--kinds K...] [--cases NAME...] [--tenth] [--folder DIR...]
-                                       [--jobs 2] [--out FILE]
+    python benchmarks/diagnosis_set.py [--groups G...] [--kinds K...] [--cases NAME...] [--tenth] [--judge]
+                                       [--folder DIR...] [--jobs 2] [--out FILE]
     python benchmarks/diagnosis_set.py --table FILE
     python benchmarks/diagnosis_set.py --compare BEFORE AFTER
 
 `diagnosis_set.toml` holds the cases: a log or the seed of a flight, a nominal, the answers that are right, what must
 never be said.  right: an accepted answer; wrong: what is not so is said; refused: neither (nothing, no name, a part).
-far: right names whose size is more than 3 of its standard deviations from what is known, of those that have both; over
-100 nats or a percent of the size it counts all the same.  Seconds are of processor time, of the diagnosis alone.
+far: right names whose size is more than 3 of its standard deviations from what is known, of those that have both; and
+the share whose 95 % interval holds it.  Seconds are of processor time, of the diagnosis alone.
 
 Answers go to FILE, a JSON line each as they come (default: diagnosis-benchmark/set-DIGEST.jsonl, DIGEST of the sources
 that decide an answer); what stands there under the same sources and case is not asked again, so that a run that is
@@ -17,7 +17,8 @@ the answers by the labels of today.  --compare prints both side by side and ever
 status 1 where an answer got worse (right before, or wrong only now).  Without it: 1 where an answer is wrong.
 
 Cases whose log is not here are skipped, with a line: measured logs that may not be passed on lie in a --folder
-(`real_fetched.py`), J246 needs the extra `judges`.  What only judges (part "judge") is never run.
+(`real_fetched.py`), J246 needs the extra `judges`.  What only judges (part "judge") runs with --judge alone: nothing
+may be chosen on it.
 """
 
 import os
@@ -26,20 +27,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers 
 
 import argparse
 import contextlib
+import functools
 import hashlib
 import json
+import signal
 import sys
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bar import bar
-from diagnosis_labels import FAR, NORMAL_95, SET, Case, Row, is_of_input, outcome, read_set, said, sizes, wrong_names
+from diagnosis_labels import FAR, NORMAL_95, Case, Row, is_of_input, outcome, read_set, said, sizes, wrong_names
 from diagnosis_sources import ROOT, Absent, material
 
 from sim.diagnosis.report.answer import report
@@ -52,7 +55,7 @@ from sim.nominal import load_nominal
 DECIDES = ("launchid_core", "sim", "tests/hidden", "tests/foreign", "tests/public")  # folders that decide an answer
 AND_FILES = ("tests/public_flights.py", "benchmarks/diagnosis_sources.py")
 OUTCOMES = ("right", "wrong", "refused")
-JUDGED = "judge"   # the part that is never run
+JUDGED = "judge"   # the part that is run on demand alone
 WARM = 8.0         # s of the flight by which a worker loads the compiled code
 
 
@@ -80,14 +83,14 @@ def answered(case: Case, nominals: dict[str, Any], folders: tuple[Path, ...], so
         traceback.print_exc()
         said_of_it = {"verdict": "crashed", "doubts": [repr(error)]}
     seconds = time.process_time() - begun
-    limits = said_of_it.get("limits", {})
+    limits = {key: said_of_it.get("limits", {}).get(key.partition(".")[0], {}).get("size") for key in there.truth}
     return row | {
         "verdict": said_of_it["verdict"], "where": said_of_it.get("where"), "seconds": round(seconds, 3),
         "rows": len(there.log.t), "named": [named(cause) for cause in said_of_it.get("causes", ())],
         "nearest": [each["resembles"] for each in said_of_it.get("nearest", ())],
         "doubts": said_of_it.get("doubts", []), "remainder": said_of_it.get("remainder"),
         "cut_short": said_of_it.get("cut_short", False), "truth": there.truth, "places": list(there.places),
-        "limits": {key: limits[key.partition(".")[0]]["size"] for key in there.truth if key.partition(".")[0] in limits}}
+        "limits": limits}
 
 
 def named(cause: dict[str, Any]) -> dict[str, Any]:
@@ -133,16 +136,19 @@ def run(cases: list[Case], nominals: dict[str, Any], args: argparse.Namespace, p
     print(f"{len(cases)} cases, {len(there)} of them answered already in {path}", flush=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a", encoding="utf-8") as file, bar(len(left)) as update:
-        for row in in_processes(in_turn(left), (nominals, tuple(args.folder), sources), args.jobs):
-            update(1)
-            if "absent" in row:
-                print(f"{row['case']}: skipped: {row['absent']}", flush=True)
-                continue
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            there[row["case"]] = row
-            if not sys.stderr.isatty():
-                print(f"{len(there):4} {row['case']}: {said(row)}  [{row['seconds']:.1f} s]", flush=True)
+        try:
+            for row in in_processes(in_turn(left), (nominals, tuple(args.folder), sources), args.jobs):
+                update(1)
+                if "absent" in row:
+                    print(f"{row['case']}: skipped: {row['absent']}", flush=True)
+                    continue
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                there[row["case"]] = row
+                if not sys.stderr.isatty():
+                    print(f"{len(there):4} {row['case']}: {said(row)}  [{row['seconds']:.1f} s]", flush=True)
+        except KeyboardInterrupt:
+            print("interrupted: the same command goes on", file=sys.stderr)
     return [there[case.name] for case in cases if case.name in there]
 
 
@@ -159,23 +165,24 @@ def in_turn(cases: list[Case]) -> list[Case]:
 
 def in_processes(cases: list[Case], given: tuple[Any, ...], jobs: int) -> Iterator[Row]:
     """The rows as they come, of so many processes, or of this one."""
+    work = functools.partial(_answered, given)
     if jobs <= 1 or len(cases) < 2:
         if cases:
             warmed()
-        with contextlib.suppress(KeyboardInterrupt):
-            for case in cases:
-                yield answered(case, *given)
+        yield from map(work, cases)
         return
-    with ProcessPoolExecutor(jobs, initializer=warmed) as pool:
-        left: set[Future[Row]] = {pool.submit(answered, case, *given) for case in cases}
-        try:
-            while left:
-                done, left = wait(left, return_when="FIRST_COMPLETED")
-                yield from (each.result() for each in done)
-        except KeyboardInterrupt:
-            print("interrupted: the same command goes on", file=sys.stderr)
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    with Pool(jobs, initializer=_begun) as pool:  # its end terminates the workers
+        yield from pool.imap_unordered(work, cases)
+
+
+def _answered(given: tuple[Any, ...], case: Case) -> Row:
+    return answered(case, *given)
+
+
+def _begun() -> None:
+    """A worker: an interruption is for the process that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warmed()
 
 
 def warmed() -> None:
@@ -292,8 +299,8 @@ def spoken(row: Row) -> tuple[Any, ...]:
 
 
 def chosen(cases: list[Case], args: argparse.Namespace) -> list[Case]:
-    """The cases that are asked for; never those that only judge."""
-    return [case for case in cases if case.part != JUDGED
+    """The cases that are asked for."""
+    return [case for case in cases if (args.judge or case.part != JUDGED)
             and (not args.groups or case.group in args.groups) and (not args.kinds or case.kind in args.kinds)
             and (not args.cases or any(each in case.name for each in args.cases)) and (case.in_tests or not args.tenth)]
 
@@ -307,6 +314,7 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", choices=list(kinds), metavar="K", help=", ".join(kinds))
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="whose names (group/name) hold one of these")
     parser.add_argument("--tenth", action="store_true", help="those that every run of the tests answers")
+    parser.add_argument("--judge", action="store_true", help="also those on which nothing may be chosen")
     parser.add_argument("--folder", nargs="+", type=Path, default=[], metavar="DIR", help="of further measured logs")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--out", type=Path, metavar="FILE", help="of the answers")
