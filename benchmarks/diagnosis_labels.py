@@ -128,9 +128,11 @@ def outcome(case: Case, row: Row) -> str:
 
 
 def _is_answer(accepted: str, row: Row) -> bool:
-    """Whether the row says this, and of each cause in a set that is not too large."""
+    """Whether the row says this: each cause in a set that is not too large, and "unexplained" at a place that is right
+    for what the generator has hidden."""
     if row["verdict"] not in NAMED:
-        return accepted == row["verdict"]
+        return accepted == row["verdict"] and (row["verdict"] != "unexplained" or not row["places"]
+                                               or row["where"] in row["places"])
     if accepted in SAYS_NOTHING:
         return False
     left = [answer for answer in row["named"] if len(answer["alike"]) < LARGEST_SET]

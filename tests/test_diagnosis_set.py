@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden import LISTED, OTHER, PLAIN, UNLISTED
 
 from sim.log import measured_logs, read_log
 from sim.nominal import BUILT_IN, STANDS
@@ -66,6 +67,13 @@ def test_every_measured_log_of_the_package_has_its_label_and_the_judges_are_mark
     assert all(case.nominal in STANDS or case.nominal in NOMINALS for case in measured.values())
 
 
+def test_every_cause_in_both_forms_and_every_effect_that_nobody_listed_is_hidden_somewhere():
+    hidden = [(case.group, case.source[1], case.options.get("variant", PLAIN)) for case in CASES]
+    assert {(name, form) for group, name, form in hidden if group == "listed"} == {
+        (name, form) for name in LISTED for form in (PLAIN, OTHER)}
+    assert {name for group, name, _ in hidden if group == "unlisted"} == set(UNLISTED)
+
+
 def test_what_is_held_out_or_placebo_is_what_it_says():
     hidden = [case for case in CASES if case.source[0] == "hidden"]
     assert len({case.options["seed"] for case in hidden}) == len(hidden)
@@ -101,7 +109,7 @@ def named(cause, *alike, term="", where="plant", **sizes):
 
 def row(verdict, *answers, **more):
     return {"case": "g/a", "verdict": verdict, "named": list(answers), "where": None, "truth": {}, "seconds": 1.0,
-            "nearest": []} | more
+            "nearest": [], "places": []} | more
 
 
 def case(bench, accepted, beside=(), never=("others",), **more):
@@ -130,6 +138,8 @@ SIN = named("missing_term", term="sin(theta)")
     (["missing_term"], [], ["others"], row("dominant", SIN), "right"),
     (["missing_term(beta^2)"], [], ["others"], row("dominant", SIN), "wrong"),
     (["unexplained"], [], ["others"], row("unexplained"), "right"),
+    (["unexplained"], [], ["others"], row("unexplained", where="sensor", places=["sensor"]), "right"),
+    (["unexplained"], [], ["others"], row("unexplained", where="plant", places=["sensor"]), "refused"),
     (["consistent"], [], ["others", "unexplained"], row("unexplained"), "wrong"),              # a false alarm
     (["anything"], ["friction"], ["others"], row("dominant", named("friction")), "right"),
     (["anything"], [], ["gust"], row("dominant", named("friction")), "right"),
