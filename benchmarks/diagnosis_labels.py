@@ -87,7 +87,8 @@ def read_set(path: Path = SET) -> tuple[list[Case], dict[str, Any]]:
 
 def _case(group: str, given: dict[str, Any], of_group: dict[str, Any], sets: dict[str, list[str]]) -> Case:
     """A case: what its group gives all of its cases, and what it says itself."""
-    both = {key: value for key, value in (of_group | given).items() if key != "cases"}
+    both = {key: value for key, value in (of_group | given).items() if key != "cases"} \
+        | {"words": given.get("words", "")}
     name = f"{group}/{given['name']}"
     source = [(key, both.pop(key)) for key in SOURCES if key in both]
     if len(source) != 1:

@@ -35,7 +35,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
@@ -210,16 +210,15 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
-    """By group, by kind and over all; of two runs, both numbers in each cell."""
+    """By group, by kind, by part and over all; of two runs, both numbers in each cell."""
     by_name = [{row["case"]: row for row in rows} for rows in runs]
     shared = [case for case in cases if all(case.name in rows for rows in by_name)]
-    lines = [f"{'':16} {'cases':>5} " + " ".join(f"{name:>{len(runs) * 5 + 1}}" for name in OUTCOMES)
-             + f"  {'far / sized':>{11 * len(runs)}}  {'within 95 %':>{7 * len(runs)}}  {'median s':>{8 * len(runs)}}"
-             f"  {'90 % s':>{8 * len(runs)}}"]
-    for title, of in (("group", lambda case: case.group), ("kind", lambda case: case.kind), ("all", lambda _: "all")):
-        lines.append(f"-- by {title}" if title != "all" else "--")
-        lines += [line(name, [case for case in shared if of(case) == name], by_name)
-                  for name in dict.fromkeys(map(of, shared))]
+    lines = [_columns(["", "cases", *OUTCOMES, "far / sized", "within 95 %", "median s", "90 % s"], len(runs))]
+    for title in ("group", "kind", "part"):
+        lines.append(f"-- by {title}")
+        lines += [line(name, [case for case in shared if getattr(case, title) == name], by_name)
+                  for name in dict.fromkeys(getattr(case, title) for case in shared)]
+    lines += ["--", line("all", shared, by_name)] if shared else []
     placebos = [case for case in shared if case.kind == "placebo"]
     if placebos:
         counts = [sum(any(map(is_of_input, rows[case.name]["named"])) for case in placebos) for rows in by_name]
@@ -229,21 +228,22 @@ def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
 
 
 def line(name: str, cases: list[Case], by_name: list[dict[str, Row]]) -> str:
-    """One line of the table."""
-    def cells(of: Callable[[dict[str, Row]], str], width: int) -> str:
-        return " > ".join(f"{of(rows):>{width}}" for rows in by_name)
+    """One line of the table: a number of each run in each cell."""
+    def count(wanted: str) -> list[str]:
+        return [str(sum(outcome(case, rows[case.name]) == wanted for case in cases)) for rows in by_name]
 
-    def count(outcome_: str) -> Callable[[dict[str, Row]], str]:
-        return lambda rows: str(sum(outcome(case, rows[case.name]) == outcome_ for case in cases))
+    seconds = [np.percentile([rows[case.name]["seconds"] for case in cases], (50.0, 90.0)) for rows in by_name]
+    sized = [far(cases, rows) for rows in by_name]
+    return _columns([name, str(len(cases)), *(" > ".join(count(each)) for each in OUTCOMES),
+                     *(" > ".join(filter(None, each)) for each in zip(*sized, strict=True)),
+                     *(" > ".join(f"{each[k]:.1f}" for each in seconds) for k in (0, 1))], len(by_name))
 
-    def seconds(percent: float) -> Callable[[dict[str, Row]], str]:
-        return lambda rows: f"{np.percentile([rows[case.name]['seconds'] for case in cases], percent):.1f}"
 
-    return (f"{name:16} {len(cases):5} " + " ".join(f"{cells(count(each), 3):>{len(by_name) * 5 + 1}}"
-                                                   for each in OUTCOMES)
-            + f"  {cells(lambda rows: far(cases, rows)[0], 9):>{11 * len(by_name)}}"
-            f"  {cells(lambda rows: far(cases, rows)[1], 5):>{7 * len(by_name)}}"
-            f"  {cells(seconds(50.0), 6):>{8 * len(by_name)}}  {cells(seconds(90.0), 6):>{8 * len(by_name)}}")
+def _columns(cells: list[str], runs: int) -> str:
+    """A line of the table: wide enough for so many runs."""
+    widths = (16, 5, *([9] * 3 if runs > 1 else [7] * 3), *([17, 13, 13, 13] if runs > 1 else [11, 11, 8, 8]))
+    return f"{cells[0]:{widths[0]}} " + " ".join(f"{cell:>{width}}" for cell, width in
+                                               zip(cells[1:], widths[1:], strict=True))
 
 
 def far(cases: list[Case], rows: dict[str, Row]) -> tuple[str, str]:
