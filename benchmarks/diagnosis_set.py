@@ -206,6 +206,16 @@ def read_rows(path: Path) -> list[Row]:
     return list(rows.values())
 
 
+def still_asked(cases: list[Case], nominals: dict[str, Any], path: Path) -> list[Row]:
+    """The answers of a file to what these cases ask today; those to another log or nominal of that name are said."""
+    asks = {case.name: asked(case, nominals) for case in cases}
+    rows = [row for row in read_rows(path) if row["case"] in asks]
+    stale = [row["case"] for row in rows if row["asked"] != asks[row["case"]]]
+    if stale:
+        print(f"{path}: left out, the case is another one now: {', '.join(stale)}")
+    return [row for row in rows if row["case"] not in stale]
+
+
 # ---- tables
 
 
@@ -327,11 +337,11 @@ def main() -> int:
             parser.error(f"{path}: no such file; expected answers that a run wrote (--out)")
     cases = chosen(cases, args)
     if args.compare:
-        lines, is_worse = compared(cases, *map(read_rows, args.compare))
+        lines, is_worse = compared(cases, *(still_asked(cases, nominals, path) for path in args.compare))
         print("\n".join(lines))
         return int(is_worse)
     path = args.out or Path("diagnosis-benchmark") / f"set-{sources_now()}.jsonl"
-    rows = read_rows(args.table) if args.table else run(cases, nominals, args, path)
+    rows = still_asked(cases, nominals, args.table) if args.table else run(cases, nominals, args, path)
     print("\n".join(["", *table(cases, [rows]), "", *not_right(cases, rows)]))
     return int(any(outcome(case, row) == "wrong" for case in cases for row in rows if row["case"] == case.name))
 

@@ -299,3 +299,13 @@ def test_rows_are_json_that_reads_back(bench, tmp_path):
     path.write_text(json.dumps(row("consistent")) + "\n" + json.dumps(row("unexplained")) + "\n")
     assert [each["verdict"] for each in bench[2].read_rows(path)] == ["unexplained"]  # the last answer of a case counts
     assert bench[2].read_rows(tmp_path / "none.jsonl") == []
+
+
+def test_answers_to_what_a_case_does_not_ask_any_more_are_left_out_and_said(bench, tmp_path, capsys):
+    command, (one, other) = bench[2], CASES[:2]
+    path = tmp_path / "a.jsonl"
+    rows = [row("consistent", case=each.name, asked=command.asked(each, NOMINALS)) for each in (one, other)]
+    rows[1]["asked"] = "another"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    assert [each["case"] for each in command.still_asked(CASES, NOMINALS, path)] == [one.name]
+    assert f"another one now: {other.name}" in capsys.readouterr().out
