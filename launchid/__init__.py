@@ -23,22 +23,22 @@ from sim.errors import InputError, UsageError
 from sim.log import Log
 from sim.sections import Nominal
 
-from .sources import DataWarning, LogSource, NominalSource, each_of, load_nominal, read_log, warned
+from .sources import DataWarning, LogSource, NominalSource, each_of, from_python, load_nominal, read_log
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
     from os import PathLike
 
     from sim.answers.of_campaigns import Campaign
     from sim.answers.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
-    from sim.answers.of_nominals import Exported, Flown, Planned
-    from sim.effects import Effect
+    from sim.answers.of_nominals import Effects, Exported, Flown, Planned
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
            "campaign", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "plan", "read_log", "simulate",
            "uncertainty"]
 
 
+@from_python
 def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = 1.0,
              tracked: bool = False, library: str = "rigid-body", formulation: str | None = None, solver: str = "stls",
              threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
@@ -56,19 +56,21 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     noise        filtered: the nominal's levels are a prior ("estimated") or exact ("declared")
     """
     from sim.answers import of_logs
-    return warned(of_logs.identify(
+    return of_logs.identify(
         read_log(log), None if nominal is None else load_nominal(nominal), window=window, tracked=tracked,
         library=library, formulation=formulation, solver=solver, threshold=threshold, compression=compression,
-        seed=seed, noise=noise, strict=strict))
+        seed=seed, noise=noise, strict=strict)
 
 
+@from_python
 def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
                 strict: bool = False) -> UncertaintyLevel:
     """Where in its range each parameter is, window by window of `window` [s], and whether it left it."""
     from sim.answers import of_logs
-    return warned(of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict))
+    return of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict)
 
 
+@from_python
 def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
              noise: str = "bounded", strict: bool = False) -> Diagnosed:
     """What the simulation gets wrong on a log, why, and what fixing it gains.
@@ -79,10 +81,11 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     """
     from sim.answers import of_logs
     second = None if holdout is None else read_log(holdout, ("t",))
-    return warned(of_logs.diagnose(read_log(log, ("t",)), load_nominal(nominal), holdout=second,
-                                   bootstrap=bootstrap, strict=strict, noise=noise))
+    return of_logs.diagnose(read_log(log, ("t",)), load_nominal(nominal), holdout=second,
+                            bootstrap=bootstrap, strict=strict, noise=noise)
 
 
+@from_python
 def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float = 0.95, confidence: float = 0.95,
             profile: bool = False, strict: bool = False) -> FittedRange:
     """The range sigma of a6 and k1 that holds a `share` of vehicles with `confidence`, from one log a flight.
@@ -90,29 +93,33 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     profile  sigma over flight time, where the flights tell it
     """
     from sim.answers import of_logs
-    return warned(of_logs.fit_lft([read_log(log) for log in each_of(logs)], load_nominal(nominal), share=share,
-                                  confidence=confidence, profile=profile, strict=strict))
+    return of_logs.fit_lft([read_log(log) for log in each_of(logs)], load_nominal(nominal), share=share,
+                           confidence=confidence, profile=profile, strict=strict)
 
 
+@from_python
 def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: str | Iterable[str | Effect] = ()) -> Flown:
+             effects: Effects = ()) -> Flown:
     """Fly a nominal.
 
     seed     of all noise, from 0 on
     suite    "flight": the nominal's sensors; "ideal": the truth
     period   between rows [s]; None: the suite's own
-    effects  one or several causes of the catalogue, each "NAME:PARAMETER=VALUE,..."
+    effects  one or several causes of the catalogue, each "NAME:PARAMETER=VALUE,...", a dict such as
+             {"name": "gyro_bias", "rate": 0.01}, or an `Effect`
     """
     from sim.answers import of_nominals
-    return warned(of_nominals.simulate(load_nominal(nominal), seed=seed, suite=suite, period=period, effects=effects))
+    return of_nominals.simulate(load_nominal(nominal), seed=seed, suite=suite, period=period, effects=effects)
 
 
+@from_python
 def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
     """The smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
     from sim.answers import of_nominals
-    return warned(of_nominals.plan(load_nominal(nominal), accuracy=accuracy, window=window))
+    return of_nominals.plan(load_nominal(nominal), accuracy=accuracy, window=window)
 
 
+@from_python
 def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, float32: bool = False,
              **choices: Any) -> Exported:
     """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s.
@@ -120,10 +127,11 @@ def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | Non
     float32: in single precision, not the same bits; refused where that fails.
     """
     from sim.answers import of_nominals
-    return warned(of_nominals.export_c(load_nominal(nominal), window=window, period=period, float32=float32,
-                                      **choices))
+    return of_nominals.export_c(load_nominal(nominal), window=window, period=period, float32=float32,
+                               **choices)
 
 
+@from_python
 def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int | None = None,
              requirement: str | Sequence[str] = (), seed: int = 0, stop: str = "decided", executor: str = "local",
              workers: int | None = None, merge: Sequence[str | PathLike[str]] = ()) -> Campaign:
@@ -136,6 +144,6 @@ def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int |
     merge        folders of campaigns to judge together; nothing is flown
     """
     from sim.answers import of_campaigns
-    return warned(of_campaigns.campaign(
+    return of_campaigns.campaign(
         load_nominal(nominal), out=out, flights=flights, requirement=requirement, seed=seed, stop=stop,
-        executor=executor, workers=workers, merge=merge))
+        executor=executor, workers=workers, merge=merge)

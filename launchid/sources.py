@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import re
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, Union, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar, Union, runtime_checkable
 
 import numpy.typing as npt
 
 from sim import nominal as nominals
 from sim.asked import several
-from sim.errors import InputError
+from sim.errors import InputError, UsageError
 from sim.files import as_path
 from sim.log import REQUIRED, Log, log_of
 from sim.log import read_log as read_file
@@ -46,6 +48,9 @@ class WithLog(Protocol):
 LogSource = Union[str, "os.PathLike[str]", Mapping[str, npt.ArrayLike], Frame, Log, WithLog]
 NominalSource = Union[str, "os.PathLike[str]", Nominal]
 Made = TypeVar("Made", bound="Answer")
+Asked = ParamSpec("Asked")
+OPTION = re.compile(r"(?<!\S)--([a-z][a-z0-9-]*)")
+PARAMETERS = {"effect": "effects"}  # of options whose parameter has another name
 
 
 def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
@@ -89,3 +94,21 @@ def warned(made: Made) -> Made:
     for line in made.warnings:
         warnings.warn(line, DataWarning, stacklevel=3)
     return made
+
+
+def from_python(function: Callable[Asked, Made]) -> Callable[Asked, Made]:
+    """A function of the package: warnings are its caller's, and what it refuses has a parameter's name, not that of the
+    command's option."""
+    @functools.wraps(function)
+    def asked(*given: Asked.args, **named: Asked.kwargs) -> Made:
+        try:
+            made = function(*given, **named)
+        except UsageError as error:
+            raise UsageError(OPTION.sub(_parameter, str(error))) from None
+        return warned(made)
+
+    return asked
+
+
+def _parameter(option: re.Match[str]) -> str:
+    return PARAMETERS.get(option[1], option[1].replace("-", "_"))

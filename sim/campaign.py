@@ -14,7 +14,8 @@ where it was when it is run again; the journal goes when the table is there.  A 
 the error's one line.  A chunk whose worker died is sent again; after ATTEMPTS deaths its jobs are sent one by one,
 nothing else running, so that the one that kills is found and becomes a failed row.
 
-Assumptions: one campaign writes a journal at a time; a Ctrl-C of a given executor's workers is that executor's.
+Assumptions: one campaign writes a journal at a time (`folder_lock` holds a folder for one); a Ctrl-C of a given
+executor's workers is that executor's.
 """
 
 import asyncio
@@ -148,7 +149,8 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
     progress    called with the number of jobs newly finished, at first those of the journal (`tqdm.update`)
     definition  what else decides the rows (a nominal's text, options): continuing needs the same
     enough      is given each finished job's number and outcome, in whatever order they end; once it answers with a
-                number n nothing more is sent and the table is of the first n jobs, of which it has been given all
+                number n nothing more is sent and the table is of the first n jobs, of which it has been given all;
+                it may refuse an outcome with an InputError, and nothing is lost
     """
     path = Path(path)
     if len(jobs) == 0:

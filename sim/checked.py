@@ -6,51 +6,80 @@ the vehicle could tell (beta and its command both reversed) `diagnosis.data.vehi
 
 import numpy as np
 
-from .diagnosis.data.check import check
+from .diagnosis.data.check import DataCheck, check, related
 from .diagnosis.data.fault import Fault
-from .diagnosis.data.relations import GAIN_SLACK, RATE_BLOCK, rate_fit
-from .diagnosis.data.stamps import uniform_times, usable_rows
-from .diagnosis.data.vehicle import CLEAR, FEWEST_BLOCKS, NEIGHBOURS, plant_faults
+from .diagnosis.data.slope import foreign_scale, is_other_motion
+from .diagnosis.data.turns import unwrapped
+from .diagnosis.data.vehicle import plant_faults
 from .errors import InputError
 from .log import Log
 from .nominal import Nominal, constant_profile
 from .sections import Sensors
 
-COLUMN_FAULTS = ("unit", "sign", "swapped")  # of a whole column: numbers from it are of another quantity
+COLUMN_FAULTS = ("unit", "sign", "swapped", "motion", "origin")  # of a whole column: it is of another quantity
+CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed
 FEWEST_IDEAL = 20       # rows
 EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
-ONE_MOTION = 0.98       # share of the variance of theta's changes that theta_dot must explain to tell a scale
-SAME_SCALE = 0.01       # relative: nobody calibrates a gyro better in a vehicle
 MASKED = "; these rows are left out"          # by the diagnosis; an estimator judges each row by itself
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """What the data check finds; without a nominal what the columns tell of each other."""
+    """What the data check finds; without a nominal what the columns tell of each other.
+
+    InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
+    """
     if nominal is None:  # of a vehicle and of sensors that say nothing
         nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
             period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
+    log, _ = unwrapped(log)
     made = check(log, nominal)
     for fault in made.faults:
-        if fault.kind == "unit" and fault.channel == "t":
+        if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    if any(fault.kind in COLUMN_FAULTS for fault in made.faults):
+    if foreign(made.faults):
         return made.faults
-    return (*made.faults, *plant_faults(log, nominal, made.masks))
+    return (*made.faults, *plant_faults(log, nominal, made.masks), *rate_faults(log, made))
 
 
-def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """What the data check finds in one line, nothing if that is nothing.
+def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
+    """That theta_dot is another motion than the slope of theta, or a multiple of it: for a diagnosis an effect of a
+    sensor, which no estimator asks for."""
+    t, columns = related(log, data.usable, data.masks)
+    period = float(t[1] - t[0]) if columns else 0.0
+    if columns and is_other_motion(columns, period):
+        return [Fault("motion", None, float(t[0]), float(t[-1]), len(t),
+                      "theta_dot is not the slope of theta over any time: the body turns about its other axes too, or "
+                      "the two are of different devices")]
+    scale = foreign_scale(columns, period) if columns else None
+    if scale is None:
+        return []
+    return [Fault("scale", "theta_dot", float(t[0]), float(t[-1]), len(t),
+                  f"theta_dot is {scale[0]:.3g} times the slope of theta (+- {scale[1]:.1g}): a6 and k1 may be off by "
+                  "as much, which their standard deviations do not know; correct the scale of either")]
 
-    InputError instead if `strict`, or if a column is in another unit, of the other sign or under another's name and
-    that is refused.
+
+def warned(log: Log, found: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+    """What the data check found in one line, nothing if that is nothing.
+
+    InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
     """
-    found = faults(log, nominal)
     if not found:
         return ()
     line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in found)}"
-    if strict or (refuse_columns and any(fault.kind in COLUMN_FAULTS for fault in found)):
+    if strict or (refuse_columns and foreign(found)):
         raise InputError(line)
     return (line,)
+
+
+def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+    """Both in one: look at a log, and say what is found."""
+    return warned(log, faults(log, nominal), strict, refuse_columns)
+
+
+def foreign(found: tuple[Fault, ...]) -> str:
+    """Of which other quantity than their names say whole columns are, in words; "": none.  No advice but to correct
+    them has a meaning then."""
+    return "; ".join(fault.message for fault in found if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
@@ -80,24 +109,3 @@ def ideal_note(log: Log) -> tuple[str, ...]:
             return ()
     return (f"{log.path}: theta, theta_dot and theta_ddot are each other's integrals without noise: this looks like "
             "the simulator's ideal suite, the truth and not what sensors measure; declared noises do not apply to it",)
-
-
-def rate_note(log: Log) -> tuple[str, ...]:
-    """That theta_dot is not the slope of theta but a multiple of it, which no estimator asks and a6, k1 inherit.
-
-    The data check's own relation (`relations.rate_fit`), which lets every gain of an effect pass.
-    """
-    known = log.in_range("t") & log.in_range("theta") & log.in_range("theta_dot") & usable_rows(log.t)
-    if np.count_nonzero(known) < FEWEST_BLOCKS:
-        return ()
-    t = uniform_times(log.t[known])
-    columns = {name: np.interp(t, log.t[known], getattr(log, name)[known]) for name in ("theta", "theta_dot")}
-    found = rate_fit(columns, "theta", "theta_dot", float(t[1] - t[0]))
-    gain, blocks = found.gain[0], (t[-1] - t[0]) / RATE_BLOCK
-    if blocks < FEWEST_BLOCKS or found.explained < ONE_MOTION:
-        return ()
-    std = abs(gain) * float(np.sqrt(NEIGHBOURS * (1.0 / found.explained - 1.0) / blocks))
-    if abs(gain - 1.0) < max(CLEAR * std, SAME_SCALE) or not 1.0 / GAIN_SLACK < gain < GAIN_SLACK:
-        return ()  # the latter a unit, a sign or another column: the data check says so
-    return (f"{log.path}: theta_dot is {1.0 / gain:.3g} times the slope of theta (+- {std / gain**2:.1g}): a6 and k1 "
-            "may be off by as much, which their standard deviations do not know; correct the scale of either",)

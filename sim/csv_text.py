@@ -40,7 +40,7 @@ def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, l
 
     file  opened with AS_TEXT: what is no UTF-8 is found here, with its line
     """
-    lines = _Lines(path, file)
+    lines = Lines(path, file)
     reader = csv.reader(lines, delimiter=delimiter, strict=True)
     while True:
         begins = lines.number + 1
@@ -55,7 +55,7 @@ def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, l
             yield begins, cells
 
 
-class _Lines:
+class Lines:
     """The lines of a file; `number` is that of the last one given.
 
     A line without an end is the last: what a file that grows has got meanwhile would be its other half.
@@ -64,7 +64,7 @@ class _Lines:
     def __init__(self, path: str, file: TextIO) -> None:
         self.path, self.number, self._readline, self._has_ended = path, 0, file.readline, False
 
-    def __iter__(self) -> "_Lines":
+    def __iter__(self) -> "Lines":
         return self
 
     def __next__(self) -> str:

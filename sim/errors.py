@@ -8,7 +8,9 @@ INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
 EXTRAS = {  # module -> the extra that brings it
     "matplotlib": "plots", "tqdm": "plots", "distributed": "cluster", "pandas": "frames",
-    "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs"}
+    "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs",
+    "zstandard": "logs",
+    "pymavlink": "ardupilot"}
 
 
 def one_line(text: str) -> str:

@@ -43,11 +43,11 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     default = "measured" if "theta_ddot" in log.columns else "integral"
     formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
     if formulation == "measured" and "theta_ddot" not in log.columns:
-        raise UsageError("--formulation measured needs the column theta_ddot, which the log lacks")
+        raise UsageError("formulation measured needs the column theta_ddot, which the log lacks")
     if formulation == "filtered" and nominal is None:
-        raise UsageError("--formulation filtered needs --nominal NOMINAL.toml (profile, actuator, noises)")
+        raise UsageError("formulation filtered needs a nominal (profile, actuator, noises)")
     if tracked and formulation != "filtered":
-        raise UsageError("--tracked needs --formulation filtered and --nominal NOMINAL.toml")
+        raise UsageError("tracked needs the formulation filtered and a nominal")
     return formulation
 
 
@@ -63,7 +63,7 @@ def stand_library(nominal: Nominal) -> tuple[str, ...]:
         tuple(term for term, _ in nominal.terms)
 
 
-def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str | None, tracked: bool,
+def log_config(log: Log, nominal: Nominal | None, window: float | str, formulation: str | None, tracked: bool,
                **choices: Any) -> Config:
     """Config for a log; UsageError for what the options ask and the log lacks.
 
@@ -81,8 +81,8 @@ def log_config(log: Log, nominal: Nominal | None, window: str, formulation: str 
     else:
         try:
             timing = {"window": float(window), "sample_period": log.period}
-        except ValueError:
-            raise UsageError(f"--window {window!r}: expected seconds or 'all'") from None
+        except (TypeError, ValueError):
+            raise UsageError(f"window {window!r}: expected seconds or 'all'") from None
     try:
         return Config(**timing, formulation=formulation, model=model, **saturations(log) | choices)
     except ValueError as error:
@@ -180,8 +180,10 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
 def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
     """The identify JSON of a whole log."""
     said = report(made.estimates, made.estimator, tracked, made.judged)
-    if "why" in said and (beyond := made.log.out_of_range()):
-        said["why"] += f"; {beyond}"
+    if "why" in said and (reason := made.log.unusable()):
+        said["why"] += f"; {reason}"
+    if made.foreign:
+        said["next"] = f"correct the log first: {made.foreign}"
     if made.config.formulation == "filtered":
         return said
     return said | {"delay": None if made.delay is None else made.delay.json}

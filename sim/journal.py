@@ -3,7 +3,8 @@
 The first line says what the campaign is (a hash) and how many jobs it has; each other is `[job, row]`, the row an
 object of plain values, or `[job, "error"]`.  JSON with Python's shortest floats, so that what is read back has the
 same bits.  A line counts once its newline is there: the last one, torn by a kill, is cut off when the journal is
-opened again.  A job that stands twice (a worker that was thought dead and was not) counts once, the first.
+opened again.  A job that stands twice (a worker that was thought dead and was not) counts once, the first.  Whatever
+else stands there is an InputError that names the line.
 """
 
 import csv
@@ -22,6 +23,7 @@ Outcome = Row | str   # of a job: its row, or the one line of its error
 
 FORMAT = "launchid campaign 1"
 ERROR = "error"       # the table's last column: empty, or why the job has no row
+LONGEST = 1 << 24     # bytes of a line: a row has a few hundred
 
 
 class Journal:
@@ -47,7 +49,7 @@ class Journal:
         """Mark what is done; bytes of the whole lines."""
         whole = 0
         for number, end, value in read_lines(self.path):
-            if number == 1 and value != header:
+            if number == 1 and (not isinstance(value, list) or value != header):
                 raise InputError(f"{self.path}: the journal of another campaign (other jobs, work or options): finish "
                                  "that one, or remove this file")
             if number > 1:
@@ -82,33 +84,40 @@ class Journal:
 def read_lines(path: Path) -> Iterator[tuple[int, int, Any]]:
     """(line number, byte where it ends, value) of every whole line; a torn last one is left out.
 
-    InputError for a line that is no JSON and not the last: no interruption leaves that.
+    InputError for a line that is no JSON and not the last, or the first: no interruption leaves that.
     """
     with path.open("rb") as file:
-        end, broken = 0, 0
-        for number, line in enumerate(file, start=1):
+        number, end, broken = 0, 0, 0
+        while line := file.readline(LONGEST):
+            number += 1
             if broken:
-                raise InputError(f"{path}: line {broken}: not a journal's line; remove the file to start anew")
+                raise _damaged(path, broken)
             end += len(line)
             try:
                 if not line.endswith(b"\n"):
                     raise ValueError
                 value = json.loads(line)
-            except ValueError:
+            except (ValueError, RecursionError):
+                if number == 1 and line.endswith(b"\n"):
+                    raise _damaged(path, 1) from None
                 broken = number
                 continue
             yield number, end, value
 
 
+def _damaged(path: Path, line: int) -> InputError:
+    return InputError(f"{path}: line {line}: not a journal's line; remove the file to start anew")
+
+
 def _job(path: Path, number: int, value: Any, jobs: int) -> int:
     """The job of a journal's line."""
-    try:
+    if isinstance(value, list) and len(value) == 2:
         job, outcome = value
-        if isinstance(job, int) and 0 <= job < jobs and isinstance(outcome, (dict, str)):
+        plain = isinstance(outcome, str) or (isinstance(outcome, dict) and all(
+            isinstance(cell, (int, float, str)) for cell in outcome.values()))
+        if plain and type(job) is int and 0 <= job < jobs:
             return job
-    except (TypeError, ValueError):
-        pass
-    raise InputError(f"{path}: line {number}: not a journal's line; remove the file to start anew")
+    raise _damaged(path, number)
 
 
 class Table(NamedTuple):

@@ -38,6 +38,7 @@ MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
 SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
+MOVING = ("theta", "theta_dot", "beta")  # where anything moves
 DATES = "mM"       # numpy's kinds of a duration and a date
 
 
@@ -73,17 +74,27 @@ class Log(Result):
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
 
-    def out_of_range(self) -> str:
-        """Which columns the estimator rejects rows for, in how many of them, in words; "" if for none."""
+    def is_same(self, other: "Log") -> bool:
+        """Whether the other has the same columns, to the bit."""
+        return self.columns == other.columns and all(
+            np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
+
+    def unusable(self) -> str:
+        """What of it says nothing to an estimator: columns for which it rejects rows, in how many, and columns that
+        never change; in words, "" if there are none."""
         from launchid_core import Config
         units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
-        said = []
-        for name in self.columns:
+        beyond, still = [], []
+        for name, x in self.measured().items():
             limit = getattr(Config, f"{name}_limit", math.inf)
-            beyond = int(np.count_nonzero(np.abs(getattr(self, name)) > limit))
-            if beyond:
-                said.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {beyond} of {len(self.t)} rows")
-        return "; ".join(said) + ", which rejects them: expected SI units" if said else ""
+            if rows := int(np.count_nonzero(np.abs(x) > limit)):
+                beyond.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {rows} of {len(x)} rows")
+            if name in MOVING and np.nanmax(x, initial=-math.inf) == np.nanmin(x, initial=math.inf):
+                still.append(name)
+        said = [f"{'; '.join(beyond)}, which rejects them: expected SI units"] if beyond else []
+        if still:
+            said.append(f"{', '.join(still)} never change{'s' * (len(still) == 1)} in {len(self.t)} rows")
+        return "; ".join(said)
 
     def table(self) -> "Table":
         return {name: x.tolist() for name, x in self.measured().items()}

@@ -3,6 +3,7 @@
 Rows become numbers in blocks, column by column: what a whole log takes is its columns, 8 bytes a number.
 """
 
+import difflib
 import itertools
 import math
 import re
@@ -73,7 +74,12 @@ def _without(name: str, names: list[str]) -> str:
         for character, words in DELIMITERS.items():
             if character in names[0]:
                 return f"{words} where commas should be (found {shown(names[0])})"
-    return f"column '{name}' is missing (found {shown(','.join(names))})"
+    bare = {re.sub(r"[\[(].*", "", each).strip().casefold(): each for each in names if each not in REQUIRED + OPTIONAL}
+    near = [f"; {shown(bare[each])} is near it: rename it, or name it in a map (--map)"
+            for each in difflib.get_close_matches(name, bare, 1)]
+    if name == "t" and set(REQUIRED[1:]) <= set(names):
+        near = near or ["; a map (--map) can give a period in its place"]
+    return f"column '{name}' is missing (found {shown(','.join(names))}){''.join(near)}"
 
 
 class Columns:

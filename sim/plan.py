@@ -114,9 +114,9 @@ def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
     nominal.require("actuator", "controller", "guidance", "simulation")
     assert nominal.simulation is not None and nominal.actuator is not None
     if not 0.0 < accuracy < 1.0:
-        raise UsageError(f"--accuracy {accuracy!r}: expected a relative accuracy above 0 and below 1, such as 0.01")
+        raise UsageError(f"accuracy {accuracy!r}: expected a relative accuracy above 0 and below 1, such as 0.01")
     if not 4.0 * nominal.sensors.period <= window <= nominal.simulation.duration:
-        raise UsageError(f"--window {window!r}: expected seconds from {4 * nominal.sensors.period:g} to the flight's "
+        raise UsageError(f"window {window!r}: expected seconds from {4 * nominal.sensors.period:g} to the flight's "
                          f"{nominal.simulation.duration:g}")
     frequency = harmonics(nominal, window)
     base, added = probe(nominal, frequency, window)

@@ -2,6 +2,7 @@
 
 import functools
 import io
+import math
 import sys
 from collections.abc import Callable
 from html import escape
@@ -37,12 +38,13 @@ class Result:
         return drawn(self._figure, path)
 
     def to_frame(self) -> Any:
-        """The columns as a pandas DataFrame."""
+        """The columns as a pandas DataFrame; a column of which nothing is known is NaN."""
         try:
             import pandas
         except ModuleNotFoundError as error:
             raise extra_needed(error) from None
-        return pandas.DataFrame(self.table())
+        return pandas.DataFrame({name: [math.nan] * len(x) if all(each is None for each in x) else x
+                                 for name, x in self.table().items()})
 
     def _repr_html_(self) -> str:
         first, *rest = self.summary().splitlines()

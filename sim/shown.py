@@ -18,11 +18,24 @@ def with_std(value: float | None, std: float | None) -> str:
         return "-"
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{value:.{NO_STD_DIGITS}g}"
-    rounded = float(f"{std:.{DIGITS - 1}e}")  # 0.0996 is 0.10
-    decimals = DIGITS - 1 - math.floor(math.log10(rounded) + 1e-12)
+    rounded, decimals = _last_digit(std)
     if not -MOST_DECIMALS <= decimals <= MOST_DECIMALS:
         return f"{value:.{NO_STD_DIGITS}g} +- {rounded:.{DIGITS - 1}e}"
     return f"{round(value, decimals):.{max(decimals, 0)}f} +- {rounded:.{max(decimals, 0)}f}"
+
+
+def known(value: float, std: float) -> float:
+    """A value to the last of two digits of its standard deviation, to NO_STD_DIGITS where it has none; never 0 for what
+    is not."""
+    if not (math.isfinite(std) and std > 0.0):
+        return float(f"{value:.{NO_STD_DIGITS}g}")
+    return round(value, _last_digit(std)[1]) or float(f"{value:.1g}")
+
+
+def _last_digit(std: float) -> tuple[float, int]:
+    """(A standard deviation to its two digits, the decimals of the last of them)."""
+    rounded = float(f"{std:.{DIGITS - 1}e}")  # 0.0996 is 0.10
+    return rounded, DIGITS - 1 - math.floor(math.log10(rounded) + 1e-12)
 
 
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:

@@ -29,6 +29,9 @@ def no_number(shown: str, line: int = 3, column: str = "theta") -> str:
     return f"line {line}, column {column}: {shown} is no number; expected one such as -0.0123, or an empty cell"
 
 
+NEAR = " is near it: rename it, or name it in a map (--map)"
+
+
 def header(found: str) -> str:
     return f"line 1: column '{found}; expected a header with t, theta, beta"
 
@@ -118,14 +121,15 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "bars": (GOOD.replace(b",", b"|"), "line 1: bars where commas should be (found 't|theta|beta'); "
                                        "expected a header with t, theta, beta"),
     "spaces": (GOOD.replace(b",", b" "), header("t' is missing (found 't theta beta')")),
-    "no t": (b"theta,beta\n0,1\n", header("t' is missing (found 'theta,beta')")),
+    "no t": (b"theta,beta\n0,1\n",
+             header("t' is missing (found 'theta,beta'); a map (--map) can give a period in its place")),
     "no theta": (b"t,beta\n0,1\n", header("theta' is missing (found 't,beta')")),
     "no beta": (b"t,theta\n0,1\n", header("beta' is missing (found 't,theta')")),
     "units in the header": (b"t [s],theta [rad],beta [rad]\n0,1,2\n",
-                            header("t' is missing (found 't [s],theta [rad],beta [rad]')")),
-    "upper case": (b"T,THETA,BETA\n0,1,2\n", header("t' is missing (found 'T,THETA,BETA')")),
+                            header("t' is missing (found 't [s],theta [rad],beta [rad]'); 't [s]'" + NEAR)),
+    "upper case": (b"T,THETA,BETA\n0,1,2\n", header("t' is missing (found 'T,THETA,BETA'); 'T'" + NEAR)),
     "letters of another script": ("t,thet\u0430,beta\n0,1,2\n".encode(),
-                                  header(r"theta' is missing (found 't,thet\u0430,beta')")),
+                                  header(r"theta' is missing (found 't,thet\u0430,beta'); 'thet\u0430'" + NEAR)),
     "a long header": (b",".join(b"column%d" % k for k in range(1000)) + b"\n",
                       header("t' is missing (found 'column0,column1,column2,column3,column4,...')")),
     "a column twice": (b"t,theta,beta,theta\n0,1,2,3\n", "line 1: column 'theta' stands 2 times; expected once"),

@@ -8,8 +8,19 @@ import pytest
 from sim.bound.flights import flight_bound, flight_information, known_state_information
 from sim.bound.information import DIFFUSE, window_information
 from sim.bound.matrices import bounds_of, without_offset
-from sim.bound.step import FIRST_ORDER, transition
-from sim.bound.world import ATTITUDE_BIAS, GYRO_BIAS, MISALIGNMENT, MOMENT, NOZZLE_BIAS, TURBULENCE, WALK, World, calm
+from sim.bound.step import FIRST_ORDER, fill, transition
+from sim.bound.world import (
+    ATTITUDE_BIAS,
+    GYRO_BIAS,
+    MISALIGNMENT,
+    MOMENT,
+    NOZZLE_BIAS,
+    PATH,
+    TURBULENCE,
+    WALK,
+    World,
+    calm,
+)
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import Drift, Forecast, Multisine, Nominal, Offsets, Wind, load_nominal
@@ -243,6 +254,33 @@ def test_a_first_order_servo_s_transition_is_the_matrix_exponential():
     a[0, 1] = a[1, 5] = 1.0
     a[1, 0], a[1, 2], a[2, 2], a[2, 4] = 2.0, -7.0, -25.0, 25.0
     assert np.allclose(f, linalg.expm(a * 0.01), rtol=1e-12, atol=1e-15)
+
+
+def test_a_step_of_vehicle_air_and_flight_path_is_the_matrix_exponential():
+    """gamma_dot = z_alpha (theta - gamma + w) + z_beta (beta + m), followed as a state, but for what is of second order
+    in a step; so are the derivatives."""
+    z_alpha, z_beta, h = -0.5, -0.3, 0.01
+    role = np.array([PATH, WALK, MISALIGNMENT])
+    world = World(role, np.zeros((3, 1)), np.zeros(3), np.full(3, np.inf), np.zeros(1), np.array([[z_alpha], [z_beta]]),
+                  np.zeros(1), 0.0, True, True)
+
+    def exact(a6: float, k1: float) -> np.ndarray:
+        a = np.zeros((7, 7))
+        a[0, 1] = a[2, 3] = 1.0
+        a[1] = [a6, 0.0, k1, 0.0, -a6, a6, k1]
+        a[3, 2:4] = -FREQUENCY**2, -2 * DAMPING * FREQUENCY
+        a[4] = [z_alpha, 0.0, z_beta, 0.0, -z_alpha, z_alpha, z_beta]
+        return linalg.expm(a * h)
+
+    f, fa, fk = np.empty((3, 6, 6))
+    transition(A6, K1, FREQUENCY, DAMPING, h, f, fa, fk)
+    full, by_a6, by_k1 = np.zeros((3, 7, 7))
+    fill(world, f, fa, fk, A6, K1, h, 0, full, by_a6, by_k1, np.zeros((3, 7)))
+    step, second = 1e-3, 1.2 * 0.5 * A6 * abs(z_alpha) * h**2
+    assert np.allclose(full, exact(A6, K1), rtol=0.0, atol=second)
+    for found, (low, high) in ((by_a6, ((A6 * (1 - step), K1), (A6 * (1 + step), K1))),
+                               (by_k1, ((A6, K1 * (1 - step)), (A6, K1 * (1 + step))))):
+        assert np.allclose(found, (exact(*high) - exact(*low)) / (2 * step), rtol=0.0, atol=second)
 
 
 @pytest.mark.parametrize("sections", [{}, {"wind": WINDY, "offsets": UNSURE}])

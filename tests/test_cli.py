@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from every import every
 
 from sim.cli import main
 
@@ -254,7 +255,7 @@ MALFORMED = {
 }
 
 
-@pytest.mark.parametrize("case", MALFORMED)
+@every("case", MALFORMED)
 def test_log_that_cannot_be_read_is_status_3_in_one_line(launchid, tmp_path, case):
     data, mention = MALFORMED[case]
     log = tmp_path / "log.csv"
@@ -340,7 +341,7 @@ def test_one_absurd_stamp_does_not_stop_the_command(launchid, folder, tmp_path, 
 # ---- wrong words
 
 
-@pytest.mark.parametrize("words", [
+@every("words", [
     [], ["fly"], ["identify"], ["simulate", "constant"], ["identify", "LOG", "--colour", "red"],
     ["identify", "LOG", "extra"],
     *(["identify", "LOG", option, value] for option, values in {

@@ -7,6 +7,7 @@ import control
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from scipy.signal import bilinear, freqz, lfilter
 
 from sim.cli import main
@@ -269,7 +270,7 @@ def filter_of(text: str) -> str:
     return f"{PD}[[controller.filters]]\n{text}"
 
 
-@pytest.mark.parametrize(("text", "expected"), [
+@every(("text", "expected"), [
     ("[actuator]\nnatural_frequency = 50", "key 'actuator.damping_ratio' is missing; expected natural_frequency and"),
     ("[actuator]\ndelay = 0", "is missing; expected natural_frequency and damping_ratio, or time_constant"),
     ("[actuator]\nnatural_frequency = 50\ntime_constant = 0.1", "[actuator] has time_constant and natural_frequency"),

@@ -349,7 +349,8 @@ def test_stamps_backward_repeated_and_none_are_kept_as_they_are():
     at = np.array([0.03, 0.0, 0.01, 0.02])
     found = rows(t, at, at)
     assert found[[0, 5, 6]].tolist() == [0.0, 0.02, 0.03] and np.isnan(found[4])
-    assert np.isnan(rows(t, np.full(3, math.nan), np.zeros(3))).all()
+    with pytest.raises(InputError, match=r"no row has both theta \(0 to 0.03 s\) and theta_dot \(no stamps\)"):
+        rows(t, np.full(3, math.nan), np.zeros(3))
 
 
 def test_the_slower_of_theta_and_beta_is_the_clock_and_large_stamps_lose_no_digit():
@@ -424,7 +425,7 @@ def test_convert_needs_map_and_out_or_list(tmp_path, columns, capsys):
 
 
 def test_a_foreign_csv_without_numbers_or_rows_is_one_line(tmp_path):
-    for data, mention in ((b"", "no channel"), (b"a;b\n1;2;3\n", "3 cells"), (b"\xff\xfe\x00", "UTF-8")):
+    for data, mention in ((b"", "an empty file"), (b"a;b\n1;2;3\n", "3 cells"), (b"\xff\xfe\x00", "UTF-8")):
         (tmp_path / "x").write_bytes(data)
         of = Map("m", (Source("theta", ("x",), (1.0,)),), "t", 1, True, None, {"delimiter": ";"})
         with pytest.raises(InputError, match=mention):

@@ -341,6 +341,18 @@ def test_usable_stamps_of_anything_are_finite_and_increase(stamps):
     assert np.isfinite(usable).all() and (np.diff(usable) > 0.0).all()
 
 
+def test_every_lost_row_shows_through_a_jitter_of_a_fifth_of_the_period():
+    """Steps are 0.6 to 1.4 periods where no row is lost and 1.6 at least where one is."""
+    rng = np.random.default_rng(3)
+    rows = np.arange(20_000)
+    t = 0.01 * (rows + rng.uniform(-0.2, 0.2, len(rows)))
+    lost = rows[7::40]
+    kept_rows = np.setdiff1d(rows, lost)
+    found = gaps(t[kept_rows], np.arange(len(kept_rows)))
+    assert [before for before, _, _ in found] == t[lost - 1].tolist() and {rows for _, _, rows in found} == {1}
+    assert gaps(t, rows) == []
+
+
 def test_a_log_that_changes_its_rate_has_no_gap():
     t = np.concatenate((np.arange(100) * 0.01, 1.0 + np.arange(300) * 0.03))
     assert gaps(t, np.arange(len(t))) == []

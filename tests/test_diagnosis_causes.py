@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from every import every
 
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause, other_form, pinned, what_decides, what_is_like
 from sim.diagnosis.judge import limits as limits_module
@@ -22,7 +23,7 @@ RECORD = SimpleNamespace(
     k1=np.full(3, -7.0))
 
 
-@pytest.mark.parametrize("cause", [each.cause for each in SOUGHT])
+@every("cause", [each.cause for each in SOUGHT])
 def test_where_a_search_starts_and_a_limit_is_given_is_an_effect_within_its_ranges(cause):
     record = RECORDS[cause]
     own = record.sizes(RECORD) if record.sizes is not None else [record.neutral + record.free[0].step]
@@ -34,6 +35,18 @@ def test_where_a_search_starts_and_a_limit_is_given_is_an_effect_within_its_rang
     for values in ((size, *shape) for size in own for shape in starts):
         assert record.effect(values).name == cause
         assert all(free.low <= value <= free.high for free, value in zip(record.free, values, strict=True))
+
+
+def test_a_limit_of_what_begins_at_some_time_is_of_one_that_begins_within_the_log():
+    """Wherever its clock begins."""
+    for first in (0.0, 100.0, -60.0):
+        log = SimpleNamespace(**vars(RECORD) | {"t": RECORD.t + first})
+        timed = [(name, dict(zip([free.name for free in record.free[1:]], record.limit_at(log), strict=True)))
+                 for name, record in RECORDS.items() if any(free.name == "time" for free in record.free[1:])
+                 and record.limit_at(log)]
+        assert {"control_loss", "gust"} <= {name for name, _ in timed}
+        for name, at in timed:
+            assert log.t[0] < at["time"] < log.t[-1] - at.get("duration", 0.0), name
 
 
 @pytest.mark.parametrize(("name", "channels", "known"), [
@@ -151,7 +164,7 @@ def test_a_form_is_offered_where_all_that_it_resembles_are_known_and_starts_alik
     assert other_form(RECORD, limit, SOUGHT) is None
 
 
-@pytest.mark.parametrize("cause", RECORDS)
+@every("cause", RECORDS)
 def test_every_cause_has_a_sentence_with_its_size(cause):
     record = RECORDS[cause]
     values = {each.name: "theta^2" if each.is_term else 0.25 for each in CATALOGUE[cause].parameters}

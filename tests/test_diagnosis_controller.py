@@ -3,16 +3,18 @@ command exactly and from every other one by what nozzle and vehicle answered."""
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_diagnosis import AMONG, LONG, NEAR, NOMINAL, every_second, flown, found, lasting, named
 
+from sim.diagnosis.controller import refined as refined_module
 from sim.diagnosis.controller.check import check_controller
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.fill import Controller, as_believed, filled
 from sim.diagnosis.controller.issued import with_commands
-from sim.diagnosis.controller.kind import NONE
+from sim.diagnosis.controller.kind import NONE, ControllerCheck
 from sim.diagnosis.data.check import check
 from sim.diagnosis.model.follower import NominalFollower
 from sim.diagnosis.report.answer import report
@@ -250,3 +252,22 @@ def test_a_test_input_between_the_rows_is_in_the_commands(delay):
     made = filled(r, whole.theta[:len(r.commands)], as_believed(r))
     missing = (made.commands - whole.beta_cmd[:len(made.commands)])[1::2]
     assert np.max(np.abs(missing[60:-1])) < 1e-8
+
+
+@pytest.mark.parametrize(("nominal_s", "others", "sees"), [(500.0, 450.0, True), (450.0, 500.0, True),
+                                                          (500.0, 450.0, False)])
+def test_another_controller_is_confirmed_by_what_the_nozzle_has_for_it_over_the_nominal_s(
+        monkeypatch, nominal_s, others, sees):
+    """[nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
+    believed, found = object(), ControllerCheck(NONE, 1.0, 1.0, evidence=refined_module.UNCONFIRMED + 1.0)
+    evidence = SimpleNamespace(noise=1.0, residual=lambda x: np.zeros(3),
+                               of_nozzle=lambda of: nominal_s if of is believed else others)
+    gaps = SimpleNamespace(tau=0.02, late=0, rest=lambda x: np.zeros(3))
+    for name, answer in (("gaps_of", gaps), ("on_board", SimpleNamespace(period=0.01)), ("_Evidence", evidence),
+                         ("as_believed", believed), ("is_noise", True), ("with_numbers", found),
+                         ("newton", (np.array([1.1, 0.9, 0.0]), np.eye(3))),
+                         ("simplest", SimpleNamespace(x=np.array([1.1, 0.9, 0.0])))):
+        monkeypatch.setattr(refined_module, name, lambda *given, answer=answer: answer)
+    record = SimpleNamespace(rows=10, z=np.full((10, 3), 0.0 if sees else math.nan))
+    confirmed = refined_module._fitted(record, None, found, None)[1]
+    assert confirmed == (nominal_s - others if sees else math.inf)

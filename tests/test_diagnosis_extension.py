@@ -15,13 +15,14 @@ from sim.diagnosis.data.check import check
 from sim.diagnosis.data.turns import SEAM, unwrapped
 from sim.diagnosis.judge import gain
 from sim.diagnosis.judge.closed_loop import closed_loop_errors, flown_along
-from sim.diagnosis.judge.user_gain import user_gain
+from sim.diagnosis.judge.user_gain import _judged, user_gain
 from sim.diagnosis.verdict import diagnose
 from sim.effects import effect
 from sim.flight import fly_whole
 from sim.log import Log
 from sim.nominal import load_nominal
 from sim.nominal.profiles import constant_profile
+from sim.sections import Profile
 
 
 def nominal(**changed):
@@ -43,6 +44,14 @@ def test_of_a_vehicle_without_an_instability_the_gain_in_k1_is_told_and_none_in_
     assert all(map(math.isnan, (*made.error["a6"], *made.coverage["a6"])))
     assert 0.0 < made.error["k1"][1] < 0.2
     assert 0.0 <= made.coverage["k1"][0] <= 1.0 and made.coverage["k1"][1] >= 0.5
+
+
+def test_a_window_is_judged_by_the_vehicle_of_its_centre():
+    """Where a6 and k1 change over the flight: exact estimates there are no error, those of the window's end are one."""
+    changing = nominal(vehicle=Profile(np.array([0.0, 100.0]), np.array([1.0, 3.0]), np.array([-5.0, -9.0])))
+    window = {"t_start": 40.0, "t_end": 60.0, "a6_std": 0.1, "k1_std": 0.2}
+    assert _judged(changing, SimpleNamespace(**window, a6=2.0, k1=-7.0)) == pytest.approx((0.0, 0.0, 0.0, 0.0))
+    assert _judged(changing, SimpleNamespace(**window, a6=2.2, k1=-7.4)) == pytest.approx((0.1, -0.4 / 7.0, 2.0, -2.0))
 
 
 @pytest.mark.parametrize("faster", [1.03, 0.97])

@@ -24,7 +24,7 @@ from sim.diagnosis.judge.constancy import CONSTANCY_LIMIT, SEGMENTS, constancy
 from sim.diagnosis.judge.leftover import Leftover, is_harmonic, leftovers
 from sim.diagnosis.judge.measure import DOMINANT, doubts
 from sim.diagnosis.judge.named import Named
-from sim.diagnosis.judge.outdone import KEPT, PARALLEL, UNLIKE, outdone, outdone_beside
+from sim.diagnosis.judge.outdone import KEPT, UNLIKE, outdone, outdone_beside
 from sim.diagnosis.judge.shapes import _shapes
 from sim.diagnosis.model.noise import LEVELS, Disturbance
 from sim.diagnosis.model.point import DEVIATIONS
@@ -73,8 +73,8 @@ def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
     ("plant", 1.0 + UNLIKE - KEPT + 0.02, UNLIKE + 0.01, True),
     ("plant", 1.0 + UNLIKE - KEPT - 0.02, UNLIKE + 0.01, False),
     ("actuator", 0.2, UNLIKE + 0.01, True), ("actuator", 0.2, UNLIKE - 0.01, False),   # the servo itself is bent
-    ("plant", PARALLEL - 0.01, UNLIKE - 0.01, False), ("plant", PARALLEL + 0.01, UNLIKE - 0.01, True),
-    ("plant", PARALLEL + 0.01, 0.0, False)])
+    ("plant", 0.85, UNLIKE - 0.01, False), ("plant", 0.95, UNLIKE - 0.01, True),
+    ("plant", 0.95, 0.0, False)])
 def test_a_shape_left_elsewhere_is_no_rival_of_a_cause_that_keeps_half_beside_it(monkeypatch, place, alone, beside,
                                                                                  told):
     """A delay and a bent spring are two things.  Of what a cause explains, it keeps 1 + beside - alone where the shape
@@ -91,7 +91,7 @@ def test_a_shape_left_elsewhere_is_no_rival_of_a_cause_that_keeps_half_beside_it
 
 
 @pytest.mark.parametrize(("alone", "beside", "told"), [
-    (PARALLEL + 0.01, 30.0, True), (PARALLEL - 0.01, 30.0, False), (PARALLEL + 0.01, 0.0, False), (1.2, 0.0, True)])
+    (0.95, 30.0, True), (0.85, 30.0, False), (0.95, 0.0, False), (1.2, 0.0, True)])
 def test_a_weaker_cause_has_a_rival_too_and_the_strongest_is_not_asked_again(monkeypatch, alone, beside, told):
     own, asked = 1000.0, []
     model = SimpleNamespace(causes=tuple(Cause(RECORDS[name], (0.03, 2.0, 1.0)[:size])

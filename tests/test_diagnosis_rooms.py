@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from every import every
 from test_architecture import CORE, ROOT, SIM, imports, name_of, tree_of
 
 import sim.diagnosis
@@ -57,7 +58,7 @@ def test_the_packages_words_draw_the_way_in_the_rooms_order():
     assert re.findall(r"-> (\w+):", " ".join(way.split())) == list(ROOMS)
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if room_of(path)], ids=name_of)
+@every("path", [path for path in FILES if room_of(path)], ids=name_of)
 def test_a_room_imports_itself_and_those_before_it(path):
     before = ROOMS[:ROOMS.index(room_of(path)) + 1]
     for module in imported(path):
@@ -128,7 +129,7 @@ def named_in(text: str) -> set[str]:
 WORLD = DIAGNOSIS / "data" / "world.py"  # its states bear the names of the keys of [wind] and [offsets]
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if room_of(path) != "causes" and path != WORLD], ids=name_of)
+@every("path", [path for path in FILES if room_of(path) != "causes" and path != WORLD], ids=name_of)
 def test_only_the_records_know_a_cause_by_its_name(path):
     assert [text for text in literals(tree_of(path)) if named_in(text)] == []
 
@@ -148,7 +149,7 @@ def test_every_cause_of_the_catalogue_has_one_record():
     assert written == sorted([*CATALOGUE, *forms])
 
 
-@pytest.mark.parametrize("cause", CATALOGUE)
+@every("cause", CATALOGUE)
 def test_a_record_and_its_effect_agree(cause):
     """Every free number and every word's brace is a parameter of the effect; limits are given at all the others."""
     record, parameters = RECORDS[cause], {each.name for each in CATALOGUE[cause].parameters}

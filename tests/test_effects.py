@@ -7,6 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -463,7 +464,7 @@ REFUSED = [
     ("friction:coefficient=-1", "coefficient", "at least 0"), ("actuator_bandwidth:scale=0", "scale", "above 0")]
 
 
-@pytest.mark.parametrize(("text", "wrong", "allowed"), REFUSED)
+@every(("text", "wrong", "allowed"), REFUSED)
 def test_wrong_effect_is_refused_in_one_line(text, wrong, allowed, tmp_path, capsys):
     with pytest.raises(UsageError) as caught:
         from_text(text)
@@ -497,7 +498,7 @@ def test_file_and_command_fly_the_same_bytes(text, tmp_path):
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-@pytest.mark.parametrize(("addition", "expected"), [
+@every(("addition", "expected"), [
     ('[[effects]]\nname = "weather"\nwind = 1', "effects[0]: unknown effect 'weather'"),
     ('[[effects]]\nname = "gyro_bias"\nrate = 1\n[[effects]]\nname = "gust"\nangle = 1', "effects[1]: effect gust"),
     ('[[effects]]\nrate = 1', "effects[0]: name = None"), ('[[effects]]\nname = "gyro_bias"', "no parameter given"),

@@ -6,6 +6,7 @@ from decimal import Decimal, getcontext
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 
@@ -67,7 +68,7 @@ def test_from_far_on_they_are_those_of_a_number_half_an_ulp_away(x):
     assert libm_is_within_one_ulp(cos_of(-x), math.cos(math.fmod(x, TURN)))
 
 
-@pytest.mark.parametrize(("function", "x", "value"), [
+@every(("function", "x", "value"), [
     (sin_of, 0.0, 0.0), (cos_of, 0.0, 1.0), (cos_of, -0.0, 1.0), (sin_of, 5e-324, 5e-324), (sin_of, -1e-20, -1e-20),
     (sin_of, math.inf, math.nan), (cos_of, -math.inf, math.nan), (sin_of, math.nan, math.nan),
     (exp_of, 0.0, 1.0), (exp_of, -math.inf, 0.0), (exp_of, math.inf, math.inf), (exp_of, SMALLEST - 1.0, 0.0),

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from every import every
 from hypothesis import assume, example, given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
@@ -634,7 +635,7 @@ def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
 # ---- configuration
 
 
-@pytest.mark.parametrize(("field", "value", "allowed"), [
+@every(("field", "value", "allowed"), [
     *[("sample_period", value, ("1e-06", "10000")) for value in (0.0, -0.01, NAN, INF, 1e-7, 2e4, "0.01", None, True)],
     *[("window", value, ("0.04", "10000")) for value in (0.0, -1.0, 0.03, 1e6, NAN, INF, "1", None, True, [1.0], 1j)],
     *[("compression", value, ("1 to 100",)) for value in (0, -1, 101, 1.0, "3", None, True)],
@@ -662,6 +663,25 @@ def test_wrong_value_is_named_with_its_field_and_range(field, value, allowed):
     assert (repr(value) in message) or (isinstance(value, tuple) and repr(value[:1])[1:-2] in message)
     assert all(text in message for text in allowed)
     assert "\n" not in message
+
+
+@every(("changes", "named"), [
+    ({"model": None}, "^model=None: formulation 'filtered' expects a Model"), ({"compression": 2}, "^compression=2: "),
+    *(({"library": library}, "^library=.*expects theta, beta and no term in tau")
+      for library in ("theta", "beta", "theta_dot", "1,theta,theta_dot", "theta_dot,beta", "lpv")),
+    ({"sample_period": 0.026}, "^sample_period=0.026: "), ({"delay": 3.0}, "^model.delay=3.0: "),
+    ({"natural_frequency": 1e7}, "^model.natural_frequency=.*a first-order one")])
+def test_what_the_filter_cannot_do_is_refused_by_name(changes, named):
+    """As `constant` flies it is taken, at 2.5 of the controller's periods too."""
+    model = onboard_model(load_nominal("constant"))
+    Config(formulation="filtered", model=model)
+    Config(formulation="filtered", model=model, sample_period=0.025)
+    fields = {f.name for f in dataclasses.fields(Config)}
+    of_model = {name: value for name, value in changes.items() if name not in fields}
+    given = {"model": dataclasses.replace(model, **of_model), **{k: v for k, v in changes.items() if k in fields}}
+    with pytest.raises(ValueError, match=named) as caught:
+        Config(formulation="filtered", **given)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("value", ["theta,theta", "theta^6", "theta*theta^5", "sin(theta)*cos(beta)", "sin(tau)"])

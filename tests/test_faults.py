@@ -13,20 +13,27 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
+from compiled import compiled
 from cut import flip, persisting
 from sealed import reseal
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
+from launchid_core import onboard as ob
 from launchid_core import ring as rb
+from launchid_core import tracker as tr
 from launchid_core.memory import named_arrays
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
 
+is_sound = compiled(ob.is_sound)
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
 CONSTANT = load_nominal("constant")
+IN_WIND = dataclasses.replace(CONSTANT, wind=Wind(walk=0.005, turbulence=0.005),
+                              offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
 A6, K1 = 2.0, -7.0
 FORMULATIONS = ("integral", "filtered")
 ACCEPTED, COMPLETE = Status.ACCEPTED, Status.WINDOW_COMPLETE
@@ -440,10 +447,12 @@ def test_a_dead_actuator_is_not_called_an_effect():
 # ---- memory
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_every_word_of_the_state_that_changes_by_itself_is_seen(formulation):
+@pytest.mark.parametrize("of", [config("integral"), config("filtered"),
+                                config("filtered", model=onboard_model(IN_WIND))],
+                         ids=["integral", "filtered", "filtered in wind"])
+def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
     """Within a window, at the first use; then everything is as of a new estimator that begins with that sample."""
-    of, rows = config(formulation), flight()[:400]
+    rows = flight()[:400]
     one = fly(of, rows[:155]).estimator
     saved, counted = one.save(), one.counts
     for name, array in persisting(one).items():
@@ -495,6 +504,29 @@ def test_a_bad_sample_does_not_begin_anew():
     assert one.update(Sample(NAN, 0.0, 0.0, 0.0)) is Status.NONFINITE
     assert one.update(flight()[155]) is Status.RECOVERED
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1
+
+
+def test_what_cannot_be_is_not_sound_each_by_itself():
+    """A variance of 0 is (a known parameter), one below is not; nor is anything that is no number, nor a noise level
+    1e10 times the declared."""
+    parts = fly(config("filtered"), flight()[:155]).estimator._parts
+    size, fil, total = parts.fixed.belief.size, parts.state.filter, parts.state.bank.total
+    assert is_sound(size, fil, total)
+    for array in (fil.x, fil.p, fil.level, total):
+        for place in np.ndindex(array.shape):
+            kept = array[place]
+            array[place] = NAN
+            assert not is_sound(size, fil, total), place
+            array[place] = kept
+    for place in (tr.VAR_A6, tr.VAR_K1):
+        for value, sound in ((0.0, True), (-1e-12, False)):
+            kept, total[place] = total[place], value
+            assert is_sound(size, fil, total) == sound
+            total[place] = kept
+    for place in range(len(fil.level)):
+        fil.level[place] = -math.log(1e10)
+        assert not is_sound(size, fil, total)
+        fil.level[place] = 0.0
 
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])

@@ -329,6 +329,18 @@ def writing(path: Path) -> subprocess.Popen:
     return process
 
 
+def test_a_link_under_a_hidden_name_is_nobody_s_leftover(tmp_path):
+    """No run of ours leaves one: what it points at is not opened, and it stays."""
+    (tmp_path / "victim").write_text("another's")
+    os.mkfifo(tmp_path / "fifo")
+    names = [f".x.json.{k:016x}.launchid" for k in range(3)]
+    for name, target in zip(names, ("victim", "fifo", "nowhere"), strict=True):
+        (tmp_path / name).symlink_to(tmp_path / target)
+    write_text(tmp_path / "x.json", ["whole"])
+    assert {path.name for path in tmp_path.iterdir()} == {"x.json", "victim", "fifo", *names}
+    assert (tmp_path / "victim").read_text() == "another's"
+
+
 def test_what_a_killed_run_left_goes_at_the_next_and_a_living_one_s_stays(tmp_path):
     path = tmp_path / "x.json"
     near = [tmp_path / name for name in (".x.json.swp", ".x.json.0123456789abcdef.launchid.bak", "x.json.launchid",

@@ -18,7 +18,10 @@ from launchid_core import report as rp
 from launchid_core import ring as rb
 from launchid_core import servo as sv
 from launchid_core import states as sx
+from launchid_core import structure as sr
 from launchid_core import tracker as tr
+from launchid_core import whiteness as wh
+from launchid_core.memory import LARGEST
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
@@ -27,6 +30,7 @@ begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample
     compiled, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
                fl.update_levels, fl.relax_levels))
 
+absorb_structure = compiled(sr.absorb_structure)
 MAX_GAP = 0.015
 CHANNELS = ("theta", "theta_dot", "beta")
 
@@ -300,6 +304,29 @@ def test_a_block_and_what_a_noise_level_does_in_it_are_of_seconds(rate, samples,
     assert np.diag(acc.level_information) == pytest.approx(prior + 0.9995**share * (1e3 - prior), rel=1e-12)
     relax_levels(cut.fixed.belief, fil, acc)
     assert fil.level == pytest.approx(np.full(5, 0.05 * share * 0.97**share))
+
+
+@pytest.mark.parametrize("rate", [10, 100, 400])
+def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(rate):
+    """The weight that the check of the model has gathered after a minute is that of its memory of 10 s.  At 10 Hz a
+    block is one sample: without the step after it nothing would ever fade."""
+    nominal = load_nominal("constant")
+    controller = dataclasses.replace(nominal.controller, period=1.0 / rate)
+    estimator = Estimator(config(dataclasses.replace(nominal, controller=controller), sample_period=1.0 / rate))
+    noise = 1e-4 * np.random.default_rng(1).standard_normal((60 * rate, 3))
+    for k, row in enumerate(noise.tolist()):
+        estimator.update(Sample(k / rate, *row, beta_cmd=0.0))
+    weight = 1.0 / (1.0 - math.exp(-2.0 * 0.1 / 10.0))
+    assert estimator._parts.state.check.number[wh.WEIGHT] == pytest.approx(weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
+def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
+    """Of the information, the triangle's square; whatever a block lasts."""
+    learner, scratch, size = np.triu(np.ones((4, 4))), np.zeros(200), LARGEST._replace(terms=3, states=2, columns=6)
+    for _ in range(round(1.0 / dt)):
+        absorb_structure(size, learner, np.zeros((6, 6)), scratch, dt)
+    assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
 
 
 def test_a_block_is_no_longer_than_its_window():

@@ -68,6 +68,19 @@ def test_a_deviation_that_moves_within_the_flights_widens_the_range():
     assert 0.2 < moving.sigma < 0.5
 
 
+def test_the_spread_within_a_flight_is_of_the_windows_that_are_known():
+    """Every other window is ten times noisier: of all, or of those, the spread could not be told to a third."""
+    rng, t = np.random.default_rng(7), np.arange(5.0, 105.0, 10.0)
+    noise = np.tile([0.02, 0.4], 5)
+    for amplitude in (0.05, 0.1):
+        flights = []
+        for phase in rng.uniform(0.0, 6.3, 12):
+            moved = amplitude * math.sqrt(2.0) * np.sin(t / 7.0 + phase) + noise * rng.standard_normal(len(t))
+            flights.append(gb.Deviations("", (0.0, 110.0), t, np.stack([moved, moved], axis=1),
+                                         np.stack([noise, noise], axis=1)))
+        assert gb.spread_within(flights, 0) == pytest.approx(amplitude, rel=0.35)
+
+
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory) -> tuple[Path, np.ndarray]:
     """30 flights of the constant nominal with delta uniform in the box of 0.25; their folder and delta."""

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from compiled import compiled
 from cut import cut_of
+from sealed import reseal
 
 from launchid_core import Config, Estimator
 from launchid_core import changes as ch
+from launchid_core import filtered as fl
 from launchid_core import gusts as gu
 from launchid_core import onboard as ob
+from launchid_core import ring as rb
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
 from sim.identify import onboard_model, run
@@ -164,6 +167,25 @@ def test_a_gust_after_calm_is_no_sudden_change_and_misleads_nobody(angle):
     for e in told:
         assert abs(e.tracked.a6 - 2.0) < FAR * e.tracked.a6_std and abs(e.tracked.k1 + 7.0) < FAR * e.tracked.k1_std
         assert not e.valid or max(abs(e.a6 - 2.0) / e.a6_std, abs(e.k1 + 7.0) / e.k1_std) < FAR
+
+
+def test_what_was_suspected_before_a_gap_is_nothing_after_it():
+    """The error of a state that is unknown again: an estimator that never suspected a gust goes on with the same bits.
+    """
+    one, rows = Estimator(config()), list(gusty(-0.05).samples())
+    state = one._parts.state
+    at = next(k for k, row in enumerate(rows)
+              if one.update(row) >= 0 and row.t > 40.0 and state.acc.counts[fl.ROWS] == state.counts[rb.WAITING] == 0
+              and 0.01 < state.gust.number[gu.SHARE] < 0.9)
+    two = Estimator(config())
+    two.restore(one.save())
+    two._parts.state.gust.number[:], two._parts.state.gust.mean[:] = 0.0, 0.0
+    two._parts.state.gust.covariance[...] = 0.0
+    reseal(two)
+    assert one.save() != two.save()
+    for row in rows[at + 30:at + 130]:
+        assert one.update(row) is two.update(row)
+    assert one.save() == two.save()
 
 
 def test_a_lost_k1_after_calm_is_still_found_within_a_second():

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from every import every
 from ported import as_text, built, filtered, flight, needs_compiler
 
 import launchid
@@ -55,7 +56,7 @@ ELSEWHERE = {  # what was seen: file and name of its test, after `test_`
     "the wheel installs sim alone": "launchid the_package_is_typed_and_installed"}
 
 
-@pytest.mark.parametrize("seen", ELSEWHERE)
+@every("seen", ELSEWHERE)
 def test_what_was_seen_has_its_test(seen):
     file, name = ELSEWHERE[seen].split()
     tree = ast.parse((ROOT / "tests" / f"test_{file}.py").read_text(encoding="utf-8"))

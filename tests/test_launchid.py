@@ -16,6 +16,7 @@ import pytest
 import launchid
 import launchid_core
 from sim.cli import main
+from sim.effects import effect
 from sim.log import read_log
 from sim.nominal import load_nominal, write_nominal
 from sim.shown import html_table, with_std
@@ -214,6 +215,42 @@ def test_a_missing_extra_is_named(folder, monkeypatch, module, extra):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(launchid.UsageError, match=rf"launchid\[{extra}\]"):
         made.to_frame() if module == "pandas" else made.plot()
+
+
+# ---- parameters
+
+
+@pytest.mark.parametrize("effects", [
+    "gyro_bias:rate=0.01", effect("gyro_bias", rate=0.01), {"name": "gyro_bias", "rate": 0.01},
+    [{"name": "gyro_bias", "rate": 0.01}], (effect("gyro_bias", rate=0.01),)])
+def test_an_effect_is_a_text_a_dict_or_an_effect(folder, effects):
+    plain, biased = (launchid.simulate(folder / "n.toml", seed=1, period=0.1, effects=each).log.theta_dot
+                     for each in ((), effects))
+    assert np.allclose(biased - plain, 0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize(("effects", "words"), [
+    (3, "effects 3"), ([3], "effects 3"), ({"rate": 0.01}, "name = None"), ({"name": "x"}, "x"),
+    ([{"name": "gyro_bias", "size": 1.0}], "unknown parameter 'size'"), ({"name": "gyro_bias"}, "no parameter given")])
+def test_what_is_no_effect_is_said_in_one_line(folder, effects, words):
+    with pytest.raises(launchid.UsageError) as error:
+        launchid.simulate(folder / "n.toml", effects=effects)
+    assert words in str(error.value) and "--" not in str(error.value)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda log, n: launchid.identify(log, window=None), "window None: expected seconds or 'all'"),
+    (lambda log, n: launchid.identify(log, window="x"), "window 'x': expected seconds or 'all'"),
+    (lambda log, n: launchid.identify(log, tracked=True), "tracked needs formulation filtered"),
+    (lambda log, n: launchid.diagnose(log, n, bootstrap=-1), "bootstrap -1: expected an integer"),
+    (lambda log, n: launchid.fit_lft([log], n, share=2.0), "share 2.0: expected a number between"),
+    (lambda log, n: launchid.simulate(n, seed="a"), "seed 'a': expected an integer"),
+    (lambda log, n: launchid.plan(n, accuracy=None, window=1.0), "accuracy None: expected a relative"),
+    (lambda log, n: launchid.campaign(n, out="x", flights=0), "flights 0: expected an integer")])
+def test_what_is_refused_has_the_parameter_s_name(folder, call, words):
+    with pytest.raises(launchid.UsageError, match=f"^{words}") as error:
+        call(folder / "log.csv", folder / "n.toml")
+    assert "--" not in str(error.value)
 
 
 # ---- the package

@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -187,7 +188,7 @@ def test_polynomial_order_out_of_range(order):
     assert repr(order) in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "culprit"), [
+@every(("name", "culprit"), [
     ("alpha", "'alpha'"), ("theta*gamma", "'gamma'"), ("2*theta", "'2'"), ("Theta", "'Theta'"), ("", "''"),
     ("theta*", "'theta*'"), ("theta**2", "'theta**2'"), ("theta^", "'theta^'"), ("theta^-1", "'theta^-1'"),
     ("theta^1.5", "'theta^1.5'"), ("tan(theta)", "'tan(theta)'"), ("sin(tau)", "'sin(tau)'"),

@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
@@ -317,9 +318,9 @@ def test_nan_matrix():
     assert np.all(np.isnan(x))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("column", range(2))
-@pytest.mark.parametrize("row", range(4))
+@every("bad", [np.nan, np.inf, -np.inf])
+@every("column", range(2))
+@every("row", range(4))
 def test_one_entry_that_is_not_finite(bad, column, row):
     columns = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, -1.0, 1.0, -1.0]])
     columns[column, row] = bad

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from every import every
 from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
@@ -27,7 +28,7 @@ from sim.log import measured_logs, read_log
 from sim.log_table import BLOCK, Columns, number, numbers
 
 
-@pytest.mark.parametrize("case", MALFORMED)
+@every("case", MALFORMED)
 def test_what_cannot_be_read_is_this_line_and_status_3(tmp_path, capsys, case):
     data, message = MALFORMED[case]
     log = tmp_path / "log.csv"
@@ -190,7 +191,7 @@ READ: dict[str, bytes] = {
     "a note in another script": "t,theta,beta,\u03b8\n0,1,0.5,\u00b0\n0.01,2,0.25,\u2603\n0.02,-3.5,0.125,\n".encode()}
 
 
-@pytest.mark.parametrize("layout", READ)
+@every("layout", READ)
 def test_an_odd_layout_is_read(tmp_path, layout):
     (tmp_path / "log.csv").write_bytes(READ[layout])
     log = read_log(tmp_path / "log.csv")
@@ -231,7 +232,7 @@ def test_the_line_is_right_in_every_block(tmp_path, at):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("case", ABSURD)
+@every("case", ABSURD)
 def test_one_absurd_value_is_left_out_without_a_warning_of_numpy(tmp_path, capsys, case):
     log = tmp_path / "log.csv"
     log.write_bytes(ABSURD[case])

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import pytest
+from every import every
 
 from sim.cli import main
 from sim.nominal import built_in, load_nominal
@@ -105,7 +105,7 @@ MALFORMED: dict[str, tuple[str | bytes, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", MALFORMED)
+@every("case", MALFORMED)
 def test_what_cannot_be_read_is_this_line_and_status_3(tmp_path, capsys, case):
     text, message = MALFORMED[case]
     path = tmp_path / "n.toml"
@@ -130,7 +130,7 @@ PROFILES: dict[str, tuple[bytes, str]] = {
     "gzip": (b"\x1f\x8b\x08\x00\x00", "this is a gzip archive; unpack it first; expected a UTF-8 CSV file")}
 
 
-@pytest.mark.parametrize("case", PROFILES)
+@every("case", PROFILES)
 def test_a_profile_that_cannot_be_read_is_this_line(tmp_path, capsys, case):
     data, message = PROFILES[case]
     (tmp_path / "p.csv").write_bytes(data)

@@ -8,7 +8,7 @@ import pytest
 from cut import flip
 from numba.core import event
 
-from launchid_core import Config, Estimator, Sample, Status, entries, memory
+from launchid_core import Config, Estimator, Status, entries, memory
 from launchid_core.assembly import size_of
 from launchid_core.library import MAX_TERMS, polynomial
 from launchid_core.memory import FIXED, LARGEST, STATE, WORK

@@ -2,15 +2,18 @@
 none of the catalogue, though an actuator's or an attitude's delay resembles it."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from every import every
 from test_diagnosis import LONG, NEAR, log_of
 from test_diagnosis_ticks import FINE, NOMINAL, flight, log_at
 
 from sim.diagnosis.causes import SOUGHT
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
+from sim.diagnosis.judge import mistimed
 from sim.diagnosis.judge.mistimed import moved
 from sim.diagnosis.verdict import diagnose
 
@@ -36,6 +39,21 @@ def test_a_column_of_another_time_is_no_cause(column, late):
     assert len(said) == 1 and ("late" in said[0]) == (late > 0.0)
     told = float(said[0].split(" that is ")[1].split()[0])
     assert told == pytest.approx(abs(late), abs=0.003)
+
+
+@every("late", [0.4, 1.1, 2.3, 3.0, 4.7])
+def test_how_late_a_column_is_is_the_top_of_the_parabola_between_the_tries(monkeypatch, late):
+    """Either way, of parts of a row; and as far as the tries go where it never falls."""
+    def found(way, likelihood):
+        monkeypatch.setattr(mistimed, "moved", lambda record, channel, rows: rows)
+        monkeypatch.setattr(mistimed, "profile", lambda rows, *given: SimpleNamespace(log_likelihood=likelihood(rows)))
+        model = SimpleNamespace(fit=SimpleNamespace(record=None, delta=None, filter=None))
+        return mistimed._best(model, (), "beta", way)[0]
+
+    for way in (-1.0, 1.0):
+        assert found(way, lambda rows, way=way: -7.0 * (rows - way * late)**2) == pytest.approx(way * late, abs=1e-9)
+        assert found(way, lambda rows, way=way: way * rows) == pytest.approx(
+            way * mistimed.STEP * (mistimed.FURTHEST - 1), rel=0.3)
 
 
 @pytest.mark.parametrize("effect", ["actuator_delay:delay=0.012", *(pytest.param(each, marks=LONG) for each in (

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from every import every
 
 import launchid
 from sim.cli import main
@@ -61,7 +62,7 @@ def one_line(error: Exception) -> bool:
     return len(str(error).splitlines()) == 1
 
 
-@pytest.mark.parametrize("kind", NO_LOG)
+@every("kind", NO_LOG)
 def test_what_is_no_log_is_one_line(kind):
     source, mention = NO_LOG[kind]
     with pytest.raises((launchid.InputError, launchid.UsageError)) as caught:
@@ -76,7 +77,7 @@ def test_what_is_no_nominal_is_one_line(source):
     assert one_line(caught.value)
 
 
-@pytest.mark.parametrize("what", WRONG)
+@every("what", WRONG)
 def test_a_wrong_parameter_is_one_line(what):
     with pytest.raises(launchid.UsageError) as caught:
         WRONG[what]()

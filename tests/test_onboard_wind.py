@@ -9,6 +9,7 @@ import pickle
 import subprocess
 import sys
 from pathlib import Path
+from statistics import NormalDist
 
 import numba
 import numpy as np
@@ -32,6 +33,7 @@ from launchid_core import transition as tn
 from launchid_core import whiteness as wh
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
+from launchid_core.window import STATUS
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
@@ -55,7 +57,7 @@ set_step, fill_push, fill_transition, take_sample = map(compiled, (
 start_segment, let_offsets_wander, believe_nuisances = map(compiled, (
     pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
 move_wind_level, contradict = compiled(fl.move_wind_level), compiled(wh.contradict)
-solve_window, report_window = compiled(ft.solve_window), compiled(ft.report_window)
+solve_window, report_window, limit_absent = map(compiled, (ft.solve_window, ft.report_window, ft.limit_absent))
 note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
     compiled, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
                wh.likelihood_of_chance))
@@ -578,6 +580,16 @@ def test_what_stays_or_swings_raises_it_and_it_clears(channel, habit):
     assert check.flag[wh.IN_WINDOW] == 1  # the window closes as contradicted, whatever came after
 
 
+def test_half_a_standard_deviation_that_stays_contradicts_within_20_s_and_a_quarter_does_not():
+    """Of every block, in one sensor: four of five times at least against one of ten at most."""
+    raised = {0.25: 0, 0.5: 0}
+    for seed in range(100):
+        noise = np.random.default_rng(seed).standard_normal((200, 3))
+        for habit in raised:
+            raised[habit] += checked(noise + np.array([0.0, habit, 0.0]))[1] > 0
+    assert raised[0.25] <= 10 and raised[0.5] >= 80
+
+
 def test_a_surprise_is_cut_and_what_a6_and_k1_may_be_is_in_the_variance():
     cut = cut_of(config(CALM))
     check, total = cut.state.check, np.array([0.0, 0.0, 0.3, 0.1, 0.2])
@@ -821,6 +833,26 @@ def test_limits_of_absent_terms_shrink_with_the_window():
     assert len(common) >= 6
     for term in common:
         assert limits[1.0][term] > limits[5.0][term] > limits[15.0][term], term
+
+
+def test_a_limit_of_an_absent_term_is_the_95_percent_one_of_least_squares():
+    """Of the term added alone to the active ones, by numpy; the quantile is the standard library's."""
+    cut = cut_of(config(CALM, library="quadratic"))
+    acc, active, out = cut.state.acc, cut.state.active, cut.state.outcome
+    n, q = len(acc.psi), len(active)
+    noise = np.random.default_rng(5).standard_normal(acc.window.shape)
+    acc.window[...] = np.triu(noise + 4.0 * np.eye(len(noise)))
+    active[:] = 0
+    active[cut.fixed.belief.term] = 1
+    out.flag[STATUS] = 0
+    limit_absent(cut.fixed.belief, cut.apart["profile"], cut.state, cut.work.acc, 1.0)
+    kept = [*range(n), *(n + np.flatnonzero(active))]
+    for term in np.flatnonzero(active == 0):
+        table = acc.window[:, [*kept, n + term]]
+        value = np.linalg.lstsq(table, acc.window[:, -1])[0][-1]
+        std = math.sqrt(np.linalg.inv(table.T @ table)[-1, -1])
+        assert out.absent[term] == pytest.approx(abs(value) + NormalDist().inv_cdf(0.975) * std, rel=1e-4), term
+    assert len(kept) == n + 2 and q > 2
 
 
 # ---- memory

@@ -145,6 +145,14 @@ def test_errors_at_rounding_leave_a_readable_range_and_are_counted():
     assert "8 of 10 windows below 1e-06, the median of them 4e-16" in [text.get_text() for text in axis.texts]
 
 
+@pytest.mark.parametrize(("library", "panels"), [
+    ("beta,theta_dot", ["k1", "theta", "beta"]), ("theta", ["a6", "theta", "beta"]), ("theta_dot", ["theta", "beta"]),
+    ("rigid-body", ["a6", "k1", "theta", "beta"])])
+def test_a_parameter_whose_term_the_library_lacks_has_no_panel(library, panels):
+    made = identified(replace(a_log(), theta_dot=np.cos(a_log().t)), window=5.0, library=library)
+    assert [axis.get_ylabel().split(" ")[0] for axis in made._figure().axes] == panels
+
+
 # ---- residuals
 
 
@@ -187,9 +195,36 @@ def test_predictions_are_the_equations_solution():
 
 
 def test_too_few_predictions_have_no_fit():
-    few = rs.Predicted(1.0, *[np.linspace(1.0, 2.0, rs.FEWEST - 1)] * 5)
-    enough = rs.Predicted(1.0, *[np.linspace(1.0, 2.0, rs.FEWEST)] * 5)
-    assert np.isnan(few.fits).all() and enough.fits == (100.0, 100.0)
+    few, enough = (rs.Predicted(1.0, *[np.linspace(1.0, 2.0, n)] * 5, np.zeros((n, rs.DRAWS)))
+                   for n in (rs.FEWEST - 1, rs.FEWEST))
+    assert np.isnan([*few.fits, few.ceiling]).all() and (*enough.fits, enough.ceiling) == (100.0, 100.0, 100.0)
+
+
+def truth(identification: Identification) -> list:
+    """The windows with the nominal's own a6 and k1."""
+    a6, k1 = identification.nominal.vehicle.at(np.zeros(1))
+    return [replace(each, xi=np.array([[0.0, a6[0] if term == "theta" else k1[0], 0.0] for term in each.terms]),
+                    support=np.array([[False, True, False]] * len(each.terms))) for each in identification.estimates]
+
+
+@pytest.mark.parametrize("has_rate", [True, False])
+def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
+    """Where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope too."""
+    rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
+    found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
+    for each in found.predicted[:2]:
+        error = [1.0 - fit / 100.0 for fit in (each.fits[0], each.ceiling)]
+        assert error[1] == pytest.approx(error[0], rel=0.2)
+    assert np.std(found.noise) == pytest.approx(np.std(found.residual), rel=0.2)
+
+
+def test_no_noise_leaves_a_whole_fit():
+    t = np.arange(0.0, 10.0, 0.01)
+    log = replace(a_log(10.0), theta=np.cos(2.0 * t), theta_dot=-2.0 * np.sin(2.0 * t), beta=np.zeros(len(t)))
+    made = identified(log, window=2.5, library="theta,beta")
+    exact = [replace(each, valid=True, xi=np.array([[0.0, -4.0, 0.0], [0.0, 0.0, 0.0]]), terms=("theta", "beta"),
+                     support=np.array([[False, True, False], [False, False, False]])) for each in made.estimates]
+    assert all(each.ceiling > 99.0 for each in rs.residuals(log, exact).predicted)
 
 
 def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):
@@ -203,6 +238,8 @@ def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path
     figure = identification.residuals()
     assert "autocorrelation" in figure.axes[1].get_title(loc="left")
     assert any("own window: fit" in text for text in labels(figure.axes[-1]))
+    assert any("sensor noise alone: fit" in text for text in labels(figure.axes[-1]))
+    assert "of sensor noise alone" in figure.axes[0].get_title(loc="left")
     blind = replace(identification.log, theta_dot=np.full(len(identification.log.t), np.nan))
     assert rs.residuals(blind, identification.estimates).predicted   # of the attitude's slope
     with pytest.raises(InputError, match="theta and beta over more"):

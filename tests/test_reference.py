@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from every import every
 
 from sim.cli import main, parser
 from sim.effects import CATALOGUE
@@ -29,7 +30,7 @@ OPTIONS = [(name, action) for name, sub in commands().items() for action in sub.
 UNITS = {"S": "[s]", "S|all": "[s]"}  # metavar -> what the help must say
 
 
-@pytest.mark.parametrize(("name", "action"), OPTIONS, ids=lambda x: x if isinstance(x, str) else x.dest)
+@every(("name", "action"), OPTIONS, ids=lambda x: x if isinstance(x, str) else x.dest)
 def test_every_option_has_text_unit_and_default(name, action):
     assert action.help, f"{name} {action.dest}"
     assert UNITS.get(str(action.metavar), "") in action.help
@@ -38,7 +39,7 @@ def test_every_option_has_text_unit_and_default(name, action):
         assert action.default in (None, []) or "%(default)s" in action.help
 
 
-@pytest.mark.parametrize("name", commands())
+@every("name", commands())
 def test_every_command_has_an_example_that_parses(name, capsys):
     example = re.fullmatch(r"example: launchid (.+)", commands()[name].epilog or "")
     assert example is not None, "one, as the last line of its help"

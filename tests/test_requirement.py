@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from every import every
 from scipy.stats import beta, binom
 
 from sim.cli import main
@@ -33,8 +34,8 @@ def test_plans_of_the_literature(share, confidence, flights):
         assert wilks_rank(n, share, confidence) == failures + 1 and rule.allowed(n) == failures
 
 
-@pytest.mark.parametrize("probability", [1e-5, 0.00135, 0.1, 0.5, 0.99])
-@pytest.mark.parametrize("n", [1, 7, 400, 20_000])
+@every("probability", [1e-5, 0.00135, 0.1, 0.5, 0.99])
+@every("n", [1, 7, 400, 20_000])
 def test_the_binomial_is_scipys(n, probability):
     np.testing.assert_allclose(cumulative(n - 1, n, probability), binom.cdf(np.arange(n), n, probability), rtol=1e-8,
                                atol=1e-200)
@@ -119,8 +120,8 @@ def test_the_risk_of_a_wrong_met_is_what_it_may_be_exactly():
     assert exact_wrong([1705], 1705) == pytest.approx(0.1, rel=1e-2)
 
 
-@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.99])
-@pytest.mark.parametrize(("n", "failures"), [(1, 0), (1, 1), (10, 3), (300, 0), (300, 1), (300, 299), (20_000, 40)])
+@every("confidence", [0.5, 0.9, 0.99])
+@every(("n", "failures"), [(1, 0), (1, 1), (10, 3), (300, 0), (300, 1), (300, 299), (20_000, 40)])
 def test_bounds_and_verdicts_are_one(n, failures, confidence):
     """The upper bound is below p when, and only when, p is proved; the lower likewise."""
     low, high = Sequential(0.1, confidence).bounds(n, failures)
@@ -193,7 +194,7 @@ def test_a_requirement_as_text():
     assert {"lost", *METRICS} == {"lost", "max_theta_error", "max_theta_dot", "max_alpha", "max_beta", "max_beta_rate"}
 
 
-@pytest.mark.parametrize(("text", "said"), [
+@every(("text", "said"), [
     ("", "expected lost<PROBABILITY@CONFIDENCE"), ("lost", "expected"), ("lost>0.1@0.9", "expected"),
     ("lost<0.1", "expected"), ("lost<0.1:0.9@0.9", "expected"),
     ("max_beta<0.1@0.9", "METRIC<VALUE:SHARE@CONFIDENCE"), ("max_gamma<0.1:0.9@0.9", "max_gamma is not measured"),

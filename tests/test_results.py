@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import launchid
 from sim.log import REQUIRED
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import MOST_ROWS
+from sim.shown import MOST_ROWS, with_std
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 pandas = pytest.importorskip("pandas", reason="pandas is not installed: no frames")
@@ -72,6 +73,29 @@ def test_its_frame_has_a_row_for_each_of_its_parts(folder, name):
     frame = made(name, folder).to_frame()
     assert isinstance(frame, pandas.DataFrame)
     assert len(frame.columns) >= 2 and (len(frame) > 0) == (name != "diagnose"), "no cause is named of bad data"
+
+
+TEXTS = {"status", "a6_band", "k1_band"}
+
+
+@pytest.mark.parametrize("found", [launchid.identify, launchid.uncertainty])
+def test_a_frame_without_a_valid_window_has_numbers_that_are_nan(folder, found):
+    """A log that stands still: nothing is known of it, and its columns are still those of numbers."""
+    still = {"t": 0.01 * np.arange(600), "theta": np.zeros(600), "beta": np.zeros(600)}
+    made = found(still, folder / "n.toml", window=2)
+    frame = made.to_frame()
+    assert len(frame) == 3 and not frame["valid"].any()
+    assert {name for name, kind in frame.dtypes.items() if not pandas.api.types.is_numeric_dtype(kind)} <= TEXTS
+    assert all(frame[name].isna().all() for name in frame.columns if name.startswith(("a6_d", "k1_s", "wind")))
+
+
+def test_a_term_s_standard_deviation_is_in_the_table_and_in_the_frame(folder):
+    made = launchid.identify(folder / "log.csv", window=6, library="theta,beta,theta_dot")
+    window = next(w for w in made.report["windows"] if "theta_dot" in w["terms"])
+    term, std = window["terms"]["theta_dot"], window["terms_std"]["theta_dot"]
+    frame = made.to_frame()
+    assert std > 0.0 and std in frame["terms_std_theta_dot"].tolist() and term in frame["terms_theta_dot"].tolist()
+    assert f"theta_dot {with_std(term, std)}" in made.summary() and " +- " in with_std(term, std)
 
 
 @pytest.mark.parametrize("name", RESULTS)

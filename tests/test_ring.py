@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from compiled import compiled
 from cut import persisting
+from every import every
 from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -301,8 +302,18 @@ def test_step_above_max_gap_is_after_gap():
 # ---- what is rejected
 
 
-@pytest.mark.parametrize("value", [NAN, INF, -INF])
-@pytest.mark.parametrize("broken", [names for n in range(1, 5) for names in itertools.combinations(CHANNELS, n)])
+@every("period", [1e-3, 0.01, 1.0])
+def test_stamps_a_millionth_of_a_period_apart_are_one_instant(period):
+    """What rounding makes of k*period in a clock since 1970 is far below; a jitter that can be meant is above."""
+    for share, status in ((0.0, Status.DT_ZERO), (0.9e-6, Status.DT_ZERO), (-0.9e-6, Status.DT_ZERO),
+                          (1.2e-6, Status.ACCEPTED), (-1.2e-6, Status.DT_NEGATIVE)):
+        estimator = Estimator(Config(window=100.0 * period, sample_period=period))
+        estimator.update(Sample(0.0, 0.1, 0.2, 0.3))
+        assert estimator.update(Sample(share * period, 0.1, 0.2, 0.3)) is status, share
+
+
+@every("value", [NAN, INF, -INF])
+@every("broken", [names for n in range(1, 5) for names in itertools.combinations(CHANNELS, n)])
 def test_nonfinite_channels(broken, value):
     """All 15 combinations; a NaN in theta_dot alone is a rate that was not measured."""
     estimator = Estimator(small_config())

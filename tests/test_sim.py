@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compiled import compiled
+from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 
@@ -388,8 +389,8 @@ def test_the_little_writer_writes_what_loads(tmp_path):
     assert load_nominal(path).actuator == load_nominal("constant").actuator
 
 
-@pytest.mark.parametrize(("section", "key"), NUMBERS + EXTRA)
-@pytest.mark.parametrize("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
+@every(("section", "key"), NUMBERS + EXTRA)
+@every("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
 def test_wrong_number_is_named(tmp_path, section, key, value):
     place = (section, key)
     fine = (value == -1.0 and place in SIGNED) or (value == 0.0 and place not in POSITIVE)
@@ -404,7 +405,7 @@ def test_wrong_number_is_named(tmp_path, section, key, value):
     assert "expected a number" in message
 
 
-@pytest.mark.parametrize(("section", "key"), [*NUMBERS, ("guidance", "t"), ("guidance", "theta_ref")])
+@every(("section", "key"), [*NUMBERS, ("guidance", "t"), ("guidance", "theta_ref")])
 def test_missing_key_is_named_unless_it_has_a_default(tmp_path, section, key):
     table = copy.deepcopy(CONSTANT)
     del table[section][key]
@@ -447,8 +448,8 @@ def test_unknown_section_is_named(tmp_path):
     assert "unknown key 'weather'" in refused(tmp_path / "nominal.toml", edited("weather", "wind", 1.0))
 
 
-@pytest.mark.parametrize("section", [*SECTIONS, "diagnosis"])
-@pytest.mark.parametrize("value", [3.0, "text", [1.0]])
+@every("section", [*SECTIONS, "diagnosis"])
+@every("value", [3.0, "text", [1.0]])
 def test_value_in_place_of_a_section_is_named(tmp_path, section, value):
     message = refused(tmp_path / "nominal.toml", toml_of({**CONSTANT, section: value}))
     assert f"{section} = {value!r}" in message
@@ -512,7 +513,7 @@ def test_profile_and_numbers_exclude_each_other(tmp_path):
     assert "[vehicle]" in message and "one or the other" in message
 
 
-@pytest.mark.parametrize(("text", "expected"), [
+@every(("text", "expected"), [
     ("", "line 1"), ("t,a6\n0,1\n", "line 1"), ("t,k1,a6\n0,1,2\n", "line 1"), ("t,a6,k1\n", "no rows"),
     ("t,a6,k1\n0,1\n", "line 2"), ("t,a6,k1\n0,1,2,3\n", "line 2"), ("t,a6,k1\n0,1,2\n1,x,2\n", "line 3, column a6"),
     ("t,a6,k1\n0,1,nan\n", "line 2, column k1"), ("t,a6,k1\n0,inf,1\n", "line 2, column a6"),

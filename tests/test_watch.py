@@ -29,11 +29,11 @@ from sim.identify import onboard_model
 from sim.log import flown_log, read_log
 from sim.nominal import Nominal, load_nominal
 from sim.shown import with_std
-from sim.watch.first_rows import PERIOD_ROWS, FirstRows
 from sim.watch.follower import LAST_WINDOWS, Follower
 from sim.watch.lines import LONGEST, ORDER, SAID, Lines
 from sim.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, Series, message
-from sim.watch.server import MOST_PAGES, Server
+from sim.watch.rate import PERIOD_ROWS
+from sim.watch.server import MOST_PAGES, PAGE, Server
 from sim.watch.session import Watched, follow, watch
 from sim.watch.sources import IDLE, Source, open_source
 
@@ -136,6 +136,7 @@ class Listener:
 
     def __init__(self, port: int) -> None:
         self.times: list[float] = []
+        self.events: list[str] = []
         self.points: list[list] = []
         self.windows: list[list] = []
         self.full = 0
@@ -148,7 +149,9 @@ class Listener:
 
     def _listen(self) -> None:
         for line in self.answer:
-            if line.startswith(b"data: "):
+            if line.startswith(b"event: "):
+                self.events.append(line[7:].decode().strip())
+            elif line.startswith(b"data: ") and not self.events:
                 news = json.loads(line[6:])
                 self.times.append(time.monotonic())
                 if "head" in news:
@@ -553,17 +556,20 @@ def test_memory_does_not_grow(folder, nominal):
     assert most < 400_000, "bytes of the longest message"
 
 
-def test_rows_before_the_period_is_known_are_few(nominal):
-    first = FirstRows("log")
-    follower = Follower("log", nominal)
-    lines = Lines("log", False, lambda text: None)
-    for k in range(PERIOD_ROWS - 1):
-        for log in lines.logs(b"%.2f,0,0,0\n" % (k / 100)):
-            follower.take(log)
-    assert follower.estimator is None and first.count == 0
-    for log in lines.logs(b"0.63,0,0,0\n"):
-        follower.take(log)
-    assert follower.estimator is not None and follower.estimator.config.sample_period == pytest.approx(0.01)
+def test_the_period_is_that_of_the_first_rows_however_they_come(nominal):
+    """One at a time, in pieces, or with everything behind them: the same period, and no row is lost."""
+    rows = [b"%.4f,0,0,0\n" % (k / 100 + 0.002 * (k % 3 == 1)) for k in range(3 * PERIOD_ROWS)]
+    found = []
+    for size in (1, 7, PERIOD_ROWS, 3 * PERIOD_ROWS):
+        follower, lines = Follower("log", nominal), Lines("log", False, lambda text: None)
+        for k in range(0, len(rows), size):
+            for log in lines.logs(b"".join(rows[k:k + size])):
+                follower.take(log)
+            assert (follower.estimator is None) == (k + size < PERIOD_ROWS)
+        follower.end()
+        found.append((follower.estimator.config.sample_period, follower.report()))
+        assert sum((found[-1][1]["samples"]["accepted"], *found[-1][1]["samples"]["rejected"].values())) == len(rows)
+    assert all(each == found[0] for each in found[1:]) and found[0][0] == pytest.approx(0.01, abs=0.001)
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
@@ -614,7 +620,8 @@ def test_the_page_and_its_headers(server):
     policy = headers["Content-Security-Policy"]
     assert "default-src 'none'" in policy and policy.count("'sha256-") == 2 and "unsafe" not in policy
     assert int(headers["Content-Length"]) == len(body.encode())
-    assert re.findall(r"(?:src|href)=\"(?!data:)", body) == [] and "://" not in body, "nothing from elsewhere"
+    assert re.findall(r"(?:src|href)=\"(?!data:)", body) == [], "nothing from elsewhere"
+    assert re.findall(r"\S+://\S+", body) == ["https://github.com/leeoniya/uPlot"], "in a comment: who made it"
     assert asked(server.server_address[1], "/", "HEAD")[::2] == (200, "")
 
 
@@ -635,19 +642,21 @@ def test_it_listens_on_the_loopback_only(server):
         source._socket.close()
 
 
-def test_one_page_too_many_is_told_so(server):
-    port = server.server_address[1]
-    pages = []  # held, for a page that is forgotten is closed
-    for _ in range(MOST_PAGES):
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=SLOWEST)
-        connection.request("GET", "/events")
-        pages.append(connection.getresponse())
-        assert pages[-1].getheader("Content-Type") == "text/event-stream"
-    assert asked(port, "/events")[0] == 503
+def test_the_newest_pages_are_told_and_the_oldest_goes_for_one_more(server):
+    """It hears why, and does not come again by itself."""
+    pages = [Listener(server.server_address[1])]
+    Session.until(lambda: bool(pages[0].last))
+    for k in range(MOST_PAGES):
+        pages.append(Listener(server.server_address[1]))
+        assert pages[-1].answer.getheader("Content-Type") == "text/event-stream"
+        Session.until(lambda k=k: len(server.telling) == min(k + 2, MOST_PAGES))  # type: ignore[misc]
+    pages[0].end()
+    assert pages[0].events == ["replaced"] and len(server.telling) == MOST_PAGES
     server.live.now = {"state": "ended"}
     server.live.revision += 1
-    Session.until(lambda: not server.telling)
-    assert asked(port, "/events")[0] == 200
+    for page in pages[1:]:
+        page.end()
+        assert page.last["now"] == {"state": "ended"} and page.events == []
 
 
 # ---- as a command
@@ -708,6 +717,49 @@ def test_the_page_in_a_browser(folder, nominal, identified, tmp_path, monkeypatc
     assert text["time"] == "11.99 s" and text["status"] == identified["windows"][-1]["status"]
     assert "k1 is out of its range" in text["notes"]
     assert re.search(r"<td>k1</td>", page), "the change stands in the table"
+    titles = re.findall(r'class="u-title">(.*?)</div>', page)
+    assert [title.split(" [")[0] for title in titles if "level" not in title] == \
+        ["a6", "k1", "wind angle", "status of the windows"]
+    assert page.count("<canvas") >= len(titles), "each is drawn"
+    zoomed(servers[0], tmp_path)
+
+
+DRAG = """<script>
+class Told {
+  constructor() { Told.one = this; setTimeout(() => this.say(STATE), 50); }
+  say(news) { this.onmessage({data: JSON.stringify(news)}); }
+  close() {}
+}
+window.EventSource = Told; window.requestAnimationFrame = work => setTimeout(work, 16);
+setTimeout(() => {
+  const over = document.querySelectorAll(".u-over")[1], box = over.getBoundingClientRect();
+  const hand = (kind, x, on) => on.dispatchEvent(new MouseEvent(kind, {clientX: box.left + x * box.width,
+    clientY: box.top + 0.5 * box.height, bubbles: true, movementX: 9, view: window}));
+  hand("mousemove", 0.5, over); hand("mousedown", 0.25, over);
+  hand("mousemove", 0.75, over); hand("mouseup", 0.75, document);
+  setTimeout(() => Told.one.say({...STATE, head: undefined, points: [], windows: []}), 100);
+  setTimeout(() => hand("mousemove", 0.5, over), 200);
+  setTimeout(() => { document.title = JSON.stringify([plots.map(p => [p.scales.x.min, p.scales.x.max]),
+    [...document.querySelectorAll(".u-legend .u-value:first-of-type")].map(each => each.textContent)]); }, 300);
+}, 500)</script>"""
+
+
+def zoomed(server: Server, folder: Path) -> None:
+    """A drag over the middle half of one panel: all show it, also after news, and the cursor's time is one."""
+    state, page = message(server.live, None)[0], folder / "page.html"
+    script = DRAG.replace("STATE", "window.STATE").replace("<script>", f"<script>window.STATE = {json.dumps(state)};")
+    page.write_text(PAGE.decode().replace("<script>", script + "<script>", 1), encoding="utf-8")
+    done = subprocess.run([
+        CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'second'}",
+        "--window-size=1280,1100", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()],
+        capture_output=True, text=True, timeout=SLOWEST, check=True)
+    spans, times = json.loads(re.search(r"<title>(.*?)</title>", done.stdout)[1])
+    points = [point[0] for point in state["points"]]
+    low, high = min(*points, state["windows"][0][0]), max(*points, state["windows"][-1][1])
+    assert len({tuple(span) for span in spans}) == 1 and len(spans) > 3
+    assert spans[0] == pytest.approx([low + 0.25 * (high - low), low + 0.75 * (high - low)], abs=0.1)
+    assert len({each for each in times if "\u00b1" not in each}) == 1
+    assert float(times[0]) == pytest.approx(0.5 * (low + high), abs=0.1)
 
 
 def test_idle_is_short_enough_for_twenty_a_second():

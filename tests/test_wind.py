@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from every import every
 from scipy.linalg import expm
 
 from sim.cli import main
@@ -281,7 +282,7 @@ def test_calm_nominal_writes_none_of_them(tmp_path):
     assert not any(word in text for word in ("wind", "offsets", "drift", "\ntime_constant", "law", "gamma", "rate_ref"))
 
 
-@pytest.mark.parametrize(("text", "expected"), [
+@every(("text", "expected"), [
     ("[drift]\nz_alpha = -0.1", "key 'drift.z_beta' is missing"),
     ("[drift]\nz_gamma = 1", "unknown key 'drift.z_gamma'"),
     ("[drift]\nz_alpha = true\nz_beta = 0", "drift.z_alpha = True"), ("drift = 3", "drift = 3"),

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -211,19 +212,21 @@ def _wind_panel(axis: Any, windows: list[dict[str, Any]]) -> None:
     _legend(axis)
 
 
-def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None) -> Figure:
+def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None,
+                    parameters: Sequence[str] = ("a6", "k1")) -> Figure:
     """Estimates of a log with their 95 % intervals, the nominal beside them, wind where there is any, the signals.
 
-    report  the identify JSON: what it refuses is hatched
+    report      the identify JSON: what it refuses is hatched
+    parameters  those whose terms the library has
     """
     windows = report["windows"]
     windy = int(_has_wind(windows))
-    figure, axes = panels(4 + windy, f"{Path(log.path).name}: identified parameters", 1.7)
-    for axis, name in zip(axes, ("a6", "k1"), strict=False):
+    figure, axes = panels(len(parameters) + windy + 2, f"{Path(log.path).name}: identified parameters", 1.7)
+    for axis, name in zip(axes, parameters, strict=False):
         _parameter_panel(axis, name, log, report, nominal)
     if windy:
-        _wind_panel(axes[2], windows)
-    for axis, name in zip(axes[2 + windy:], ("theta", "beta"), strict=True):
+        _wind_panel(axes[len(parameters)], windows)
+    for axis, name in zip(axes[-2:], ("theta", "beta"), strict=True):
         axis.plot(log.t, getattr(log, name), color="0.1", linewidth=0.8)
         axis.set_ylabel(f"{name} [rad]")
     axes[-1].set_xlabel("t [s]" + (f"\n{report['why']}" if "why" in report else ""))
@@ -243,8 +246,9 @@ def residual_figure(log: Log, found: Residuals, windows: list[dict[str, Any]]) -
     over, white = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     ahead = [figure.add_subplot(grid[1 + k, :], sharex=over) for k in range(count)]
     over.plot(found.t, found.residual, ".", color="0.1", markersize=1.5)
-    rms = float(np.sqrt(np.mean(found.residual**2))) if len(found.residual) else math.nan
-    over.set_title(f"mean acceleration left over {INCREMENT:g} s: {rms:.2g} rad/s$^2$ rms", fontsize=8, loc="left")
+    rms, alone = (float(np.sqrt(np.mean(x**2))) if len(x) else math.nan for x in (found.residual, found.noise))
+    over.set_title(f"mean acceleration left over {INCREMENT:g} s: {rms:.2g} rad/s$^2$ rms, of sensor noise alone "
+                   f"{alone:.2g}", fontsize=8, loc="left")
     over.set_ylabel("residual [rad/s$^2$]", fontsize=8)
     _draw_refused(over, windows)
     over.set_xlabel("t [s]", fontsize=8)
@@ -282,7 +286,8 @@ def _prediction_panel(axis: Any, of: Predicted) -> None:
     t = np.insert(of.t, gaps, np.nan)  # which breaks the lines
     few = "o" if len(of.t) < FEW else None
     axis.plot(t, np.insert(of.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
-              label=f"measured ({len(of.t)})")
+              label=f"measured ({len(of.t)})" + (f"; sensor noise alone: fit {of.ceiling:.0f} %"
+                                                 if math.isfinite(of.ceiling) else ""))
     words = ("own window", "window before, which has not seen it")
     for value, fit, line, grey, word in zip((of.own, of.before), of.fits, ("-", "--"), ("0.0", "0.4"), words,
                                             strict=True):

@@ -91,7 +91,7 @@ def campaign(nominal: Nominal, *, out: str | PathLike[str], flights: int | None 
         definition, table = merged(definition, [as_path(part) for part in merge], folder)
     else:
         with executor_of(executor, workers) as (engine, count):
-            table = fly(definition, asked, folder, engine, count, progress)
+            table = fly(definition, folder, engine, count, progress)
     notes = () if merge else foreseen(nominal, flights or 0, requirement, stop)
     made = Campaign(table, asked, judged(definition, asked, table), notes)
     made.write(folder)

@@ -1,6 +1,5 @@
 """Answers from other people's files: convert."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,12 +9,15 @@ import numpy as np
 from ..convert.columns import converted
 from ..convert.mapping import Map
 from ..convert.readers import read_channels
+from ..errors import InputError, one_line
 from ..log import REQUIRED, Log, write_columns
 from ..result import Columns
 from .answer import Answer
 
 if TYPE_CHECKING:
     from ..result import Figure
+
+SHOWN = 3   # reasons, of a file that holds nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +52,23 @@ def convert(path: str, of: Map, required: tuple[str, ...] = REQUIRED) -> Convert
         notes)
 
 
-def channel_lines(path: str, options: dict[str, str]) -> Iterable[str]:
-    """What a file holds: each channel with its rows and its range."""
-    for name, x in read_channels(path, options).items():
-        fair = x[np.isfinite(x)]
-        span = f"{np.min(fair):.6g} .. {np.max(fair):.6g}" if len(fair) else "nothing"
-        yield f"{name}  {len(x)} rows, {span}"
+def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[str, ...]]:
+    """What a file holds: each channel with its rows and its range, and what is none and why; lines of the rest.
+    InputError if it holds no channel."""
+    channels = read_channels(path, options)
+    if not channels:
+        why = [f"{name} {reason}" for name, reason in channels.unread.items()]
+        raise InputError(f"{path}: it holds no channel of numbers" + (f": {'; '.join(why[:SHOWN])}" if why else ""))
+    lines = [f"{one_line(name)}  {_rows(x)}" for name, x in channels.items()]
+    lines += [f"{one_line(name)}  not read: it {reason}" for name, reason in channels.unread.items()]
+    return lines, tuple(channels.notes)
+
+
+def _rows(x: np.ndarray) -> str:
+    """How many rows a channel has, in how many of them it is measured if not in all, and from where to where."""
+    fair = x[~np.isnat(x)] if x.dtype.kind == "M" else x[np.isfinite(x)]
+    count = f"{len(x)} rows" if len(fair) == len(x) else f"{len(x)} rows, {len(fair)} with numbers"
+    if not len(fair):
+        return count
+    low, high = np.min(fair), np.max(fair)
+    return f"{count}, {low} .. {high}" if x.dtype.kind == "M" else f"{count}, {low:.6g} .. {high:.6g}"

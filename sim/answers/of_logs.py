@@ -10,15 +10,15 @@ import numpy as np
 from launchid_core import Config, Estimate
 
 from ..asked import integer, real, word
-from ..checked import data_warnings, ideal_note, profile_note, rate_note
+from ..checked import data_warnings, faults, foreign, ideal_note, profile_note, warned
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
 from ..diagnosis.verdict import diagnose as examine
-from ..errors import UsageError
+from ..errors import InputError, UsageError
 from ..identify import identified, log_config, report_of, table
 from ..log import Log
-from ..nominal import Nominal, write_nominal
+from ..nominal import Nominal, rewrite_nominal
 from ..result import Columns, drawn
 from ..uncertainty import greybox, level
 from ..words import WITHIN
@@ -55,7 +55,9 @@ class Identification(Answer):
 
     def _figure(self) -> "Figure":
         from .figures import identify_figure
-        return identify_figure(self.log, self.report, self.nominal)
+        terms = {term for estimate in self.estimates for term in estimate.terms}
+        asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
+        return identify_figure(self.log, self.report, self.nominal, asked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """What the windows leave, whether it is white, and what they predict over horizons."""
@@ -70,8 +72,8 @@ class Identification(Answer):
 
 def _too_short(log: Log, window: float) -> str:
     t = log.t[np.isfinite(log.t)]
-    if beyond := log.out_of_range():
-        return f"no window of {window:g} s is complete: {beyond}"
+    if reason := log.unusable():
+        return f"no window of {window:g} s is complete: {reason}"
     return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
             "expected a longer log, or a smaller window")
 
@@ -84,14 +86,16 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     window   [s], or `all`;  strict: what the data check finds is an InputError
     choices  further fields of `launchid_core.Config`
     """
-    said = data_warnings(log, nominal, strict) + ideal_note(log) + rate_note(log)
+    window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
+    found = faults(log, nominal)
+    said = warned(log, found, strict) + ideal_note(log)
     config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
-    if config.formulation == "filtered":
+    if config.formulation == "filtered" and not foreign(found):
         said += profile_note(nominal, level.log_span(log)[1], log.path)
-    made = identified(config, log)
+    made = identified(config, log, foreign(found), any(fault.kind == "motion" for fault in found))
     if made.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library, said)
@@ -217,8 +221,8 @@ class FittedRange(Answer):
         return range_figure(self.nominal)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML."""
-        write_nominal(self.nominal, path)
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        rewrite_nominal(self.nominal, path)
 
 
 def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confidence: float = 0.95,
@@ -229,7 +233,10 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
     """
     if not logs:
         raise UsageError("fit-lft: expected at least one log")
-    for name, value in (("--share", share), ("--confidence", confidence)):
+    for k, log in enumerate(logs):
+        if again := next((one for one in logs[:k] if log.is_same(one)), None):
+            raise InputError(f"{log.path}: the same flight as {again.path}; expected each once")
+    for name, value in (("share", share), ("confidence", confidence)):
         if not 0.0 < real(name, value, "a number between 0 and 1") < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()

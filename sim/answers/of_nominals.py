@@ -1,7 +1,7 @@
 """Answers from a nominal alone: simulate, plan, export-c."""
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from launchid_core import Config, Sample
 from ..asked import integer, real, several
 from ..believed import onboard_model
 from ..checked import profile_note
-from ..effects import Effect, from_text
+from ..effects import Effect, from_table, from_text, values
 from ..errors import UsageError
 from ..export_c.kit import exported
 from ..export_c.single import single_files
@@ -21,10 +21,11 @@ from ..export_c.vectors import flown
 from ..files import make_folder, write_text
 from ..flight import Flight, fly_whole
 from ..log import Log, flown_log, log_of, write_flight
-from ..nominal import Nominal, write_nominal
+from ..nominal import Nominal, rewrite_nominal
 from ..plan import Plan
 from ..plan import plan as planned
 from ..result import Columns
+from ..shown import SLOW
 from ..uncertainty import level
 from .answer import Answer
 
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 
 
 # ---- simulate
+
+GivenEffect = str | Mapping[str, Any] | Effect
+Effects = GivenEffect | Iterable[GivenEffect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,30 +72,51 @@ class Flown(Answer):
 
 
 def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: str | Iterable[str | Effect] = ()) -> Flown:
+             effects: Effects = ()) -> Flown:
     """Fly a nominal.
 
     seed     of all noise;  suite `flight` or `ideal`;  period [s] of the log, None: the suite's
-    effects  one or several, each as `NAME:PARAMETER=VALUE,...`, or made by `sim.effects.effect`
+    effects  one or several, each as `NAME:PARAMETER=VALUE,...`, as a dict of name and parameters, or an `Effect`
     """
     seed = integer("--seed", seed, 0)
     period = None if period is None else real("--period", period, "a number of seconds")
-    flight = fly_whole(nominal, seed, suite, period, effects=_chosen(effects))
-    said: tuple[str, ...] = ()
-    if nominal.simulation is not None:
-        said = profile_note(nominal, nominal.simulation.duration, "the flight")
+    chosen = _chosen(effects)
+    flight = fly_whole(nominal, seed, suite, period, effects=chosen)
+    said = _beside_the_flight(nominal, flight.period, chosen)
     return Flown(flight, nominal, {"rows": len(flight.t), "period": flight.period, "seed": seed, "lost": flight.lost},
                  said)
 
 
-def _chosen(effects: str | Iterable[str | Effect]) -> list[Effect]:
-    listed = [effects] if isinstance(effects, str) else several(
+def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -> tuple[str, ...]:
+    """What of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its end."""
+    assert nominal.simulation is not None  # else it would not have flown
+    end = nominal.simulation.duration
+    said = profile_note(nominal, end, "the flight")
+    if period > SLOW:
+        said += (f"{nominal.path}: rows {period:g} s apart (sensors.period {nominal.sensors.period:g} s): no launcher "
+                 f"is logged as slowly, expected at most {SLOW:g} s",)
+    begins = {each.name: time for each in (*nominal.effects, *effects)
+              if isinstance(time := values(each).get("time"), float) and time >= end}
+    return said + tuple(f"{name} begins at {time:g} s, after the flight's end at {end:g} s: it is not in the log"
+                        for name, time in begins.items())
+
+
+def _chosen(effects: Effects) -> list[Effect]:
+    listed = [effects] if isinstance(effects, (str, Mapping, Effect)) else several(
         "--effect", effects, "one or a list of effects such as 'gyro_bias:rate=0.01'")
-    chosen = [from_text(each) if isinstance(each, str) else each for each in listed]
-    for each in chosen:
-        if not isinstance(each, Effect):
-            raise UsageError(f"--effect {each!r}: expected a text such as 'gyro_bias:rate=0.01'")
-    return chosen
+    return [_effect(each) for each in listed]
+
+
+def _effect(given: object) -> Effect:
+    """By a text, by a dict as a nominal's [[effects]], or as it is."""
+    if isinstance(given, Effect):
+        return given
+    if isinstance(given, str):
+        return from_text(given)
+    if isinstance(given, Mapping):
+        return from_table(dict(given))
+    raise UsageError(f"--effect {given!r}: expected a text such as 'gyro_bias:rate=0.01' or a dict such as "
+                     "{'name': 'gyro_bias', 'rate': 0.01}")
 
 
 # ---- plan
@@ -130,8 +155,8 @@ class Planned(Answer):
         return plan_figure(self.made)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML."""
-        write_nominal(self.nominal, path)
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        rewrite_nominal(self.nominal, path)
 
 
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:

@@ -4,6 +4,8 @@ residual    the weak form's (`sim.weak_form`): the increment of theta_dot over 0
             over that time [rad/s^2], in the window that gave the estimate
 prediction  theta over a horizon, run free from the measured theta and theta_dot with the measured beta, under the
             estimate of its own window and under that of the fitted window before, which has not seen it
+noise       what the sensors' noise alone leaves of both under a model without an error: of the log's own levels, by
+            third differences of its columns, drawn onto its rows
 
 With a nominal, a6 and k1 follow its profile within a window, as the estimator has them (`shapes`). What is steady in a
 window's residual (wind, offsets) is no contradiction: it is shown, taken off where whiteness is asked for, and part of
@@ -20,16 +22,18 @@ from launchid_core import Estimate
 
 from ..diagnosis.report.whiteness import Correlation, correlations
 from ..errors import InputError
+from ..first.search import noise_variance
 from ..lacking import active_terms
 from ..log import Log
 from ..nominal import Nominal
-from ..weak_form import INCREMENT, Rows, column, usable, window_increments
+from ..weak_form import INCREMENT, Rows, column, slope, usable, window_increments
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
 LEAST = 1e-3     # 1/s^2: a parameter of the profile below it has no shape to speak of
 LAGS = 10
 FEWEST = 5       # predictions with a fit
+DRAWS, SEED = 4, 0   # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
 RIGID = {"theta", "beta"}
 THETA_DOT = 1    # column of the whitened residual
 
@@ -45,19 +49,28 @@ class Predicted:
     own: np.ndarray
     before: np.ndarray
     change: np.ndarray  # measured, over the horizon
+    noise: np.ndarray   # (n, DRAWS) [rad] errors that noise alone makes
 
     @property
     def fits(self) -> tuple[float, float]:
         """100 (1 - |error| / |change of theta over the horizon|): 0 is no better than saying that nothing changes."""
         return _fit(self.measured - self.own, self.change), _fit(self.measured - self.before, self.change)
 
+    @property
+    def ceiling(self) -> float:
+        """The fit [%] of a true model, which noise alone leaves: one that has not seen these rows does no better but by
+        chance."""
+        return _fit(np.sqrt(np.mean(self.noise**2, axis=1)), self.change)
+
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """t (k,) [s] middles of increments;  residual (k,) [rad/s^2];  its correlation; predictions, a horizon each."""
+    """t (k,) [s] middles of increments;  residual (k,) [rad/s^2], and what noise alone leaves (k,);  its correlation;
+    predictions, a horizon each."""
 
     t: np.ndarray
     residual: np.ndarray
+    noise: np.ndarray
     correlation: Correlation | None
     predicted: tuple[Predicted, ...]
 
@@ -93,12 +106,33 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
         raise InputError(f"{log.path}: no window has a fit, so there are no residuals; expected a log that identify, "
                          "without residuals, finds valid windows in")
     shaped = Shaped(rows, None if nominal is None else np.array(nominal.vehicle.at(rows.t)))
+    noisy = [with_noise(rows, np.random.default_rng((SEED, k))) for k in range(DRAWS)]
     left = [_weak(shaped, estimate) for estimate in valid]
     t, e = (np.concatenate([each[k] for each in left]) for k in (0, 1))
+    same = Shaped(noisy[0], shaped.profile)
+    alone = np.concatenate([_weak(same, estimate)[1] for estimate in valid]) - e
     fitted = [(estimate, float(each[1].mean()) if len(each[1]) else 0.0)
               for estimate, each in zip(valid, left, strict=True)]
-    return Residuals(t, e, _correlation([each[1] for each in left], APART * rows.span),
-                     tuple(_ahead(shaped, fitted, horizon) for horizon in HORIZONS))
+    return Residuals(t, e, alone, _correlation([each[1] for each in left], APART * rows.span),
+                     tuple(_ahead(shaped, _joined(noisy), fitted, horizon) for horizon in HORIZONS))
+
+
+def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
+    """The same rows with as much white noise again as is on them; a rate that is not measured is that of the attitude
+    with its noise."""
+    def drawn(x: np.ndarray) -> np.ndarray:
+        return np.asarray(x + np.sqrt(noise_variance(x)) * rng.standard_normal(len(x)))
+
+    theta, beta = drawn(rows.theta), drawn(rows.beta)
+    return dataclasses.replace(rows, theta=theta, beta=beta,
+                               theta_dot=drawn(rows.theta_dot) if rows.has_rate else slope(rows.t, theta))
+
+
+def _joined(parts: list[Rows]) -> Rows:
+    """Draws of the same rows, one after the other."""
+    t, theta, gamma, theta_dot, beta = (np.concatenate([getattr(part, name) for part in parts])
+                                        for name in ("t", "theta", "gamma", "theta_dot", "beta"))
+    return Rows(t, theta, gamma, theta_dot, beta, parts[0].span, parts[0].has_rate)
 
 
 def _weak(of: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
@@ -122,10 +156,10 @@ def _coefficients(estimate: Estimate) -> np.ndarray:
     return np.asarray(estimate.xi[estimate.support[:, 1], 1])
 
 
-def _ahead(of: Shaped, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
+def _ahead(of: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
     """From the rows a horizon apart, so that predictions join without overlap; in windows that are long enough.
 
-    fitted  estimates and the steady acceleration [rad/s^2] beside them
+    noisy   DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2] beside them
     """
     rows = of.rows
     period = float(np.median(np.diff(rows.t)))
@@ -138,17 +172,23 @@ def _ahead(of: Shaped, fitted: list[tuple[Estimate, float]], horizon: float) -> 
         start = np.arange(at.start, min(at.stop + 1, len(rows.t)) - steps, steps)  # to the next window's first row
         start = start[rows.t[start + steps] - rows.t[start] <= 1.5 * steps * period]  # no gap within
         if len(start):
-            made = [_run(of, *each, start, steps) if each is not None else np.full(len(start), np.nan)
-                    for each in (own, previous)]
+            ahead, before = (_run(rows, of.shapes(each[0]), *each, start, steps) if each is not None else
+                             np.full(len(start), np.nan) for each in (own, previous))
             theta = rows.theta[start + steps]
-            parts.append((rows.t[start + steps], theta, *made, theta - rows.theta[start]))
-    joined = [np.concatenate(each) for each in zip(*parts, strict=True)] if parts else [np.zeros(0)] * 5
+            many = (start[:, None] + len(rows.t) * np.arange(DRAWS)).ravel()
+            error = noisy.theta[many + steps] - _run(noisy, np.tile(of.shapes(estimate), DRAWS), *own, many, steps)
+            parts.append((rows.t[start + steps], theta, ahead, before, theta - rows.theta[start],
+                          error.reshape(-1, DRAWS) - (theta - ahead)[:, None]))
+    joined = [np.concatenate(each) for each in zip(*parts, strict=True)] if parts else \
+        [*[np.zeros(0)] * 5, np.zeros((0, DRAWS))]
     return Predicted(horizon, *joined)
 
 
-def _run(of: Shaped, estimate: Estimate, steady: float, start: np.ndarray, steps: int) -> np.ndarray:
-    """theta (n,) after so many rows from each start: Heun's rule on the measured beta."""
-    rows, (a6, k1) = of.rows, of.shapes(estimate)
+def _run(rows: Rows, shapes: np.ndarray, estimate: Estimate, steady: float, start: np.ndarray,
+         steps: int) -> np.ndarray:
+    """theta (m,) after so many rows from each start (m,): Heun's rule on the measured beta, a6 and k1 times shapes
+    (2, n) at the rows."""
+    a6, k1 = shapes
     terms, xi, middle = active_terms(estimate), _coefficients(estimate), 0.5 * (estimate.t_start + estimate.t_end)
     theta, theta_dot = rows.theta[start].copy(), rows.theta_dot[start].copy()
 

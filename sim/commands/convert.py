@@ -11,7 +11,7 @@ from .talk import check_outputs, warn
 
 def add(commands: Any) -> None:
     """Its words."""
-    sub = add_command(commands, "convert", "a flight's file (ULog, MCAP, MAT, HDF5, Parquet, CSV) as a log",
+    sub = add_command(commands, "convert", "a flight's file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) as a log",
                       "launchid convert flight.ulg --map px4.toml --out log.csv")
     sub.add_argument("flight", metavar="FLIGHT", help="the file; its format is told by its first bytes")
     add_map(sub)
@@ -28,7 +28,10 @@ def run(args: argparse.Namespace) -> None:
     of = load_map(args.map) if args.map else None
     from ..answers.of_files import channel_lines, convert
     if args.list:
-        answer("\n".join(channel_lines(args.flight, of.options if of else {})))
+        lines, notes = channel_lines(args.flight, of.options if of else {})
+        for note in notes:
+            say(note)
+        answer("\n".join(lines))
         return
     assert of is not None
     made = convert(args.flight, of, ("t",))

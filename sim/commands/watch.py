@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         source, of = Whole(converted.log), None
     else:
         refuse_foreign(args.source)
-        source = open_source(args.source, args.once)
+        source = open_source(args.source, args.once, say)
     check_outputs(args.json)
     from ..watch.session import watch
     made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,

@@ -18,35 +18,62 @@ import numpy as np
 
 from ..errors import InputError
 from ..log import Log, log_of
-from .mapping import Map, Source
+from .channels import NOT_ASKED, Channels
+from .mapping import AXES, TIME_UNITS, Map, Source
 from .readers import read_channels
 
 HALF = 0.5        # of the clock's period
 STALE = 3.0       # own periods
 BESIDE = 2.0      # own periods
 ROUNDING = 1.0e-6  # of a period, of stamps that are decimals
+ATTITUDES = ("theta", "theta_ref", "gamma", "alpha")   # what may be logged as 0 to 360 degrees
+TILT = 0.2        # rad: a body turned by so much about another axis loses 2 % (1 - cos) of its turn about this one
 
 
 def converted(path: str, of: Map, required: tuple[str, ...]) -> tuple[Log, tuple[str, ...]]:
-    """The log that a map makes of a flight's file, and lines of what was damaged in that."""
-    channels = read_channels(path, of.options)
-    return log_of(mapped(path, channels, of), path, required), channels.notes
+    """The log that a map makes of a flight's file, and lines of what a user should know of it."""
+    channels = read_channels(path, of.options, of.channels())
+    made = mapped(path, channels, of)
+    return log_of(made, path, required), (*channels.notes, *made.notes)
 
 
-def mapped(path: str, channels: Mapping[str, np.ndarray], of: Map) -> dict[str, np.ndarray]:
+def mapped(path: str, channels: Mapping[str, np.ndarray], of: Map) -> Channels:
     """The log's columns (n,) of a file's channels; InputError naming what the file lacks."""
-    found = {source.column: sampled(path, channels, of, source) for source in of.sources}
-    clock = of.clock or _slower(found)
-    origin = _origin(found[clock][0]) if of.from_first else 0
-    times = {name: (stamps - origin) / of.units for name, (stamps, _) in found.items()}
-    t = times[clock]
-    made = {"t": t}
-    for source in of.sources:
-        own = found[source.column][1]
-        at = times[source.column]
-        same = source.column == clock or (len(at) == len(t) and np.array_equal(at, t))
-        made[source.column] = own if same else _on_clock(t, at, own, source)
+    made = Channels()
+    with np.errstate(all="ignore"):  # what overflows is no number, which the data check finds
+        found = {source.column: _with_values(*sampled(path, channels, of, source, made.notes)) for source in of.sources}
+        clock = of.clock or _slower(found)
+        lengths = {name: len(channels[name]) for source in of.sources for name in source.channels}
+        if of.period is not None and len(set(lengths.values())) > 1:
+            found_rows = " and ".join(f"{name} has {n} rows" for name, n in lengths.items())
+            raise InputError(f"{path}: {found_rows}; expected one table for the time.period of {of.path}")
+        if len({stamps.dtype.kind == "M" for stamps, _ in found.values()}) > 1:
+            raise InputError(f"{path}: stamps that are dates and stamps that are numbers; expected one kind "
+                             f"(columns.COLUMN.time in {of.path})")
+        origin = _origin(found[clock][0]) if of.from_first else 0
+        times = {name: _seconds(stamps, origin, of) for name, (stamps, _) in found.items()}
+        made["t"] = times[clock]
+        of_clock = next(source for source in of.sources if source.column == clock)
+        for source in of.sources:
+            at, values = times[source.column], found[source.column][1]
+            if source.column == clock or (len(at) == len(made["t"]) and np.array_equal(at, made["t"])):
+                made[source.column] = values
+                continue
+            rows = made["t"]
+            if stamps_name(path, channels, of, source) == stamps_name(path, channels, of, of_clock):
+                rows = np.where(np.isfinite(found[clock][1]), rows, math.nan)  # of one table, one message a row
+            made[source.column] = _on_clock(rows, at, values, source)
+            if np.isfinite(values).any() and not np.isfinite(made[source.column]).any():
+                raise InputError(f"{path}: no row has both {clock} ({_span(rows)}) and {source.column} ({_span(at)}); "
+                                 f"expected stamps of one clock, or another take or within of {source.column}, in "
+                                 f"{of.path}")
     return made
+
+
+def _with_values(stamps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same, or, of a column that is empty in most rows, the rows where it is not: a series of its own rate."""
+    filled = np.isfinite(values)
+    return (stamps[filled], values[filled]) if 0 < 2 * filled.sum() <= len(filled) else (stamps, values)
 
 
 def _slower(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -56,34 +83,57 @@ def _slower(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
 
 
 def _origin(stamps: np.ndarray) -> float | int:
-    """The first stamp that is a number; an integer stays one, so that no digit of a large one is lost."""
-    fair = stamps[np.isfinite(stamps)]
+    """The first stamp that is one; an integer or a date [ns] stays exact, so that no digit of a large one is lost."""
+    fair = stamps[~np.isnat(stamps)].astype(np.int64) if stamps.dtype.kind == "M" else stamps[np.isfinite(stamps)]
     return fair[0] if len(fair) else 0
 
 
+def _seconds(stamps: np.ndarray, origin: float | int, of: Map) -> np.ndarray:
+    """Seconds (n,) from the origin on; NaN of a date that is none."""
+    if stamps.dtype.kind == "M":
+        return np.where(np.isnat(stamps), math.nan, (stamps.astype(np.int64) - origin) / TIME_UNITS["ns"])
+    return (stamps - origin) * of.period if of.period is not None else (stamps - origin) / of.units
+
+
+def _span(at: np.ndarray) -> str:
+    fair = at[np.isfinite(at)]
+    return f"{np.min(fair):.6g} to {np.max(fair):.6g} s" if len(fair) else "no stamps"
+
+
 def _channel(path: str, channels: Mapping[str, np.ndarray], name: str, map_path: str) -> np.ndarray:
-    if name not in channels:
-        near = difflib.get_close_matches(name, channels, 3, 0.4) or list(channels)[:3]
-        raise InputError(f"{path}: no channel {name!r}, which {map_path} names; there is {', '.join(near) or 'none'} "
-                         "(launchid convert FILE --list shows all)")
-    return channels[name]
+    if name in channels:
+        return channels[name]
+    unread = getattr(channels, "unread", {})
+    if unread.get(name, NOT_ASKED) != NOT_ASKED:
+        raise InputError(f"{path}: channel {name!r}, which {map_path} names, is there but {unread[name]}")
+    there = [*channels, *unread]
+    near = difflib.get_close_matches(name, there, 3, 0.4) or there[:3]
+    raise InputError(f"{path}: no channel {name!r}, which {map_path} names; there is {', '.join(near) or 'none'} "
+                     "(launchid convert FILE --list shows all)")
 
 
 def stamps_name(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source) -> str:
     """The channel of a source's stamps: its own `time`, or the map's in its group, or that anywhere; InputError."""
+    if of.period is not None and source.time is None:
+        return ""
     group = source.channels[0].rpartition("/")[0]
     inside = f"{group}/{of.time}" if group else of.time
-    name = source.time or (inside if inside in channels else of.time)
-    found = name if name in channels else inside
+    names = (source.time,) if source.time else (inside, of.time)
+    there = {*channels, *getattr(channels, "unread", ())}
+    found = next((name for name in names if name in there), names[-1] if of.time in inside else inside)
     _channel(path, channels, found, of.path)
     return found
 
 
-def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map,
-             source: Source) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps as in the file and values in SI units of one source, (n,) each."""
+def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source,
+            notes: list[str] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps as in the file and values in SI units of one source, (n,) each.
+
+    notes  inout: gets lines of turns: an angle's that jumps, and a body's about its other axes
+    """
     parts = [_channel(path, channels, name, of.path) for name in source.channels]
-    stamps = channels[stamps_name(path, channels, of, source)]
+    of_stamps = stamps_name(path, channels, of, source)
+    stamps = channels[of_stamps] if of_stamps else np.arange(len(parts[0]))
     for name, part in zip(source.channels, parts, strict=True):
         if len(part) != len(stamps):
             raise InputError(f"{path}: channel {name!r} has {len(part)} rows, its stamps {len(stamps)}; expected "
@@ -92,10 +142,60 @@ def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map,
     if source.axis is None:
         raw = np.sum([weight * value for weight, value in zip(source.weights, values, strict=True)], axis=0)
     else:
-        raw = turned(np.stack(values, axis=1), source.axis, source.reference)
+        q = np.stack(values, axis=1)
+        raw = turned(q, source.axis, source.reference)
+        if notes is not None:
+            notes += _other_turns(path, source, source.axis, q)
     if stamps.dtype.kind in "iu":
         stamps = stamps.astype(np.int64)  # so that one before the first is negative
-    return stamps, source.factor * (source.scale * raw + source.offset)
+    found = source.factor * (source.scale * raw + source.offset)
+    if source.axis is None and source.column in ATTITUDES:
+        found, jumps = _without_jumps(found)
+        if jumps and notes is not None:
+            notes.append(f"{path}: {source.column}: {jumps} jump{'s' * (jumps > 1)} of a turn (an attitude of 0 to 360 "
+                         "degrees) taken out")
+    return stamps, found
+
+
+def _without_jumps(angle: np.ndarray) -> tuple[np.ndarray, int]:
+    """An angle [rad] (n,), continuous where it jumps by more than half a turn, and how often it did."""
+    fair = np.isfinite(angle)
+    jumps = int(np.count_nonzero(np.abs(np.diff(angle[fair])) > math.pi))
+    if jumps:
+        angle = angle.copy()
+        angle[fair] = np.unwrap(angle[fair])
+    return angle, jumps
+
+
+def _other_turns(path: str, source: Source, axis: int, q: np.ndarray) -> list[str]:
+    """A line if attitudes q (n, 4), w first, turn about the axes that are not the source's, by so much that the turn
+    about that one is no more the integral of its rate."""
+    q = q[np.isfinite(q).all(axis=1)]
+    if len(q) < 2:
+        return []
+    others = [k for k in range(3) if k != axis]
+    step = _relative(q[:-1], q[1:])
+    step *= np.where(step[:, :1] < 0.0, -1.0, 1.0)
+    vector = np.linalg.norm(step[:, 1:], axis=1)
+    angle = 2.0 * np.arctan2(vector, step[:, 0])
+    turns = np.cumsum(step[:, 1:] * np.divide(angle, vector, out=np.zeros_like(angle), where=vector > 0.0)[:, None],
+                      axis=0)[:, others]
+    swing = _relative(np.broadcast_to(q[0] if source.reference is None else np.array(source.reference), q.shape), q)
+    swung = 2.0 * np.arctan2(np.linalg.norm(swing[:, 1:][:, others], axis=1),
+                             np.hypot(swing[:, 0], swing[:, 1 + axis]))
+    most = max(float(np.max(np.ptp(turns, axis=0))), float(np.max(swung)))
+    if not most > TILT:
+        return []
+    return [f'{path}: {source.column}: the body turns by {math.degrees(most):.0f} degrees about its other axes, so the '
+            f'turn about "{AXES[axis]}" is not the integral of its rate (its pitch); expected less than '
+            f"{math.degrees(TILT):.0f} degrees"]
+
+
+def _relative(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """conj(p) q of quaternions (n, 4), w first: the turn from p to q, in the axes of p."""
+    (w0, x0, y0, z0), (w, x, y, z) = p.T, q.T
+    return np.stack([w0 * w + x0 * x + y0 * y + z0 * z, w0 * x - x0 * w - y0 * z + z0 * y,
+                     w0 * y + x0 * z - y0 * w - z0 * x, w0 * z - x0 * y + y0 * x - z0 * w], axis=1)
 
 
 def turned(q: np.ndarray, axis: int, reference: tuple[float, ...] | None) -> np.ndarray:
@@ -108,12 +208,8 @@ def turned(q: np.ndarray, axis: int, reference: tuple[float, ...] | None) -> np.
     angle = np.full(len(q), math.nan)
     if not fair.any():
         return angle
-    w0, x0, y0, z0 = q[fair][0] if reference is None else reference
-    w, x, y, z = q[fair].T
-    real = w0 * w + x0 * x + y0 * y + z0 * z
-    turn = (w0 * x - x0 * w - y0 * z + z0 * y, w0 * y + x0 * z - y0 * w - z0 * x,
-            w0 * z - x0 * y + y0 * x - z0 * w)[axis]
-    angle[fair] = np.unwrap(2.0 * np.arctan2(turn, real), period=2.0 * math.pi)
+    turn = _relative(np.broadcast_to(q[fair][0] if reference is None else np.array(reference), q[fair].shape), q[fair])
+    angle[fair] = np.unwrap(2.0 * np.arctan2(turn[:, 1 + axis], turn[:, 0]), period=2.0 * math.pi)
     return angle
 
 

@@ -8,7 +8,9 @@ from typing import Any
 
 from ..errors import InputError
 from ..files import reads
-from ..log import OPTIONAL, REQUIRED
+from ..log import OPTIONAL, REQUIRED, SHORTEST
+from ..log_table import shown
+from .text import HEAD_LINES
 
 TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
@@ -48,7 +50,7 @@ class Source:
 @dataclass(frozen=True)
 class Map:
     """One map: sources in the order of the log's columns; stamps, of which there are `units` in a second; the column
-    whose rows are the log's."""
+    whose rows are the log's; what `text.read_text` takes; the period [s] of rows that have no stamps."""
 
     path: str
     sources: tuple[Source, ...]
@@ -56,7 +58,13 @@ class Map:
     units: int
     from_first: bool
     clock: str | None
-    options: dict[str, str]
+    options: dict[str, Any]
+    period: float | None = None
+
+    def channels(self) -> frozenset[str]:
+        """What the map may take from a file: its channels, and their stamps where they may stand."""
+        stamps = _stamps(self.sources, self.time) if self.period is None else frozenset()
+        return stamps.union(*(source.channels for source in self.sources))
 
 
 def load_map(path: str | Path) -> Map:
@@ -69,7 +77,23 @@ def load_map(path: str | Path) -> Map:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a map, see docs/convert.md") from None
     except (UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path}: {str(error).splitlines()[0]}") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply; expected a map, see docs/convert.md") from None
     return _Reader(path, table).map()
+
+
+def _stamps(sources: tuple[Source, ...], time: str) -> frozenset[str]:
+    """Where the stamps of these sources may stand: in the group of each, or outside all, or where it says."""
+    groups = {name.rpartition("/")[0] for source in sources for name in source.channels}
+    return frozenset({time, *(f"{group}/{time}" for group in groups), *(each.time for each in sources if each.time)})
+
+
+def _cut(value: object) -> str:
+    """A value for a message."""
+    try:
+        return shown(repr(value))[1:-1]
+    except (ValueError, RecursionError):  # an integer of too many digits for Python to print
+        return "..."
 
 
 class _Reader:
@@ -79,7 +103,7 @@ class _Reader:
         self.path, self.table = path, table
 
     def fail(self, place: str, value: object, expected: str) -> InputError:
-        return InputError(f"{self.path}: {place} = {value!r}: expected {expected}")
+        return InputError(f"{self.path}: {place} = {_cut(value)}: expected {expected}")
 
     def section(self, place: str, value: Any, known: tuple[str, ...]) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -99,28 +123,63 @@ class _Reader:
         return value
 
     def number(self, place: str, value: Any, low: float = -math.inf) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or value < low:
+        try:
+            found = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+        except OverflowError:
+            found = math.nan
+        if not math.isfinite(found) or found < low:
             raise self.fail(place, value, "a number" + (f" of at least {low:g}" if low > -math.inf else ""))
-        return float(value)
+        return found
 
     def map(self) -> Map:
         self.section("map", self.table, ("time", "columns", "file"))
         columns = self.section("columns", self.table.get("columns", {}), REQUIRED[1:] + OPTIONAL)
-        time = self.section("time", self.table.get("time", {}), ("name", "unit", "origin", "clock"))
-        options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal"))
+        time = self.section("time", self.table.get("time", {}), ("name", "unit", "origin", "clock", "period", "format"))
         if not columns:
             raise InputError(f"{self.path}: [columns] is empty; expected [columns.theta] and others")
-        if not isinstance(time.get("name"), str):
-            raise self.fail("time.name", time.get("name"), "the name of the stamps' channel")
-        for key, value in options.items():
-            if not isinstance(value, str) or len(value) != 1:
-                raise self.fail(f"file.{key}", value, "one character")
+        period = self.period(time)
+        if own := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
+                   and "time" in value]:
+            raise InputError(f"{self.path}: columns.{own[0]}.time is of stamps, time.period of rows without any; leave "
+                             "one of them out")
         names = [name for name in REQUIRED[1:] + OPTIONAL if name in columns]
+        sources = tuple(self.source(name, columns[name]) for name in names)
+        options = self.options()
+        if form := self.word("time", time, "format", None, None):
+            options |= {"format": form, "stamps": _stamps(sources, time["name"])}
         return Map(
-            path=self.path, sources=tuple(self.source(name, columns[name]) for name in names), time=time["name"],
+            path=self.path, sources=sources, time=time.get("name", ""),
             units=TIME_UNITS[self.word("time", time, "unit", tuple(TIME_UNITS), "s")],
             from_first=self.word("time", time, "origin", ("first", "file"), "first") == "first",
-            clock=self.word("time", time, "clock", tuple(names), None), options=options)
+            clock=self.word("time", time, "clock", tuple(names), None),
+            options=options, period=period)
+
+    def period(self, time: dict[str, Any]) -> float | None:
+        """That of rows without stamps; None if they have a channel of them."""
+        if "period" not in time:
+            if not isinstance(time.get("name"), str):
+                raise self.fail("time.name", time.get("name"), "the name of the stamps' channel, or a time.period [s]")
+            return None
+        for key in ("name", "unit", "format", "origin"):
+            if key in time:
+                raise InputError(f"{self.path}: time.{key} is of stamps, time.period of rows without any; leave one "
+                                 "of them out")
+        return self.number("time.period", time["period"], SHORTEST)
+
+    def options(self) -> dict[str, Any]:
+        """What the file's text is like."""
+        options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal", "header"))
+        for key in ("delimiter", "decimal"):
+            value = options.get(key, "x")
+            if not isinstance(value, str) or len(value) != 1 or value in '"\r\n' or (
+                    key == "decimal" and value.isspace()):
+                raise self.fail(f"file.{key}", value, "one character")
+        if options.get("delimiter", ";") == options.get("decimal", "."):
+            raise self.fail("file.decimal", options["decimal"], "another character than the delimiter")
+        header = options.get("header", 0)
+        if not isinstance(header, int) or isinstance(header, bool) or not 0 <= header <= HEAD_LINES:
+            raise self.fail("file.header", header, f"the number of the header's line, up to {HEAD_LINES}, 0 for none")
+        return options
 
     def source(self, name: str, value: Any) -> Source:
         place = f"columns.{name}"

@@ -1,249 +1,262 @@
-"""What a file holds, as channels: name -> (n,) numbers; one function a format, each with the library that knows it.
+"""What a file holds, as channels: name -> (n,) numbers, by the reader of its format, which its first bytes tell.
 
-A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs stand before a `/`.  The format is told by
-the file's first bytes.  The libraries are the extra `logs`.
+A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs stand before a `/`.  The libraries are
+the extra `logs`, of ArduPilot's logs `ardupilot`; tables of text need none.
 """
 
-import contextlib
-import io
-import json
+import itertools
 import math
 import os
-from array import array
+import stat
+import struct
+import warnings
+import zlib
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, BinaryIO
 
-import numpy as np
-
-from ..csv_text import AS_TEXT, rows
 from ..errors import InputError, UsageError, extras_named
 from ..files import reads
-from ..log_table import number
+from .channels import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, too_large
+from .messages import read_dataflash, read_mcap, read_ulog
+from .text import read_text
+
+FIRST_BYTES = 128         # the header of a MAT file
+LONGEST_NAME = 64         # of a MATLAB variable, with its end
+MAT_OPAQUE = 17
+MATLAB_ONLY = {3, 16, MAT_OPAQUE}   # classes of variables: objects, functions, and of these no library knows
+MAT_TAG, MAT_MATRIX, MAT_PACKED, MAT_COMPLEX = 8, 14, 15, 1 << 11
+MAT_TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}   # of numbers and characters
+MAT_NUMBERS = {4: 1, 5: 3, **dict.fromkeys(range(6, 16), 1)}   # class -> elements of such types: text, sparse, numbers
+DEEPEST = 100             # groups within groups: the library's time grows with the square
+OBJECT = "is a MATLAB object (a table, timeseries, ...); save its columns in MATLAB as plain arrays or a struct of them"
+SAID = 120                # characters of what a library says
 
 
-class Channels(dict[str, np.ndarray]):
-    """Name -> (n,); `notes` are lines of what was damaged on the way."""
+def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> Channels:
+    """Those channels of a flight's file that are asked for; InputError in one line if it cannot be read.
 
-    notes: tuple[str, ...] = ()
-
-
-FIRST_BYTES = 16
-MOST_COLUMNS = 64   # of a two-dimensional array: a longer side is time
-ULOG_HEADER = 16
-ULOG_DEFINITIONS = tuple(bytes([kind]) for kind in b"BFIMPQ")
-ULOG_DATA = tuple(bytes([kind]) for kind in b"ARDLCSO")
-NANOSECONDS = "log_time"  # of a message, as an MCAP file stamps it
-
-
-def read_channels(path: str, options: dict[str, str]) -> Channels:
-    """Every channel of a flight's file; InputError in one line if it cannot be read.
-
-    options  of a CSV: `delimiter`, `decimal`
+    options  of a text: see `text.read_text`
+    wanted   their names; None: all
     """
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise InputError(f"{path}: not a regular file; expected one, which can be read twice")
         reads(path)
         with open(path, "rb") as file:
             first = file.read(FIRST_BYTES)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    found = next(((name, reader) for magic, name, reader in FORMATS if magic(first)), None)
-    if found is None:
-        return read_csv(path, options)
-    name, reader = found
-    try:
-        with extras_named():
-            return reader(path)
-    except (UsageError, MemoryError):
-        raise
-    except Exception as error:  # of a damaged file a library raises what it likes
-        reason = (str(error).splitlines() or [""])[0][:120]
-        raise InputError(f"{path}: cannot be read as {name} ({type(error).__name__}: {reason})") from None
-
-
-def _columns(name: str, values: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """The channels of one array: itself, or its columns; none of what is no number or has one row."""
-    array = np.asarray(values)
-    if array.dtype.kind in "mM":
-        array = array.astype(np.int64)
-    if array.dtype.kind not in "biuf" or array.size < 2:
-        return
-    if array.ndim == 2 and 1 in array.shape:
-        array = array.reshape(-1)
-    if array.ndim == 1:
-        yield name, array
-    elif array.ndim == 2:
-        tall = array if array.shape[1] <= MOST_COLUMNS or array.shape[0] > array.shape[1] else array.T
-        for k in range(tall.shape[1]):
-            yield f"{name}[{k}]", tall[:, k]
-
-
-# ---- CSV
-
-
-def read_csv(path: str, options: dict[str, str]) -> Channels:
-    """Columns by their header; a cell that is no number is NaN, and a column without one is none."""
-    delimiter, decimal = options.get("delimiter", ","), options.get("decimal", ".")
-    with open(path, **AS_TEXT) as file:
-        read = rows(path, file, delimiter)
-        _, head = next(read, (0, []))
-        names = [name.strip() for name in head]
-        columns = [array("d") for _ in names]
-        for line, cells in read:
-            if len(cells) != len(names):
-                raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(names)} as in the header")
-            for column, cell in zip(columns, cells, strict=True):
-                column.append(decimal_number(cell, decimal))
-    table = {name: np.array(column) for name, column in zip(names, columns, strict=True)}
-    return Channels({name: x for name, x in table.items() if np.isfinite(x).any()})
-
-
-def decimal_number(cell: str, decimal: str) -> float:
-    """A cell with this decimal point; NaN for what is no number."""
-    value = number(cell.replace(decimal, ".") if decimal != "." else cell)
-    return math.nan if value is None else value
-
-
-# ---- formats of libraries
-
-
-def read_parquet(path: str) -> Channels:
-    """Columns of a Parquet file; a list column is one of equally long rows."""
-    import pyarrow.parquet
-    table = pyarrow.parquet.read_table(path)
-    channels = Channels()
-    for name in table.column_names:
-        column = table.column(name)
-        values = column.to_pylist() if "list" in str(column.type) else column.to_numpy(zero_copy_only=False)
-        channels.update(_columns(name, values))
+    name, reader = next(((name, reader) for magic, name, reader in FORMATS if magic(first)), ("text", None))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        if reader is None:
+            channels = read_text(path, options, wanted)
+        else:
+            channels = _of_library(path, name, reader, wanted)
+    channels.notes += dict.fromkeys(f"{path}: {_shortly(each.message)}" for each in said)
     return channels
 
 
-def read_hdf5(path: str) -> Channels:
-    """Datasets of an HDF5 file, and of MATLAB's 7.3, by their place in it."""
-    import h5py
+def _of_library(path: str, name: str, reader: Callable[[str, Wanted], Channels], wanted: Wanted) -> Channels:
+    """What a library reads, with what goes wrong in it as one line."""
+    try:
+        with extras_named():
+            return reader(path, wanted)
+    except (UsageError, InputError):
+        raise
+    except Exception as error:  # of a damaged file a library raises what it likes
+        raise InputError(f"{path}: cannot be read as {name} ({type(error).__name__}: {_shortly(error)})") from None
+
+
+def _shortly(error: object) -> str:
+    return (str(error).splitlines() or [""])[0][:SAID]
+
+
+# ---- Parquet, HDF5, MAT
+
+
+def read_parquet(path: str, wanted: Wanted) -> Channels:
+    """Columns of a Parquet file; a list column is one of equally long rows."""
+    import pyarrow.parquet
+    size = os.path.getsize(path)
     channels = Channels()
-    with h5py.File(path, "r") as file:
-        def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.dtype.names:
+    with pyarrow.parquet.ParquetFile(path) as file:
+        rows = file.metadata.num_rows
+        for name in file.schema_arrow.names:
+            if not is_asked(name, wanted):
+                channels.unread[name] = NOT_ASKED
+            elif reason := too_large(rows, 1, size):
+                channels.unread[name] = reason
+            else:
+                _take_column(channels, name, file.read(columns=[name]).column(0), wanted)
+    return channels
+
+
+def _take_column(channels: Channels, name: str, column: Any, wanted: Wanted) -> None:
+    """One column; of lists (n, k) if all are equally long."""
+    import pyarrow.compute
+    if "list" not in str(column.type):
+        channels.take(name, column.to_numpy(zero_copy_only=False), wanted)
+        return
+    flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    if len(flat) and len(pyarrow.compute.list_value_length(column).unique()) == 1:
+        channels.take(name, flat.reshape(len(column), -1), wanted)
+    else:
+        channels.unread[name] = "holds lists that are not equally long"
+
+
+def read_hdf5(path: str, wanted: Wanted) -> Channels:
+    """Datasets of an HDF5 file, and of MATLAB's 7.3, by their place in it; never of another file."""
+    import h5py
+    size = os.path.getsize(path)
+    channels = Channels()
+
+    def visit(name: str, item: Any) -> None:
+        if name.count("/") > DEEPEST:
+            raise ValueError(f"groups within more than {DEEPEST} others")
+        if isinstance(item, h5py.Group):
+            channels.unread.update({f"{name}/{key}".lstrip("/"): reason for key in item if (reason := _is_link(
+                item.get(key, getlink=True)))})
+        elif not is_asked(name, wanted):
+            channels.unread[name] = NOT_ASKED
+        elif not name.startswith("#"):
+            if reason := _not_read(item, size):
+                channels.unread[name] = reason
+            elif item.dtype.names:
                 for field in item.dtype.names:
-                    channels.update(_columns(f"{name}/{field}", item[field]))
-            elif isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                channels.update(_columns(name, item[()]))
+                    if is_asked(f"{name}/{field}", wanted):
+                        channels.take(f"{name}/{field}", item[field], wanted)
+            else:
+                channels.take(name, item[()], wanted)
+
+    with h5py.File(path, "r") as file:
+        visit("", file)
         file.visititems(visit)
     return channels
 
 
-def read_mat(path: str) -> Channels:
+def _is_link(link: Any) -> str:
+    """Why a name of a group is not followed; "" if it is the thing itself."""
+    if hasattr(link, "filename"):
+        return f"is a link into another file ({link.filename}), which is not opened"
+    return f"is a link to {link.path}; name that" if hasattr(link, "path") else ""
+
+
+def _not_read(dataset: Any, size: int) -> str:
+    """Why a dataset of a file of so many bytes is not read; "" if it is."""
+    if dataset.external or dataset.is_virtual:
+        return "keeps its numbers in other files, which are not opened"
+    if "MATLAB_object_decode" in dataset.attrs:
+        return OBJECT
+    return too_large(math.prod(dataset.shape or ()), dataset.dtype.itemsize, size)
+
+
+def read_mat(path: str, wanted: Wanted) -> Channels:
     """Variables of a MAT file of version 4 to 7, fields of structs behind a `/`."""
     import scipy.io
-    return Channels(_nested("", scipy.io.loadmat(path, simplify_cells=True)))
-
-
-def _nested(prefix: str, table: dict[str, Any]) -> Iterator[tuple[str, np.ndarray]]:
-    for name, value in table.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, dict):
-            yield from _nested(f"{prefix}{name}/", value)
+    size = os.path.getsize(path)
+    channels = Channels()
+    asked = []
+    with open(path, "rb") as file:
+        order = {b"IM": "<", b"MI": ">"}.get(file.read(FIRST_BYTES)[126:])
+        variables = list(_variables(file, order, size) if order else (
+            (name, math.prod(shape), 0) for name, shape, _ in scipy.io.whosmat(path)))
+    for name, numbers, kind in variables:
+        if not is_asked(name, wanted):
+            channels.unread[name] = NOT_ASKED
+        elif kind in MATLAB_ONLY:
+            channels.unread[name] = OBJECT
+        elif reason := too_large(numbers, 1, size):
+            channels.unread[name] = reason
         else:
-            yield from _columns(prefix + name, value)
-
-
-def read_ulog(path: str) -> Channels:
-    """Topics of a PX4 log: TOPIC/FIELD, of a further instance TOPIC.1/FIELD."""
-    import pyulog
-    _walk_definitions(path)
-    channels = Channels()
-    with contextlib.redirect_stdout(io.StringIO()):  # where it would talk of damage
-        log = pyulog.ULog(path)
-    if log.file_corruption:
-        channels.notes = (f"{path}: the file is damaged; what could be read is used",)
-    for data in log.data_list:
-        topic = data.name + (f".{data.multi_id}" if data.multi_id else "")
-        channels.update({f"{topic}/{field}": x for field, x in data.data.items() if len(x) > 1})
+            asked.append(name)
+    if asked:
+        table = scipy.io.loadmat(path, simplify_cells=True, variable_names=asked)
+        _take_nested(channels, "", {name: x for name, x in table.items() if not name.startswith("__")}, wanted)
     return channels
 
 
-def _walk_definitions(path: str) -> None:
-    """ValueError if the messages before the first of data are damaged: there the library would not end."""
-    with open(path, "rb") as file:
-        file.seek(ULOG_HEADER)
-        while len(head := file.read(3)) == 3 and head[2:] in ULOG_DEFINITIONS:
-            size = int.from_bytes(head[:2], "little")
-            if len(file.read(size)) < size:
-                break
-        if len(head) == 3 and head[2:] not in ULOG_DATA:
-            raise ValueError(f"damaged before byte {file.tell()}")
+def _variables(file: BinaryIO, order: str, file_size: int) -> Iterator[tuple[str, int, int]]:
+    """Name, numbers and class of the variables of a MAT file of version 5 to 7, behind its header.
+
+    ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or cells
+    in cells without an end.  (The library's own list does not know objects.)  The framing is in MathWorks' "MAT-File
+    Format".
+    """
+    while len(tag := file.read(MAT_TAG)) == MAT_TAG:
+        kind, size = struct.unpack(f"{order}2I", tag)
+        data = file.read(min(size, file_size))
+        if kind == MAT_PACKED:
+            data = zlib.decompressobj().decompress(data, 8 * MOST_NUMBERS)
+            kind, data = next(_elements(data, order), (0, b""))
+        if kind == MAT_MATRIX and len(data) > 2 * MAT_TAG:
+            _walk_matrix(data, order, 0)
+            flags, = struct.unpack_from(f"{order}I", data, MAT_TAG)
+            parts = [part for _, part in itertools.islice(_elements(data[2 * MAT_TAG:], order), 2)]
+            sizes = b"" if flags & 0xFF == MAT_OPAQUE else parts.pop(0)
+            shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes[:len(sizes) // 4 * 4])
+            name = parts[0].decode("latin-1") if parts else ""
+            if name:  # the one without holds what objects are made of
+                yield name, math.prod(shape), flags & 0xFF
 
 
-def read_mcap(path: str) -> Channels:
-    """Topics of an MCAP file: TOPIC/FIELD.FIELD[k], with TOPIC/log_time in ns.  Those in JSON; in the encoding of ROS 2
-    or protobuf if `mcap-ros2-support` or `mcap-protobuf-support` is installed; others are left out."""
-    from mcap.reader import make_reader
-    factories = _factories()
-    decoders: dict[int, Callable[[bytes], Any] | None] = {}
-    rows: dict[str, list[dict[str, float]]] = {}
-    with open(path, "rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            if channel.id not in decoders:
-                decoders[channel.id] = _decoder(factories, channel.message_encoding, schema)
-            decode = decoders[channel.id]
-            if decode is not None:
-                row = dict(_fields("", decode(message.data))) | {NANOSECONDS: message.log_time}
-                rows.setdefault(channel.topic.strip("/"), []).append(row)
-    channels = Channels()
-    for topic, table in rows.items():
-        for field in dict.fromkeys(name for row in table for name in row):
-            values = [row.get(field, float("nan")) for row in table]
-            if len(values) > 1:
-                channels[f"{topic}/{field}"] = np.array(values)
-    return channels
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """(type, bytes) of the elements in one; the last may be cut short, which the library finds."""
+    at = 0
+    while at + MAT_TAG <= len(data):
+        kind, size = struct.unpack_from(f"{order}2I", data, at)
+        if kind >> 16:  # of up to four bytes, in the tag itself
+            yield kind & 0xFFFF, data[at + 4:at + 4 + min(kind >> 16, 4)]
+            size = 0
+        else:
+            yield kind, data[at + MAT_TAG:at + MAT_TAG + size]
+        at += MAT_TAG + (size + 7) // 8 * 8
 
 
-def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
-    """Bytes of a message -> its fields; None: nothing here reads this encoding."""
-    if encoding == "json":
-        return json.loads
-    return next((decode for factory in factories if (decode := factory.decoder_for(encoding, schema))), None)
+def _walk_matrix(data: bytes, order: str, depth: int) -> None:
+    """The same of one array: two words of flags behind a tag, dimensions, name, then numbers or further arrays."""
+    if depth > DEEPEST:
+        raise ValueError(f"cells within more than {DEEPEST} others")
+    if len(data) < 2 * MAT_TAG:  # an empty one
+        return
+    flags, = struct.unpack_from(f"{order}I", data, MAT_TAG)
+    parts = list(_elements(data[2 * MAT_TAG:], order))[2:]
+    numbers = MAT_NUMBERS.get(flags & 0xFF, 0) + (1 if flags & MAT_COMPLEX and flags & 0xFF in MAT_NUMBERS else 0)
+    if len(parts) < numbers or any(kind not in MAT_TYPES for kind, _ in parts[:numbers]):
+        raise ValueError("an array without numbers of a known type")
+    for kind, part in parts:
+        if kind == MAT_MATRIX:
+            _walk_matrix(part, order, depth + 1)
 
 
-def _factories() -> list[Any]:
-    """Of encodings beside JSON, those that are installed."""
-    found: list[Any] = []
-    try:
-        from mcap_ros2.decoder import DecoderFactory as Ros2
-        found.append(Ros2())
-    except ModuleNotFoundError:
-        pass
-    try:
-        from mcap_protobuf.decoder import DecoderFactory as Protobuf
-        found.append(Protobuf())
-    except ModuleNotFoundError:
-        pass
-    return found
+def _take_nested(channels: Channels, prefix: str, table: dict[str, Any], wanted: Wanted) -> None:
+    for name, value in table.items():
+        if isinstance(value, dict):
+            _take_nested(channels, f"{prefix}{name}/", value, wanted)
+        else:
+            channels.take(prefix + name, value, wanted)
 
 
-def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
-    """The numbers of a decoded message, by the path to them."""
-    if isinstance(value, (bool, int, float)):
-        yield prefix, value
-    elif isinstance(value, dict):
-        for name, each in value.items():
-            yield from _fields(f"{prefix}.{name}" if prefix else name, each)
-    elif isinstance(value, (list, tuple)):
-        for k, each in enumerate(value[:MOST_COLUMNS]):
-            yield from _fields(f"{prefix}[{k}]", each)
-    elif hasattr(value, "__slots__"):
-        for name in value.__slots__:
-            yield from _fields(f"{prefix}.{name}" if prefix else name, getattr(value, name, None))
+def _is_mat_4(first: bytes) -> bool:
+    """Does a file begin as MAT version 4: type, rows, columns, is it complex, length of the name, the name."""
+    for order in ("<5i", ">5i"):
+        if len(first) > struct.calcsize(order):
+            kind, rows, columns, is_complex, length = struct.unpack_from(order, first)
+            name = first[20:20 + length]
+            if 0 <= kind % 1000 <= 52 and 0 <= kind <= 1052 and min(rows, columns) > 0 and is_complex in (0, 1) and \
+                    1 < length <= LONGEST_NAME and name.endswith(b"\0") and name[:-1].isalnum():
+                return True
+    return False
 
 
-FORMATS: list[tuple[Callable[[bytes], bool], str, Callable[[str], Channels]]] = [
+FORMATS: list[tuple[Callable[[bytes], bool], str, Callable[[str, Wanted], Channels]]] = [
     (lambda first: first.startswith(b"ULog\x01\x12\x35"), "ULog", read_ulog),
     (lambda first: first.startswith(b"\x89MCAP"), "MCAP", read_mcap),
-    (lambda first: first.startswith(b"\x89HDF\r\n\x1a\n") or first.startswith(b"MATLAB 7.3"), "HDF5", read_hdf5),
+    (lambda first: first.startswith(b"\x89HDF\r\n\x1a\n") or first[124:] in (b"\x00\x02IM", b"\x02\x00MI"), "HDF5",
+     read_hdf5),
     (lambda first: first.startswith(b"PAR1"), "Parquet", read_parquet),
-    (lambda first: first.startswith(b"MATLAB 5.0"), "MAT", read_mat)]
+    (lambda first: first[124:] in (b"\x00\x01IM", b"\x01\x00MI") or _is_mat_4(first), "MAT", read_mat),
+    (lambda first: first.startswith((b"\xa3\x95\x80", b"FMT, 128")), "ArduPilot DataFlash", read_dataflash)]
 
 
 def foreign_format(path: str) -> str | None:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..log import Log, log_of_values
-from .columns import sampled, stamps_name
+from .columns import ATTITUDES, sampled, stamps_name
 from .mapping import Map, Source
-from .readers import decimal_number
+from .text import decimal_number
 
 ONE_TURN = 2.0 * math.pi
 
@@ -25,6 +25,10 @@ class MappedStream:
 
     def __init__(self, of: Map) -> None:
         self.of = of
+        whole = [*(["period"] if of.period is not None else []), *({"header", "format"} & of.options.keys())]
+        if whole:
+            raise InputError(f"{of.path}: {whole[0]} is for whole files; a log that grows has a header first, and "
+                             "stamps that are numbers: expected launchid convert, of the whole file")
         self.delimiter, self._decimal = of.options.get("delimiter", ","), of.options.get("decimal", ".")
         self._sources = list(of.sources)
         self._origin: float | None = None if of.from_first else 0.0
@@ -49,7 +53,8 @@ class MappedStream:
             if source.axis is not None and source.reference is None:
                 self._sources[k] = _referred(channels, source)
             stamps, found = sampled(path, channels, self.of, self._sources[k])
-            values[source.column] = found if source.axis is None else self._unwrapped(source, found)
+            is_turn = source.axis is not None or source.column in ATTITUDES
+            values[source.column] = self._unwrapped(source, found) if is_turn else found
         fair = stamps[np.isfinite(stamps)]
         if self._origin is None and len(fair):
             self._origin = float(fair[0])
@@ -64,7 +69,7 @@ class MappedStream:
         fair = found[np.isfinite(found)]
         if len(fair) == 0:
             return found
-        turn = ONE_TURN * source.scale * source.factor
+        turn = ONE_TURN if source.axis is None else ONE_TURN * source.scale * source.factor
         last = self._turned.get(source.column, fair[0])
         shift = turn * round((last - fair[0]) / turn) if turn else 0.0
         self._turned[source.column] = fair[-1] + shift

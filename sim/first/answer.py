@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..checked import data_warnings
 from ..diagnosis.data.rates import INTERPOLATED, rate_of
 from ..errors import InputError
 from ..input_delay import Lead, lead_of
@@ -65,8 +66,11 @@ class First:
     refused: tuple[str, ...] = field(default=())
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
 def first(log: Log) -> First:
-    """What the log tells.  InputError where it has not the columns, the rows or the motion."""
+    """What the log tells.  InputError where it has not the columns, the rows or the motion, or where a column is of
+    another quantity than its name says: a nominal holds what it is fed."""
+    data_warnings(log, None, strict=False, refuse_columns=True)
     c = channels(log)
     moving = c.theta if c.has("theta") else c.theta_dot
     if np.nanmax(moving) == np.nanmin(moving):

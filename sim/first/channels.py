@@ -9,6 +9,7 @@ from ..diagnosis.data.stamps import usable_rows
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS
 from ..log import Log
+from ..shown import slow_hint
 from ..sums import combined, least_squares, products, square
 from ..weak_form import path_angle
 
@@ -60,7 +61,8 @@ def channels(log: Log) -> Channels:
     if not moving or not driven:
         missing = "theta, theta_dot" if not moving else "beta, beta_cmd"
         raise InputError(f"{log.path}: line 1: expected at least one of the columns {missing}")
-    log.check_clock()
+    if hint := slow_hint(log.period):
+        raise InputError(f"{log.path}: column t: expected seconds{hint}")
     rows = usable_rows(log.t)
     rows &= np.any([np.isfinite(getattr(log, name)) for name in (*moving, *driven)], axis=0)
     if np.count_nonzero(rows) < FEWEST:

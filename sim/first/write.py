@@ -11,7 +11,7 @@ import numpy as np
 from ..effects import Effect, effect
 from ..files import write_text
 from ..nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
-from ..shown import saying_what_plus_minus_is
+from ..shown import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
 
 TOLD = 3.0             # standard deviations from 0: below, an offset is none
@@ -23,7 +23,7 @@ UNKNOWN_THETA = 0.01   # rad: of a sensor that the log has not, a guess
 
 def nominal_of(made: First, name: str) -> Nominal:
     """What a simulation should believe."""
-    made = in_six_digits(made)
+    made = as_known(made)
     vehicle, terms, effects = plant(made)
     step = made.period / math.ceil(made.period / LONGEST_STEP - 1e-9)
     return Nominal(
@@ -40,25 +40,26 @@ def wind(made: First) -> Wind:
     return Wind(walk=walk, turbulence=turbulence, turbulence_time=time)
 
 
-def in_six_digits(made: First) -> First:
-    """Every value that goes into the file, rounded."""
+def as_known(made: First) -> First:
+    """Every value that goes into the file or before a reader, to where its standard deviation makes it known."""
+    def one(number: Number) -> Number:
+        return known(*number), number[1]
+
     def each(numbers: dict[str, Number]) -> dict[str, Number]:
-        return {name: (rounded(value), std) for name, (value, std) in numbers.items()}
-    a6, k1 = (np.array([rounded(x) for x in values.tolist()]) for values in (made.a6, made.k1))
-    delay = None if made.delay is None else (rounded(made.delay[0]), made.delay[1])
-    servo = None if made.servo is None else ((rounded(made.servo[0][0]), 0.0), (rounded(made.servo[1][0]), 0.0))
-    return replace(made, a6=a6, k1=k1, delay=delay, servo=servo, terms=each(made.terms), noise=each(made.noise),
-                   wind=each(made.wind), offsets=each(made.offsets))
+        return {name: one(number) for name, number in numbers.items()}
+
+    def along(values: np.ndarray, stds: np.ndarray) -> np.ndarray:
+        return np.array([known(*number) for number in zip(values.tolist(), stds.tolist(), strict=True)])
+
+    return replace(made, a6=along(made.a6, made.a6_std), k1=along(made.k1, made.k1_std),
+                   delay=None if made.delay is None else one(made.delay),
+                   servo=None if made.servo is None else (one(made.servo[0]), one(made.servo[1])),
+                   terms=each(made.terms), noise=each(made.noise), wind=each(made.wind), offsets=each(made.offsets))
 
 
 def is_wind(made: First) -> bool:
     """The slow moments are wind: a6 is known, and they are not only accelerations."""
     return bool(made.wind) and not any(name.startswith("moment") for name in made.wind)
-
-
-def rounded(x: float) -> float:
-    """Six digits: no first nominal is known to more."""
-    return float(f"{x:.6g}")
 
 
 def told(made: First, name: str) -> bool:
@@ -79,7 +80,8 @@ def plant(made: First) -> tuple[Profile, tuple[tuple[str, float], ...], tuple[Ef
         vehicle = constant_profile(terms.pop("theta", 0.0), terms.pop("beta"))
         return vehicle, tuple(terms.items()), tuple(effects)
     if told(made, "moment"):
-        angle = rounded(made.offsets["moment"][0] / float(made.k1.mean()))
+        k1 = float(made.k1.mean())
+        angle = known(made.offsets["moment"][0] / k1, made.offsets["moment"][1] / abs(k1))
         effects.append(effect("thrust_misalignment", angle=angle))
     if "theta_dot" in made.terms:
         effects.append(effect("aero_damping", coefficient=-made.terms["theta_dot"][0]))
@@ -142,7 +144,7 @@ def comments(made: First) -> dict[tuple[str, str], str]:
     said |= {("wind", name): shown(number) for name, number in made.wind.items()}
     if "moment" in made.offsets:
         moment = made.offsets["moment"]
-        said["effects", "angle"] = f"a moment of {moment[0]:.3g} {shown(moment)} rad/s^2"
+        said["effects", "angle"] = f"a moment of {with_std(*moment)} rad/s^2"
         said["vehicle.terms", '"1"'] = shown(made.offsets["moment"], "rad/s^2")
     if "gyro_bias" in made.offsets:
         said["effects", "rate"] = shown(made.offsets["gyro_bias"], "rad/s")
@@ -153,12 +155,12 @@ def commented(lines: list[str], made: First, source: str) -> Iterator[str]:
     """The lines of a nominal file with what is known of each number behind it."""
     yield f"# The first nominal out of {source} alone: one standard deviation behind each number. SI units."
     if made.delay is not None and made.delay_of == "beta":
-        yield f"# The motion lags beta by {made.delay[0]:.4g} {shown(made.delay)} s."
+        yield f"# The motion lags beta by {with_std(*made.delay)} s."
     for name, unit in (("moment", "rad/s^2"), ("gyro_bias", "rad/s")):
         if name in made.offsets and not told(made, name):
-            yield f"# {name}: {made.offsets[name][0]:.2g} {shown(made.offsets[name])} {unit}, not told from 0."
+            yield f"# {name}: {with_std(*made.offsets[name])} {unit}, not told from 0."
     for name, number in made.wind.items() if not is_wind(made) else ():
-        yield f"# {name}: {number[0]:.2g} {shown(number)} (a6 is too vague to call it wind)."
+        yield f"# {name}: {with_std(*number)} (a6 is too vague to call it wind)."
     for note in made.notes:
         yield f"# {note}"
     said, section = comments(made), ""
@@ -181,18 +183,17 @@ def lines(made: First, out: str) -> list[str]:
     """For a terminal."""
     gravity = "sin(theta)" if made.sine else "theta"
     said = [f"{made.path}: {made.rows} rows, {made.period:g} s apart, {made.duration:.4g} s"]
-    for t, a6, a6_std, k1, k1_std in zip(made.t, made.a6, made.a6_std, made.k1, made.k1_std, strict=True):
+    for t, *numbers in zip(made.t, made.a6, made.a6_std, made.k1, made.k1_std, strict=True):
         when = f"  at {t:.2f} s" if len(made.t) > 1 else ""
-        said.append(f"a6 ({gravity}) {a6:.5g} +- {a6_std:.2g} 1/s^2, k1 {k1:.5g} +- {k1_std:.2g} 1/s^2{when}")
-    said += [f"{name} {number[0]:.4g} {shown(number)}" for name, number in made.terms.items()]
+        said.append(f"a6 ({gravity}) {with_std(*numbers[:2])} 1/s^2, k1 {with_std(*numbers[2:])} 1/s^2{when}")
+    said += [f"{name} {with_std(*number)}" for name, number in made.terms.items()]
     if made.delay is not None:
         after = "beta" if made.delay_of == "beta" else "the command"
-        said.append(f"delay after {after} {made.delay[0]:.4g} {shown(made.delay, 's')}")
+        said.append(f"delay after {after} {with_std(*made.delay)} s")
     if made.servo is not None:
-        said.append(f"servo {made.servo[0][0]:.4g} {shown(made.servo[0], 'rad/s')}, damping ratio "
-                    f"{made.servo[1][0]:.3g} {shown(made.servo[1])}")
-    for words, numbers in (("offset", made.offsets), ("noise", made.noise), ("wind", made.wind)):
-        said += [f"{words} {name} {number[0]:.3g} {shown(number)}" for name, number in numbers.items()]
+        said.append(f"servo {with_std(*made.servo[0])} rad/s, damping ratio {with_std(*made.servo[1])}")
+    for words, each in (("offset", made.offsets), ("noise", made.noise), ("wind", made.wind)):
+        said += [f"{words} {name} {with_std(*number)}" for name, number in each.items()]
     return [*saying_what_plus_minus_is(said), *made.notes, f"{out}: written"]
 
 

@@ -5,11 +5,8 @@ refused; every message names the file, the key, the value and what was expected.
 SI units throughout (s, rad).
 """
 
-import tomllib
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import reads
 from ..sections import (
     Actuator,
     Controller,
@@ -27,13 +24,13 @@ from ..sections import (
     Wind,
 )
 from .profiles import constant_profile, read_profile
-from .reader import nominal_of
-from .table import Table
+from .reader import parsed, text_of
+from .rewriter import rewrite_nominal
 from .writer import nominal_lines, write_nominal
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
            "Offsets", "Profile", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
-           "load_nominal", "locate", "nominal_lines", "read_profile", "write_nominal"]
+           "load_nominal", "locate", "nominal_lines", "read_profile", "rewrite_nominal", "write_nominal"]
 
 DATA = Path(__file__).parents[1] / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
@@ -55,16 +52,4 @@ def locate(text: str) -> Path:
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
-    reads(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a nominal TOML file "
-                         f"or one of {', '.join(BUILT_IN)}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a nominal TOML file") from None
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
-        raise InputError(f"{path}: {error}; expected TOML") from None
-    return nominal_of(Table(path, table))
+    return parsed(path, text_of(path, f"a nominal TOML file or one of {', '.join(BUILT_IN)}"))

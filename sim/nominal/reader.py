@@ -1,15 +1,38 @@
 """A nominal out of the table of its file."""
 
 import math
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 from ..errors import InputError
+from ..files import reads
 from ..sections import Controller, Diagnosis, Nominal, Offsets, Sensors, Simulation
 from .control import actuator_of, controller_of, guidance_of, test_input_of
 from .plant import drift_of, effects_of, uncertainty_of, vehicle_of, wind_of
 from .table import Table
 
 MOST_PARTS = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
+
+
+def text_of(path: Path, expected: str = "a nominal TOML file") -> str:
+    """The text of a nominal file; InputError in one line if it has none; `expected` where there is no file."""
+    reads(path)
+    try:
+        return path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a nominal TOML file") from None
+
+
+def parsed(path: Path, text: str) -> Nominal:
+    """The nominal of a file's text, checked."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
+        raise InputError(f"{path}: {error}; expected TOML") from None
+    return nominal_of(Table(path, table))
 
 
 def nominal_of(file: Table) -> Nominal:

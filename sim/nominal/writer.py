@@ -1,4 +1,4 @@
-"""A nominal as the lines of its file; shortest numbers that read back to the same bits."""
+"""A nominal as the table and the lines of its file; shortest numbers that read back to the same bits."""
 
 import json
 import math
@@ -12,18 +12,25 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..files import write_text
-from ..sections import Controller, Drift, Forecast, Nominal, Profile
+from ..sections import Controller, Diagnosis, Drift, Forecast, Nominal, Profile
 from .control import ONLY_ATTITUDE
 from .profiles import DRIFT, FORECAST, VEHICLE, read_columns
 
+Content = dict[str, Any]   # keys: numbers, texts, lists of numbers, sections, lists of sections
+
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
-    """Write a nominal that reads back equal; shortest numbers that read back to the same bits."""
+    """Write a nominal that reads back equal, without a word of the file that it came from."""
     write_text(path, (line + "\n" for line in nominal_lines(nominal, path)))
 
 
 def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
-    """The lines of a nominal file at this path.
+    """The lines of a nominal file at this path; profiles as `content_of` writes them."""
+    return list(lines_of(content_of(nominal, path)))
+
+
+def content_of(nominal: Nominal, path: str | Path) -> Content:
+    """What a nominal file at this path holds, defaults left out.
 
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
     is written beside the new file as NAME.SECTION.csv (vehicle, uncertainty, drift, wind).
@@ -31,75 +38,96 @@ def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
     path = Path(path)
     if nominal.terms and len(nominal.vehicle.t) > 1:
         raise UsageError(f"nominal {nominal.name!r} has a profile and terms; a nominal file holds one or the other")
-    lines = [f"name = {_literal(nominal.name)}", *_vehicle_lines(nominal, path)]
+    content: Content = {"name": nominal.name, "vehicle": _vehicle(nominal, path)}
     for section, header, part in (("uncertainty", VEHICLE, nominal.uncertainty), ("drift", DRIFT, nominal.drift)):
         if part is not None:
-            lines += ["", f"[{section}]", *_profile_lines(part, path, section, header)]
+            content[section] = _profile(part, path, section, header)
     if nominal.wind is not None:
-        lines += ["", "[wind]", *_number_lines(nominal.wind)]
+        content["wind"] = _numbers(nominal.wind)
         if nominal.wind.profile is not None:
-            lines.append(_path_line(nominal.wind.profile, path, "wind", FORECAST))
+            content["wind"]["profile"] = _path(nominal.wind.profile, path, "wind", FORECAST)
     for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis",
                     "test_input"):
         plain = getattr(nominal, section)
-        if plain is not None:
-            lines += ["", f"[{section}]", *_number_lines(plain)]
-        for each in plain.filters if isinstance(plain, Controller) else ():
-            lines += ["", "[[controller.filters]]", f"b = {_literal(each.b)}", f"a = {_literal(each.a)}"]
-    for of in nominal.effects:
+        if plain is not None and plain != Diagnosis():
+            content[section] = _numbers(plain)
+        if isinstance(plain, Controller) and plain.filters:
+            content[section]["filters"] = [{"b": list(each.b), "a": list(each.a)} for each in plain.filters]
+    if nominal.effects:
         from ..effects import values
-        lines += ["", "[[effects]]", f"name = {_literal(of.name)}"]
-        lines += [f"{key} = {_literal(value)}" for key, value in values(of).items()]
-    return lines
+        content["effects"] = [{"name": each.name, **values(each)} for each in nominal.effects]
+    return content
 
 
-def _number_lines(part: Any) -> Iterator[str]:
+def lines_of(content: Content, section: tuple[str, ...] = ()) -> Iterator[str]:
+    """The lines of a section: its own keys, then the sections in it."""
+    for key, value in content.items():
+        if not is_section(value):
+            yield f"{key_of((*section, key))} = {literal(value)}"
+    for key, value in content.items():
+        name = ".".join((*section, key))
+        if isinstance(value, dict):
+            if not value or not all(map(is_section, value.values())):
+                yield from ("", f"[{name}]")
+            yield from lines_of(value, (*section, key))
+        elif is_section(value):
+            for each in value:
+                yield from ("", f"[[{name}]]", *lines_of(each, (*section, key)))
+
+
+def key_of(place: tuple[str, ...]) -> str:
+    """The last of the keys at a place, as a line begins; library terms are quoted."""
+    return literal(place[-1]) if place[:-1] == ("vehicle", "terms") else place[-1]
+
+
+def literal(value: float | str | list[float]) -> str:
+    """A TOML value."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, list):
+        return "[" + ", ".join(map(literal, value)) + "]"
+    return repr(float(value))
+
+
+def is_section(value: object) -> bool:
+    """A section, or a list of sections."""
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _numbers(part: Any) -> Content:
     """The keys of a section that are not their defaults: numbers, lists of them, words."""
     foreign = ONLY_ATTITUDE if isinstance(part, Controller) and part.is_rate_law else ()
-    for key in fields(part):
-        value = getattr(part, key.name)
-        if key.name not in ("filters", "profile", *foreign) and not _is_default(key, value):
-            yield f"{key.name} = {_literal(value)}"
+    return {key.name: list(value) if isinstance(value, tuple) else value
+            for key, value in ((key, getattr(part, key.name)) for key in fields(part))
+            if key.name not in ("filters", "profile", *foreign) and not _is_default(key, value)}
 
 
 def _is_default(key: "Field[Any]", value: object) -> bool:
     return value == key.default or (isinstance(value, float) and math.isnan(value))
 
 
-def _literal(value: float | str | tuple[float, ...]) -> str:
-    """A TOML value."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, tuple):
-        return "[" + ", ".join(map(_literal, value)) + "]"
-    return repr(float(value))
-
-
-def _vehicle_lines(nominal: Nominal, path: Path) -> Iterator[str]:
+def _vehicle(nominal: Nominal, path: Path) -> Content:
     if not nominal.terms:
-        yield from ("", "[vehicle]", *_profile_lines(nominal.vehicle, path, "vehicle", VEHICLE))
-        return
-    yield from ("", "[vehicle.terms]")
-    rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
-    for term, coefficient in (*rigid, *nominal.terms):
-        yield f"{_literal(term)} = {_literal(coefficient)}"
+        return _profile(nominal.vehicle, path, "vehicle", VEHICLE)
+    rigid = {"theta": float(nominal.vehicle.a6[0]), "beta": float(nominal.vehicle.k1[0])}
+    return {"terms": rigid | dict(nominal.terms)}
 
 
-def _profile_lines(profile: Profile | Drift, path: Path, section: str, header: tuple[str, ...]) -> list[str]:
-    """Two numbers if it is constant, else the path of its CSV file."""
-    if len(profile.t) == 1:
-        return [f"{key} = {_literal(getattr(profile, key)[0])}" for key in header[1:]]
-    return [_path_line(profile, path, section, header)]
+def _profile(profile: Profile | Drift, path: Path, section: str, header: tuple[str, ...]) -> Content:
+    """Two numbers if it is constant and of no file, else the path of its CSV file."""
+    if len(profile.t) == 1 and not profile.path:
+        return {key: float(getattr(profile, key)[0]) for key in header[1:]}
+    return {"profile": _path(profile, path, section, header)}
 
 
-def _path_line(profile: Profile | Drift | Forecast, path: Path, section: str, header: tuple[str, ...]) -> str:
+def _path(profile: Profile | Drift | Forecast, path: Path, section: str, header: tuple[str, ...]) -> str:
     """The path of its CSV file, which is written unless it is there."""
     if profile.path and _same(profile, profile.path, header):
-        return f"profile = {_literal(Path(os.path.relpath(profile.path, path.parent)).as_posix())}"
+        return Path(os.path.relpath(profile.path, path.parent)).as_posix()
     beside = path.with_name(f"{path.stem}.{section}.csv")
     table = zip(*(getattr(profile, key).tolist() for key in header), strict=True)
     write_text(beside, [",".join(header) + "\n", *(",".join(map(repr, row)) + "\n" for row in table)])
-    return f"profile = {_literal(beside.name)}"
+    return beside.name
 
 
 def _same(profile: Profile | Drift | Forecast, path: str, header: tuple[str, ...]) -> bool:

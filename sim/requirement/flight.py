@@ -7,8 +7,9 @@ Peaks are of the truth, at every integration step, until the flight ends or the 
 simulator's: the attitude left what the plant is valid for (`sim.flight.LOST_ANGLE`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from ..vehicle.plant import angle_of_attack
 # what a flight is judged by, in the order of the table's columns; units rad, rad/s
 METRICS = {
     "max_theta_error": "rad", "max_theta_dot": "rad/s", "max_alpha": "rad", "max_beta": "rad", "max_beta_rate": "rad/s"}
+JUDGED = ("lost", "end", *METRICS)
+OFFSET = "offset_"  # begins the names of what was drawn
 BLOCK = 500  # rows at a time: 64 kB, which stay near the processor
 THETA_REF, TRUE_THETA, TRUE_THETA_DOT, TRUE_BETA, TRUE_BETA_DOT, TRUE_GAMMA, WIND = (
     st.COLUMNS.index(name) for name in ("theta_ref", "true_theta", "true_theta_dot", "true_beta", "true_beta_dot",
@@ -40,9 +43,26 @@ class FlightJob(NamedTuple):
 
 def flight_jobs(nominal: Nominal, first: int, flights: int) -> list[FlightJob]:
     """One flight a seed from `first` on; without [uncertainty] every vehicle is the nominal one."""
-    if nominal.uncertainty is None:
-        return [FlightJob(seed, 0.0, 0.0) for seed in range(first, first + flights)]
-    return [FlightJob(seed, *drawn_delta(seed)) for seed in range(first, first + flights)]
+    return [flight_job(nominal, seed) for seed in range(first, first + flights)]
+
+
+def flight_job(nominal: Nominal, seed: int) -> FlightJob:
+    """The flight of this seed."""
+    return FlightJob(seed, 0.0, 0.0) if nominal.uncertainty is None else FlightJob(seed, *drawn_delta(seed))
+
+
+def flown_row(row: Mapping[str, Any]) -> Row:
+    """What a flight is judged by, out of the row that `Flyer` gives, or of the same as text; ValueError for a row that
+    it does not give."""
+    if any(name not in JUDGED and not name.startswith(OFFSET) for name in row):
+        raise ValueError("another column")
+    try:
+        values = {name: float(row[name]) for name in JUDGED}
+    except (KeyError, TypeError, OverflowError) as error:
+        raise ValueError(str(error)) from None
+    if values["lost"] not in (0.0, 1.0) or any(x < 0.0 for x in values.values()):
+        raise ValueError("lost is 0 or 1, times and magnitudes are not below 0")
+    return {**values, "lost": int(values["lost"])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +81,7 @@ class Flyer:
         vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
         peaks = np.zeros(len(METRICS))
         fly_for_peaks(vehicle, steps, np.zeros((BLOCK, len(st.COLUMNS))), peaks)
-        offsets = {f"offset_{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
+        offsets = {f"{OFFSET}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
         return {"lost": int(vehicle.counter[st.LOST]), "end": int(vehicle.counter[st.AT]) * simulation.step,
                 **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}
 

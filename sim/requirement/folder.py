@@ -2,28 +2,41 @@
 
 `campaign.json` is there before the first flight, `flights.csv.journal` beside it while it is flown, `flights.csv` when
 it is done.  The same campaign run again in its folder goes on where it was; when it was done already it is only judged.
+One run at a time writes into it (`folder_lock`).
+
+A folder is not believed: `read_campaign` and `read_flights` are the only doors, and say what a valid one is.  Its
+flights are those of the definition's seeds, drawn as the seeds draw them, each once, in order, and all of them or all
+up to the one that decided.
 """
 
+import contextlib
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ..campaign import run_campaign
+from ..campaign import Enough, run_campaign
+from ..csv_text import AS_TEXT, rows
 from ..errors import InputError
-from ..files import make_folder, write_text
+from ..files import atomic_path, make_folder, write_text
+from ..folder_lock import locked
 from ..journal import ERROR, Outcome
-from .flight import METRICS, Flyer, flight_jobs
-from .grammar import Requirement
+from .flight import FlightJob, Flyer, flight_job, flight_jobs, flown_row
+from .grammar import requirement
 from .identity import Definition
 from .watch import Watch
 
 CAMPAIGN, FLIGHTS = "campaign.json", "flights.csv"
-NUMBERS = ("end", *METRICS)
+JOURNAL = f"{FLIGHTS}.journal"
+LONGEST = 1 << 20  # bytes of a campaign.json: it has a few hundred
+MOST = 1 << 63     # seeds: as many as anybody flies
 SAME = ("format", "version", "nominal_sha256")  # of parts that make one campaign
+KINDS = {"format": str, "version": str, "nominal": str, "nominal_sha256": str, "seed": int, "flights": int,
+         "requirements": list, "stop": str}  # what stands in a campaign.json
 
 
 @dataclass(frozen=True)
@@ -34,39 +47,64 @@ class Flights:
     outcomes: Sequence[Outcome]
 
 
-def fly(definition: Definition, requirements: Sequence[Requirement], folder: Path, executor: Executor | None,
-        workers: int | None, progress: Callable[[int], object] | None) -> Flights:
+def fly(definition: Definition, folder: Path, executor: Executor | None, workers: int | None,
+        progress: Callable[[int], object] | None) -> Flights:
     """Fly what is not flown yet, until the requirements are decided (if it is not `planned`), and return the table."""
-    is_begun = _is_ours(folder, definition.as_json())
-    table = folder / FLIGHTS
-    if not table.exists() or table.with_name(f"{FLIGHTS}.journal").exists():
-        jobs = flight_jobs(definition.nominal, definition.seed, definition.flights)
-        Flyer(definition.nominal)(jobs[0])  # what cannot fly is said at once, and what compiles does so once
-        if not is_begun:
-            _begin(folder, definition.as_json())
-        watch = Watch(requirements, definition.planned) if requirements and not definition.planned else None
-        run_campaign(jobs, Flyer(definition.nominal), table, executor, workers, progress=progress, enough=watch,
-                     definition=json.dumps(definition.as_json()))
-    return read_flights(table)
+    flyer = Flyer(definition.nominal)
+    if not _is_done(folder):
+        flyer(flight_job(definition.nominal, definition.seed))  # what cannot fly is said at once, and what compiles
+    with _held(definition, folder):                             # does so once
+        if not _is_done(folder):
+            run_campaign(flight_jobs(definition.nominal, definition.seed, definition.flights), flyer, folder / FLIGHTS,
+                         executor, workers, progress=progress, enough=_enough(definition, folder / JOURNAL),
+                         definition=json.dumps(definition.as_json()))
+        return read_flights(folder / FLIGHTS, definition)
 
 
-def _is_ours(folder: Path, said: dict[str, Any]) -> bool:
-    """Is this campaign's definition there; InputError if the folder is another's."""
-    if not (folder / CAMPAIGN).exists():
-        if (folder / FLIGHTS).exists():
-            raise InputError(f"{folder / FLIGHTS}: a table without its {CAMPAIGN}; expected a new folder")
-        return False
-    found = read_campaign(folder)
-    for key, value in said.items():
-        if found.get(key) != value:
-            raise InputError(f"{folder / CAMPAIGN}: another campaign's folder ({key} {_short(found.get(key))}, not "
-                             f"{_short(value)}); expected a new one")
-    return True
+def _is_done(folder: Path) -> bool:
+    return (folder / FLIGHTS).exists() and not (folder / JOURNAL).exists()
 
 
-def _begin(folder: Path, said: dict[str, Any]) -> None:
+def _enough(definition: Definition, journal: Path) -> Enough:
+    """Whether the flights so far are enough, wherever they come from; InputError for what no flight of ours is."""
+    watch = _watch(definition)
+
+    def enough(number: int, outcome: Outcome) -> int | None:
+        try:
+            return watch(number, outcome if isinstance(outcome, str) else flown_row(outcome))
+        except ValueError:
+            raise InputError(f"{journal}: job {number}: not a flight's row; remove the file to start anew") from None
+
+    return enough
+
+
+def _watch(definition: Definition) -> Watch:
+    return Watch([requirement(text) for text in definition.requirements], definition.planned)
+
+
+@contextlib.contextmanager
+def _held(definition: Definition, folder: Path) -> Iterator[None]:
+    """The folder with this campaign's definition in it, this run's alone while this lasts; InputError if it is
+    another's."""
     make_folder(folder)
-    write_text(folder / CAMPAIGN, [json.dumps(said, indent=1), "\n"])
+    with locked(folder):
+        if (folder / CAMPAIGN).exists():
+            _check_same(folder, definition, KINDS, "another campaign's folder", "expected a new one")
+        elif (folder / FLIGHTS).exists():
+            raise InputError(f"{folder / FLIGHTS}: a table without its {CAMPAIGN}; expected a new folder")
+        else:
+            write_text(folder / CAMPAIGN, [json.dumps(definition.as_json(), indent=1), "\n"])
+        yield
+
+
+def _check_same(folder: Path, definition: Definition, keys: Iterable[str], what: str, expected: str) -> dict[str, Any]:
+    """What stands in the folder's campaign.json; InputError unless these of it are the definition's."""
+    found, said = read_campaign(folder), definition.as_json()
+    for key in keys:
+        if found[key] != said[key]:
+            raise InputError(f"{folder / CAMPAIGN}: {what} ({key} {_short(found[key])}, not {_short(said[key])}); "
+                             f"{expected}")
+    return found
 
 
 def _short(value: Any) -> str:
@@ -74,37 +112,76 @@ def _short(value: Any) -> str:
     return text if len(text) <= 40 else text[:40] + "..."
 
 
+# ---- what a valid folder is
+
+
 def read_campaign(folder: Path) -> dict[str, Any]:
-    """What stands in a folder's campaign.json."""
+    """What stands in a folder's campaign.json, all of it of its kind."""
     path = folder / CAMPAIGN
+    wrong = InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(LONGEST)
+        found = json.loads(text) if len(text) < LONGEST else None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError:
-        raise InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
+    except (ValueError, RecursionError):
+        raise wrong from None
+    if not isinstance(found, dict) or any(type(found.get(key)) is not kind for key, kind in KINDS.items()):
+        raise wrong
+    if not 0 <= found["seed"] < MOST or not 1 <= found["flights"] < MOST or not all(
+            isinstance(text, str) for text in found["requirements"]):
+        raise wrong
     return found
 
 
-def read_flights(path: Path) -> Flights:
-    """A finished table."""
+def read_flights(path: Path, definition: Definition) -> Flights:
+    """A finished table: this definition's flights; InputError for any other."""
+    watch, enough = _watch(definition), None
+    seeds, outcomes = list[int](), list[Outcome]()
+    for number, (seed, outcome) in enumerate(_flown(path, definition)):
+        seeds.append(seed)
+        outcomes.append(outcome)
+        if enough is None:
+            enough = watch(number, outcome)
+    if len(seeds) not in (definition.flights, enough):
+        raise InputError(f"{path}: {len(seeds)} of {definition.flights} flights; expected all, or those that decide (a "
+                         "part is flown whole, without --requirement); remove the file to fly them anew")
+    return Flights(seeds, outcomes)
+
+
+def _flown(path: Path, definition: Definition) -> Iterator[tuple[int, Outcome]]:
+    """(seed, outcome) of every row of a table; InputError for a row that is not of the seed whose turn it is."""
+    table = table_rows(path)
+    _, header = next(table)
+    keys = len(FlightJob._fields)
+    for seed, (line, cells) in enumerate(table, start=definition.seed):
+        job = flight_job(definition.nominal, seed)
+        if cells[:keys] != list(map(repr, job)):
+            raise InputError(f"{path}: line {line}: not the flight of seed {seed}, which its {CAMPAIGN} says; remove "
+                             "the file to fly them anew")
+        try:
+            yield seed, cells[-1] or flown_row(dict(zip(header[keys:-1], cells[keys:-1], strict=True)))
+        except ValueError:
+            raise InputError(f"{path}: line {line}: not a flight's row; remove the file to fly them anew") from None
+
+
+def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """(line, cells) of a table of flights, its header first; InputError for what is none."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        with path.open(**AS_TEXT) as file:
+            table = rows(str(path), file)
+            line, header = next(table, (1, []))
+            keys = len(FlightJob._fields)
+            if header[:keys] != list(FlightJob._fields) or header[-1] != ERROR:
+                raise InputError(f"{path}: not a table of flights; expected what `launchid campaign` wrote")
+            yield line, header
+            for line, cells in table:
+                if len(cells) != len(header):
+                    raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(header)}")
+                yield line, cells
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    try:
-        return Flights([int(row["seed"]) for row in rows], [_outcome(row) for row in rows])
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path}: not a table of flights; expected what `launchid campaign` wrote") from None
-
-
-def _outcome(row: dict[str, str]) -> Outcome:
-    if row[ERROR]:
-        return row[ERROR]
-    return {"lost": int(row["lost"]), **{name: float(row[name]) for name in NUMBERS}}
 
 
 # ---- parts
@@ -115,38 +192,35 @@ def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[
 
     definition  its seed and flights are not looked at, they are the parts' own
     """
-    found = sorted(((_part(definition, part), part) for part in parts), key=lambda each: int(each[0]["seed"]))
-    lines: list[str] = []
-    seed = first = int(found[0][0]["seed"])
+    found = sorted(((_part(definition, part), part) for part in parts), key=lambda each: each[0].seed)
+    first = seed = found[0][0].seed
+    header = _header(found[0][1])
     for said, part in found:
-        if int(said["seed"]) != seed:
-            kind = "are missing" if int(said["seed"]) > seed else "stand twice"
-            raise InputError(f"{part}: seeds from {min(seed, int(said['seed']))} to {max(seed, int(said['seed'])) - 1} "
-                             f"{kind}; expected parts of consecutive seeds")
-        header, *rows = (part / FLIGHTS).read_text(encoding="utf-8").splitlines(keepends=True)
-        if len(rows) != int(said["flights"]):
-            raise InputError(f"{part / FLIGHTS}: {len(rows)} of {said['flights']} flights: a part is flown whole, "
-                             "without --requirement")
-        if lines and header != lines[0]:
+        if said.seed != seed:
+            kind = "are missing" if said.seed > seed else "stand twice"
+            low, high = sorted((seed, said.seed))
+            raise InputError(f"{part}: seeds from {low} to {high - 1} {kind}; expected parts of consecutive seeds")
+        read_flights(part / FLIGHTS, said)
+        if _header(part) != header:
             raise InputError(f"{part / FLIGHTS}: other columns than in {found[0][1] / FLIGHTS}")
-        lines += [*([] if lines else [header]), *rows]
-        seed += len(rows)
-    whole = Definition(definition.nominal, first, seed - first, definition.requirements, definition.planned)
-    if not _is_ours(folder, whole.as_json()):
-        _begin(folder, whole.as_json())
-    write_text(folder / FLIGHTS, lines)
-    return whole, read_flights(folder / FLIGHTS)
+        seed += said.flights
+    whole = replace(definition, seed=first, flights=seed - first)
+    with _held(whole, folder):
+        with atomic_path(folder / FLIGHTS) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(header)
+            for _, part in found:
+                writer.writerows(cells for _, cells in islice(table_rows(part / FLIGHTS), 1, None))
+        return whole, read_flights(folder / FLIGHTS, whole)
 
 
-def _part(definition: Definition, part: Path) -> dict[str, Any]:
+def _header(part: Path) -> list[str]:
+    return next(table_rows(part / FLIGHTS))[1]
+
+
+def _part(definition: Definition, part: Path) -> Definition:
     """What a part is; InputError if it is not one of this campaign's, or not flown yet."""
-    said, expected = read_campaign(part), definition.as_json()
-    for key in SAME:
-        if said.get(key) != expected[key]:
-            raise InputError(f"{part / CAMPAIGN}: a part of another campaign ({key} {_short(said.get(key))}, not "
-                             f"{_short(expected[key])})")
-    if not isinstance(said.get("seed"), int) or not isinstance(said.get("flights"), int):
-        raise InputError(f"{part / CAMPAIGN}: no seed and number of flights; expected what `launchid campaign` wrote")
-    if not (part / FLIGHTS).is_file() or (part / f"{FLIGHTS}.journal").exists():
+    said = _check_same(part, definition, SAME, "a part of another campaign", "expected parts of this one")
+    if not _is_done(part):
         raise InputError(f"{part}: not flown to its end; run its command again")
-    return said
+    return replace(definition, seed=said["seed"], flights=said["flights"], requirements=())

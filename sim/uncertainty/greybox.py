@@ -39,6 +39,7 @@ from .level import PARAMETERS, log_span, require_cover
 
 BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight
 MIN_FLIGHTS = 10    # of a bin: below it the normal's factor is above 3.1
+FEWEST_FLIGHTS = 3  # that show a spread: of two its standard deviation is as large as itself
 SMALLEST = 1.0e-3   # sigma: a range of 0 is none
 NOISY = 0.5         # share of the variance of a bin's deviations that may be the estimates' own
 ROWS_LEAST = 20     # of a log
@@ -203,12 +204,15 @@ def factor(result: Fit) -> float:
 
 def table(result: Fit, out: str) -> str:
     """The fit for a terminal."""
-    lines = [f"{out}: range of {result.flights} flights that holds {100 * result.share:g} % of vehicles with "
-             f"confidence {100 * result.confidence:g} %"]
+    few = result.flights < FEWEST_FLIGHTS
+    flights = "1 flight" if result.flights == 1 else f"{result.flights} flights"
+    lines = [f"{out}: range of {flights} that holds {100 * result.share:g} % of vehicles with confidence "
+             f"{100 * result.confidence:g} %" + (f"; so few tell no spread: expected at least {FEWEST_FLIGHTS}"
+                                                 if few else "")]
     for name, r in zip(PARAMETERS, result.ranges, strict=True):
         lines.append(f"sigma_{name} = {r.sigma:.4g} ({r.method}); spread of the vehicles {r.spread:.3g}, "
-                     f"within a flight {r.within:.3g}, noise {r.noise:.3g} rms; "
-                     f"{100 * r.held:.1f} % of these flights inside")
+                     f"within a flight {r.within:.3g}, noise {r.noise:.3g} rms"
+                     + ("" if few else f"; {100 * r.held:.1f} % of these flights inside"))
     if result.flights < MIN_FLIGHTS:
         lines.append(f"few flights: the range is {factor(result):.1f} times their spread; more flights narrow it")
     if result.profile is not None:

@@ -107,7 +107,7 @@ def _gain_margins(lft: Lft, delta: np.ndarray, loop: Sampled, omega: np.ndarray,
     which = np.concatenate([every, every, which])
     factor = np.concatenate([static, alternating, -1.0 / at.real])
     low, high = np.zeros(len(delta)), np.full(len(delta), np.inf)
-    falls, rises = (factor > 0.0) & (factor < 1.0), factor > 1.0
+    falls, rises = factor < 1.0, factor > 1.0  # what is negative is below `low` as it stands
     np.maximum.at(low, which[falls], factor[falls])
     np.minimum.at(high, which[rises], factor[rises])
     return low, high

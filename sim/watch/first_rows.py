@@ -1,4 +1,4 @@
-"""What the first rows say: the sample period, and what the data check finds in them."""
+"""What the data check finds in the first rows."""
 
 import numpy as np
 
@@ -7,32 +7,27 @@ from ..errors import InputError
 from ..log import Log, log_of
 from ..nominal import Nominal
 
-PERIOD_ROWS = 64       # whose median step is the sample period
 CHECKED = 10.0         # s of the log: by then a reversed sign shows, too; the check takes some 15 ms
 MOST_CHECKED = 20_000  # rows
 
 
 class FirstRows:
-    """Keeps them until both are known, and no longer."""
+    """Keeps them until there are enough, and no longer."""
 
     def __init__(self, path: str) -> None:
         self._path, self._logs, self._done = path, list[Log](), False
+        self.count = 0  # rows that are kept
 
     def add(self, log: Log) -> None:
-        """Rows that came.  Those after another header are not kept."""
-        if not self._done and (not self._logs or log.columns == self._logs[0].columns):
-            self._logs.append(log)
+        """Rows that came.  Those before another header are not kept."""
+        if self._done or self.count >= MOST_CHECKED:
+            return
+        if self._logs and log.columns != self._logs[0].columns:
+            self._logs, self.count = [], 0
+        self._logs.append(log)
+        self.count += len(log.t)
 
-    @property
-    def count(self) -> int:
-        """Rows that are kept."""
-        return sum(len(log.t) for log in self._logs)
-
-    def all(self) -> tuple[Log, ...]:
-        """As they came."""
-        return tuple(self._logs)
-
-    def together(self) -> Log:
+    def _together(self) -> Log:
         """As one log; InputError if no row of it can be used."""
         columns = self._logs[0].columns if self._logs else ("t", "theta", "beta")
         return log_of({name: np.concatenate([np.empty(0), *(getattr(log, name) for log in self._logs)])
@@ -44,8 +39,8 @@ class FirstRows:
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""
         try:
-            found = "; ".join(fault.message for fault in faults(self.together(), nominal))
+            found = "; ".join(fault.message for fault in faults(self._together(), nominal))
         except InputError as error:
             found = str(error)
-        self._done, self._logs = True, []
+        self._done, self._logs, self.count = True, [], 0
         return f"{self._path}: the data check of the first rows: {found}" if found else ""

@@ -11,13 +11,14 @@ import numpy as np
 
 from launchid_core import EDGES, Config, Estimate, Estimator, Status
 
-from ..errors import InputError, UsageError
+from ..errors import InputError, Told, UsageError
 from ..identify import REASONS, change_json, log_config, number, onboard_model, report, tracked_json
 from ..log import Log, log_of
 from ..nominal import Nominal
 from ..uncertainty.level import level_json, ranged_model
-from .first_rows import PERIOD_ROWS, FirstRows
+from .first_rows import FirstRows
 from .live import Live, Row
+from .rate import Rate
 
 LAST_WINDOWS = 4096   # that the report at the end holds: an hour of windows of 1 s
 SPACING = 0.1         # s of the log between points of the tracked estimate, which moves once in a block as long
@@ -26,6 +27,9 @@ STAMPS = ("t", "out_since")  # of a JSON
 FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
 INSTANT = 4           # decimals of a time stamp [s], whatever its origin
 CURVE = 400           # points of the nominal's profile
+MOST_ROWS = 100_000   # of a window at a rate that rows say: 9 MB
+MOST_WAITING = 4096   # pieces of the log that wait for its period: 64 rows do, among others that say nothing of it
+ANOTHER = 1.5         # periods from one row to the next, or so many rows in one: another rate
 
 
 class Follower:
@@ -33,7 +37,8 @@ class Follower:
 
     The compiled code is loaded here, before the first row: nothing that comes is kept waiting for it.
 
-    period   [s] between samples; None: the median step of the first rows, which wait until there are PERIOD_ROWS
+    period   [s] between samples; None: the median step of the first PERIOD_ROWS rows, which wait for it.  Rows that say
+             none that can be used are waited past, and until a window is valid others that say another begin anew
     strict   what the data check finds is an InputError
     say      told what is worth a line
     """
@@ -51,7 +56,9 @@ class Follower:
         self._t, self._shown = math.nan, -math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
         self._notes: list[str] = []
-        self._first = FirstRows(source)
+        self._first, self._rate = FirstRows(source), Rate(source)
+        self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
+        self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
         self.live = Live(self._head())
 
     def _config(self, period: float) -> Config:
@@ -72,24 +79,48 @@ class Follower:
         """Rows that came."""
         self.rows += len(log.t)
         self._first.add(log)
+        for part, period in [(log, None)] if self._is_known else self._rate.parts(log):
+            if self.estimator is None:
+                self._waiting.append(part)
+            else:
+                self._feed(part)
+            if period is not None and not self._is_known:
+                self._try(period)
         if self.estimator is not None:
-            self._feed(log)
             self._check(ended=False)
-        elif self._first.count >= PERIOD_ROWS:
-            self._begin()
 
     def end(self) -> None:
         """No more rows come; InputError if there were too few to say anything."""
         if self.estimator is None:
-            self._begin()
+            try:
+                self._begin(self._rate.of_few())
+            except Told as error:
+                raise InputError(self._refused or str(error)) from None
         self._check(ended=True)
 
-    def _begin(self) -> None:
-        """The rows that waited are fed; InputError if they do not say the sample period."""
-        self.estimator = Estimator(self._config(self._first.together().period))
+    def _try(self, period: float) -> None:
+        """Begin, or begin anew, at this period [s] of the last rows, if it can be and is not that of before."""
+        if self.estimator is not None:
+            before = self.estimator.config.sample_period
+            if before / ANOTHER < period < before * ANOTHER:
+                return
+        try:
+            self._begin(period)
+        except Told as error:
+            if not self._refused:
+                self._note(f"{error}; other rows are waited for")
+            self._refused = str(error)
+            self._waiting.clear()
+
+    def _begin(self, period: float) -> None:
+        """The rows that waited are fed; UsageError or InputError if nothing can be estimated at this period."""
+        if self._window / period > MOST_ROWS:
+            raise InputError(f"{self._source}: column t: its median step is {period:g} s; expected at most {MOST_ROWS} "
+                             f"rows in a window of {self._window:g} s, or --period")
+        self.estimator = Estimator(self._config(period))
         self.live.head = self._head()
-        for log in self._first.all():
-            self._feed(log)
+        while self._waiting:
+            self._feed(self._waiting.popleft())
         if self.estimator.config.missing_commands > 0.0:
             self._note(f"{self._source}: slower than the controller: the commands between its rows are taken as held, "
                        "and the standard deviations are wider for it")
@@ -102,8 +133,9 @@ class Follower:
             self._note(found)
 
     def _note(self, text: str) -> None:
-        self._notes = [*self._notes, text]
-        self._say(text)
+        if text not in self._notes:
+            self._notes = [*self._notes, text]
+            self._say(text)
 
     def _feed(self, log: Log) -> None:
         assert self.estimator is not None
@@ -123,6 +155,7 @@ class Follower:
         assert estimate is not None
         self.estimates.append(estimate)
         self.closed += 1
+        self._is_known |= estimate.valid
         self.live.windows.add(window_row(estimate))
         self.live.revision += 1
 

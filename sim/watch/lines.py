@@ -10,6 +10,7 @@ from launchid_core import Sample
 
 from ..convert.mapping import Map
 from ..convert.stream import MappedColumns, MappedStream
+from ..convert.text import BLANKS
 from ..errors import InputError
 from ..log import Log, log_of_values
 from ..log_table import REQUIRED, Columns
@@ -17,7 +18,8 @@ from ..log_table import REQUIRED, Columns
 ORDER = Sample._fields   # of columns without a header row
 LEAST = 4                # of them: up to beta
 LONGEST = 1 << 16        # bytes of a line: a row has a few hundred
-SAID = 20                # lines about rows that cannot be read; further ones are counted
+SAID = 20                # messages about what came: of more, rows that cannot be read are counted
+LONGEST_SAID = 300       # characters of one
 BOM = b"\xef\xbb\xbf"
 
 
@@ -35,7 +37,7 @@ class Lines:
         self.path, self._strict, self._say = path, strict, say
         self._mapped = None if of is None else MappedStream(of)
         self._clock = "t" if of is None else of.time
-        self.malformed, self.last = 0, ""
+        self.malformed, self.last, self._said = 0, "", 0
         self.number, self._torn = 0, b""
         self.begin_anew()
 
@@ -89,6 +91,8 @@ class Lines:
         try:
             text = line.removeprefix(BOM if self.number == 1 else b"").rstrip(b"\r").decode("utf-8")
             delimiter = "," if self._mapped is None else self._mapped.delimiter
+            if delimiter == BLANKS:
+                return text.split()
             return next(csv.reader([text], strict=True, delimiter=delimiter), [])
         except UnicodeDecodeError:
             raise InputError(f"{self.path}: line {self.number}: not UTF-8; expected a UTF-8 CSV row") from None
@@ -105,8 +109,8 @@ class Lines:
         self._columns = (Columns(self.path, cells, REQUIRED, where) if self._mapped is None else
                          self._mapped.columns(self.path, cells, where))
         if self._columns.ignored:
-            self._say(f"{self.path}: columns ignored: "
-                      + ", ".join(ascii(name)[1:-1] for name in self._columns.ignored))
+            self._tell(f"{self.path}: columns ignored: "
+                       + ", ".join(ascii(name)[1:-1] for name in self._columns.ignored))
 
     def _by_order(self, cells: list[str]) -> Columns:
         if self._mapped is not None:
@@ -117,16 +121,21 @@ class Lines:
         if not LEAST <= len(cells) <= len(ORDER):
             raise InputError(f"{self.path}: line {self.number}: {len(cells)} cells and no header row; expected one, or "
                              f"{LEAST} to {len(ORDER)} cells in the order {','.join(ORDER)}")
-        self._say(f"{self.path}: no header row: the columns are taken for {','.join(ORDER[:len(cells)])}")
+        self._tell(f"{self.path}: no header row: the columns are taken for {','.join(ORDER[:len(cells)])}")
         return Columns(self.path, list(ORDER[:len(cells)]))
 
     def _refuse(self, text: str) -> None:
         self.malformed += 1
         self.last = text
-        if self.malformed <= SAID:
-            self._say(f"{text}; the row is left out")
-        elif self.malformed == SAID + 1:
-            self._say(f"{self.path}: further rows that cannot be read are only counted")
+        self._tell(f"{self.last}; the row is left out")
+
+    def _tell(self, text: str) -> None:
+        """Whatever a sender does, a few lines at most."""
+        self._said += 1
+        if self._said <= SAID:
+            self._say(text if len(text) <= LONGEST_SAID else f"{text[:LONGEST_SAID]}...")
+        elif self._said == SAID + 1:
+            self._say(f"{self.path}: further messages of its rows are left out; those that cannot be read are counted")
 
 
 def _log(columns: Columns | MappedColumns, rows: list[list[float]]) -> Log:

@@ -5,29 +5,36 @@
     /state   everything once, as JSON
 
 A browser that does not read is told everything it missed in one message when it does, and is let go after PATIENCE.
+
+Threads are bounded, a connection each: the newest is served, and the oldest goes for it.  Pages of other origins are
+answered nothing.
 """
 
 import base64
+import contextlib
 import hashlib
 import json
 import re
+import socket
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+from ..charts import inlined
 from ..errors import UsageError
 from .live import Live, message
-from .sources import LOOPBACK
+from .sources import ARRIVALS, LOOPBACK
 
 FRAME = 0.05        # s between messages at least: 20 a second
 ALIVE = 2.0         # s without news after which a page is told that there is none
 PATIENCE = 10.0     # s that a browser may leave unread, or a request unfinished
-MOST_PAGES = 16     # at a time
+MOST_PAGES = 16     # at a time that are told
+MOST_CONNECTIONS = 64  # at a time, those pages among them
 FAREWELL = 1.0      # s that pages are given to hear of the end
 
-PAGE = (Path(__file__).parent / "page.html").read_bytes()
+PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")).encode()
 
 
 def _hash(tag: str) -> str:
@@ -48,6 +55,7 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
+    request_queue_size = ARRIVALS
 
     def __init__(self, live: Live, port: int) -> None:
         """UsageError if the port is taken; 0: any free one."""
@@ -56,8 +64,10 @@ class Server(ThreadingHTTPServer):
         except OSError as error:
             raise UsageError(f"--http {port}: cannot listen there ({error.strerror}); expected a free port") from None
         self.live = live
-        self.pages = threading.BoundedSemaphore(MOST_PAGES)
-        self.telling: set[int] = set()  # threads with a page
+        self.open: dict[socket.socket, None] = {}     # connections by age
+        self.telling: dict[socket.socket, None] = {}  # of these the pages that are told, by age
+        self._lock = threading.Lock()                 # of the two
+        self._room = threading.Semaphore(MOST_CONNECTIONS)
         threading.Thread(target=self.serve_forever, args=(FRAME,), daemon=True).start()
 
     @property
@@ -66,6 +76,39 @@ class Server(ThreadingHTTPServer):
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that goes is no fault."""
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """A thread for it, and if there is none left the one of the oldest connection that is no page."""
+        if not self._room.acquire(blocking=False):
+            with self._lock:
+                oldest = next((each for each in self.open if each not in self.telling), request)
+            with contextlib.suppress(OSError):
+                oldest.shutdown(socket.SHUT_RDWR)
+            if not self._room.acquire(timeout=FAREWELL):
+                request.close()
+                return
+        with self._lock:
+            self.open[request] = None
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """The end of a connection."""
+        super().shutdown_request(request)
+        with self._lock:
+            del self.open[request]
+        self._room.release()
+
+    def admit(self, page: socket.socket) -> None:
+        """Tell this page from now on, and no more the oldest of as many as there may be."""
+        with self._lock:
+            while len(self.telling) >= MOST_PAGES:
+                del self.telling[next(iter(self.telling))]
+            self.telling[page] = None
+
+    def leave(self, page: socket.socket) -> None:
+        """Tell this page no more."""
+        with self._lock:
+            self.telling.pop(page, None)
 
     def end(self) -> None:
         """After the last `live`: pages hear of it, or not, and nobody is heard any more."""
@@ -93,10 +136,9 @@ class Handler(BaseHTTPRequestHandler):
         self._answer(with_body=True)
 
     def _answer(self, with_body: bool) -> None:
-        host = self.headers.get("Host", "").rpartition(":")[0] or self.headers.get("Host", "")
         path = self.path.partition("?")[0]
-        if host not in (LOOPBACK, "localhost"):  # a page from elsewhere, whose name was turned to this address
-            self._whole(403, "text/plain; charset=utf-8", b"not this host's name\n", with_body)
+        if not self._is_ours(path):
+            self._whole(403, "text/plain; charset=utf-8", b"asked by another name, or by another page\n", with_body)
         elif path == "/":
             self._whole(200, "text/html; charset=utf-8", PAGE, with_body)
         elif path == "/state":
@@ -105,6 +147,17 @@ class Handler(BaseHTTPRequestHandler):
             self._events(with_body)
         else:
             self._whole(404, "text/plain; charset=utf-8", b"expected /, /events or /state\n", with_body)
+
+    def _is_ours(self, path: str) -> bool:
+        """Is it asked by this machine's name, and not by a page of another origin, whose name may have been turned to
+        this address.  A link to the page may stand anywhere."""
+        names = (LOOPBACK, "localhost")
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        if (host.rpartition(":")[0] or host) not in names:
+            return False
+        if origin is not None and origin not in [f"http://{name}:{self.server.server_address[1]}" for name in names]:
+            return False
+        return path == "/" or self.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin")
 
     def _head(self, status: int, kind: str, **more: str) -> None:
         self.send_response(status)
@@ -118,22 +171,18 @@ class Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def _events(self, with_body: bool) -> None:
-        if not self.server.pages.acquire(blocking=False):
-            self._whole(503, "text/plain; charset=utf-8", b"as many pages are open as there may be\n", with_body)
-            return
-        self.server.telling.add(threading.get_ident())
+        self.server.admit(self.connection)
         try:
             self._head(200, "text/event-stream")
             if with_body:
                 self._tell()
         finally:
-            self.server.telling.discard(threading.get_ident())
-            self.server.pages.release()
+            self.server.leave(self.connection)
 
     def _tell(self) -> None:
         live, seen, revision, told = self.server.live, None, -1, 0.0
         self.wfile.write(b"retry: 1000\n\n")
-        while True:
+        while self.connection in self.server.telling:
             clock = time.monotonic()
             if revision != live.revision or clock - told > ALIVE:
                 revision = live.revision  # before it is read: what comes meanwhile is told again
@@ -143,6 +192,7 @@ class Handler(BaseHTTPRequestHandler):
                 if news["now"]["state"] == "ended":
                     return
             time.sleep(FRAME)
+        self.wfile.write(b"event: replaced\ndata: {}\n\n")
 
 
 def _json(of: dict[str, Any]) -> bytes:

@@ -4,12 +4,13 @@ A piece may end anywhere in a line.  b"": nothing new for IDLE; None: what follo
 """
 
 import os
-import select
+import re
+import selectors
 import socket
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from ..errors import InputError, UsageError
@@ -23,8 +24,23 @@ PIECE_ROWS = 1000        # about as much, of a log that is whole
 DATAGRAM = 1 << 16       # bytes: longer than any
 DATAGRAMS = 256          # in a piece at most
 BACKLOG = 1 << 22        # bytes that the system is asked to keep of UDP while the estimator is busy
+MOST_SENDERS = 16        # connections that wait to be heard: of more the oldest that says nothing is closed
+SILENT = 10.0            # s after which a sender that says nothing gives way to one that does
+ARRIVALS = 1024          # connections that the system keeps until they are looked at
+KNOWN_BY = 16            # bytes of a first line that tell what it is: no request of HTTP is shorter
+# of HTTP, which any page in a browser can send to any port
+REQUEST = re.compile(rb"(GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI) ", re.IGNORECASE)
 
 Pieces = Iterator[bytes | None]
+# of select's kinds the one that takes any descriptor and any file, where there is it
+Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
+
+
+def is_readable(what: int | socket.socket, patience: float) -> bool:
+    """Is something there to be read, or comes within so many seconds."""
+    with Selector() as selector:
+        selector.register(what, selectors.EVENT_READ)
+        return bool(selector.select(patience))
 
 
 class Source(Protocol):
@@ -36,15 +52,16 @@ class Source(Protocol):
         """Until the source ends."""
 
 
-def open_source(text: str, once: bool) -> Source:
+def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text: None) -> Source:
     """FILE, `-`, udp:PORT or tcp:PORT; UsageError, InputError in one line for what cannot be followed.
 
     once  it ends: a file with its last row, TCP with its first sender, UDP with an empty datagram
+    say   told once that a connection was closed for what it sent
     """
     kind, _, port = text.partition(":")
     if kind in ("udp", "tcp"):
         bound = _bound(text, kind, port)
-        return Udp(bound, once) if kind == "udp" else Tcp(bound, once)
+        return Udp(bound, once) if kind == "udp" else Tcp(bound, once, say)
     if text == STANDARD_INPUT:
         if sys.stdin is None:
             raise InputError("-: standard input is closed; expected a CSV log there")
@@ -140,7 +157,7 @@ class Pipe:
 
     def pieces(self) -> Pieces:
         while True:
-            if not select.select([self._number], [], [], IDLE)[0]:
+            if not is_readable(self._number, IDLE):
                 yield b""
             elif piece := os.read(self._number, PIECE):
                 yield piece
@@ -161,7 +178,7 @@ class Udp:
     def pieces(self) -> Pieces:
         with self._socket:
             while True:
-                select.select([self._socket], [], [], IDLE)
+                is_readable(self._socket, IDLE)
                 lines = list(self._waiting())
                 yield b"".join(line + b"\n" for line in lines)
                 if self._once and b"" in lines:
@@ -176,34 +193,93 @@ class Udp:
 
 
 class Tcp:
-    """Lines of one sender at a time; the next is heard when it has gone."""
+    """Lines of one sender at a time; the next is heard when it has gone, or says nothing more.
 
-    def __init__(self, bound: socket.socket, once: bool) -> None:
-        self._socket, self._once = bound, once
-        bound.listen(1)
+    A connection is a sender once its first line has begun, and is closed if that is no text, or HTTP.  One that says
+    nothing keeps nobody waiting.
+    """
+
+    def __init__(self, bound: socket.socket, once: bool, say: Callable[[str], None] = lambda text: None) -> None:
+        self._socket, self._once, self._say = bound, once, say
+        bound.listen(ARRIVALS)
+        bound.setblocking(False)
         self.name = f"tcp:{bound.getsockname()[1]}"
+        self._waiting: list[socket.socket] = []  # by age
+        self.refused = 0                         # for what they sent
 
     def pieces(self) -> Pieces:
         with self._socket:
             while True:
-                if not select.select([self._socket], [], [], IDLE)[0]:
+                sender = self._next()
+                if sender is None:
+                    is_readable(self._socket, IDLE)
                     yield b""
                     continue
-                with self._socket.accept()[0] as sender:
+                self._waiting.remove(sender)
+                with sender:
                     yield from self._sent(sender)
                 yield None
                 if self._once:
                     return
 
     def _sent(self, sender: socket.socket) -> Iterator[bytes]:
+        heard = time.monotonic()
         while True:
-            if not select.select([sender], [], [], IDLE)[0]:
+            if is_readable(sender, IDLE):
+                try:
+                    piece = sender.recv(PIECE)
+                except OSError:
+                    return
+                if not piece:
+                    return
+                heard = time.monotonic()
+                yield piece
+            elif self._next() is not None and time.monotonic() - heard > SILENT:
+                return
+            else:
                 yield b""
-                continue
+
+    def _next(self) -> socket.socket | None:
+        """The oldest connection that has begun a line of text; what cannot be a sender is closed."""
+        self._accept()
+        speaking = []
+        for sender in [*self._waiting]:
+            first = _first_bytes(sender)
+            if first and (REQUEST.match(first) or b"\0" in first):
+                self._refuse(sender)
+            elif first:
+                speaking.append(sender)
+            elif first is not None:
+                self._close(sender)
+        while len(self._waiting) > MOST_SENDERS:
+            self._close(next((each for each in self._waiting if each not in speaking), self._waiting[-1]))
+        return speaking[0] if speaking else None
+
+    def _accept(self) -> None:
+        for _ in range(ARRIVALS):
             try:
-                piece = sender.recv(PIECE)
-            except ConnectionError:
+                self._waiting.append(self._socket.accept()[0])
+            except OSError:  # nobody more
                 return
-            if not piece:
-                return
-            yield piece
+            self._waiting[-1].setblocking(False)
+
+    def _refuse(self, sender: socket.socket) -> None:
+        self.refused += 1
+        if self.refused == 1:
+            self._say(f"{self.name}: a connection that sent HTTP, or no text, was closed; expected rows")
+        self._close(sender)
+
+    def _close(self, sender: socket.socket) -> None:
+        self._waiting.remove(sender)
+        sender.close()
+
+
+def _first_bytes(sender: socket.socket) -> bytes | None:
+    """What a connection begins with, b"" of one that has ended; None while that tells nothing."""
+    try:
+        first = sender.recv(KNOWN_BY, socket.MSG_PEEK)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
+    return first if len(first) in (0, KNOWN_BY) or b"\n" in first else None

@@ -18,6 +18,8 @@ from ...sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
 from .rates import HELD, rate_of, slower
+from .slope import Columns, unit_of_time
+from .vehicle import guided_faults
 
 __all__ = ["DataCheck", "Fault", "check"]
 
@@ -50,32 +52,44 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
 
     nominal  for the sample period (unit of time), the actuator's and the controller's equations
     """
-    clock = stamps.clock(log.t, nominal.sensors.period)
+    usable = stamps.usable_rows(log.t)
+    faults = stamps.stamp_faults(log.t, usable)
     rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.MEASURED}
     repeating = [name for name, rate in rates.items() if rate.kind == HELD]
-    masks, faults = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, clock.usable, repeating)
-    faults += _between(log, nominal, clock, masks)
+    masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable, repeating)
+    faults += single
+    if not any(fault.kind == "order" for fault in faults):
+        faults += _between(log, nominal, usable, masks)
     for name, rate in rates.items():  # last, since between the channels every row counts
         faults += slower(name, log.t, rate, masks[name])
-    return DataCheck((*clock.faults, *faults), clock.usable, masks)
+    return DataCheck(tuple(faults), usable, masks)
 
 
-def _between(log: Log, nominal: Nominal, clock: stamps.Clock, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """Faults between the channels; the channels they concern lose their masks."""
-    t, usable = clock.t, clock.usable
-    if len(t) < FEWEST_RELATED:
-        return []
-    grid = stamps.uniform_times(t)
-    if len(grid) < FEWEST_RELATED or not grid[1] - grid[0] >= SHORTEST:
-        return []
-    columns: dict[str, np.ndarray] = {}
-    for name in relations.RELATED:
-        good = masks[name][usable]
-        if 2 * np.count_nonzero(good) > len(t):
-            columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
-    faults = []
-    for change, fault in relations.relation_faults(columns, float(grid[1] - grid[0]), nominal, grid):
-        faults.append(fault)
+def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """Faults of t and between the channels; the channels they concern lose their masks."""
+    times, columns = related(log, usable, masks)
+    by_slope = unit_of_time(columns, float(times[1] - times[0])) if columns else None
+    faults, factor = stamps.unit_fault(log.t[usable], nominal, by_slope)
+    faults += stamps.origin_fault(log.t[usable] / factor, nominal)
+    times = times / factor
+    if not columns or not times[1] - times[0] >= SHORTEST:
+        return faults
+    changes = list(relations.relation_faults(columns, float(times[1] - times[0]), nominal, times))
+    faults += [fault for _, fault in changes] if changes else guided_faults(log, nominal, masks)
+    for change, _ in changes:
         for name in change.channels:
             masks[name][:] = False
     return faults
+
+
+def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple[np.ndarray, Columns]:
+    """(uniform times (n,) in the log's own unit, the columns there that are measured in most rows); none of a log too
+    short to tell units and signs."""
+    t = log.t[usable]
+    grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
+    columns: Columns = {}
+    for name in relations.RELATED if len(grid) >= FEWEST_RELATED else ():
+        good = masks[name][usable]
+        if 2 * np.count_nonzero(good) > len(t):
+            columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
+    return grid, columns

@@ -2,7 +2,7 @@
 
 Three relations hold whatever the vehicle does:
 
-    rate        theta = integral of theta_dot (+ bias)
+    rate        theta = integral of theta_dot (+ bias): see `slope`
     nozzle      beta = the actuator's answer to beta_cmd (+ bias), never before it
     controller  beta_cmd = C(theta) - C(theta_ref) (+ bias, + test input), C the nominal's
 
@@ -15,22 +15,29 @@ copy and the next is looked for.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ...sections import Nominal
-from ...sums import combined, least_squares, square
+from ...sums import square
 from .fault import Fault
+from .slope import (
+    CLEAR,
+    DEGREES,
+    NO_FIT,
+    SAME_UNIT,
+    Columns,
+    Fit,
+    block_means,
+    near,
+    rate_fit,
+    regress,
+)
 
-DEGREES = 180.0 / math.pi  # in a radian
 UNIT_SLACK = 2.2         # a gain of 57.3 or its inverse within this factor: gains of effects are 0.4..2.5
 GAIN_SLACK = 2.6         # a gain of +-1 within this factor
-RATE_BLOCK = 0.2         # s: long enough to average the noise, short beside the motion
 NOZZLE_BLOCK = 0.1       # s
 CONTROL_BLOCK = 0.05     # s: shorter than the controller's derivative filter
-FEWEST_BLOCKS = 15
-CLEAR = 0.5              # share of variance a relation must explain to tell unit or sign
 VERY_CLEAR = 0.8         # to tell exchanged columns
 MUCH_BETTER = 0.25       # of the unexplained share is left when columns are exchanged back
 PARTIAL = 0.5            # share of the rest's variance that one part of the controller must explain
@@ -49,19 +56,9 @@ ROUGHER = 3.0            # times: the measured attitude against a reference
 FAR_OUT = 0.6            # rad: an attitude reference of small-angle flight does not reach it
 FAULTS_AT_MOST = 4
 RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
-
-Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: not measured
-
-
-class Fit(NamedTuple):
-    """One regression: gains of its parts, share of variance explained, share of the rest each part explains."""
-
-    gain: tuple[float, ...]
-    explained: float
-    partial: tuple[float, ...]
-
-
-NO_FIT = Fit((math.nan, math.nan), 0.0, (0.0, 0.0))
+WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
+         "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
+         "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
 
 
 @dataclass(frozen=True)
@@ -74,13 +71,10 @@ class Change:
     reason: str
 
     def repaired(self, columns: Columns) -> Columns:
-        fixed = dict(columns)
         if self.kind == "swapped":
             first, second = self.channels
-            fixed[first], fixed[second] = columns[second], columns[first]
-        else:
-            fixed[self.channels[0]] = columns[self.channels[0]] * self.factor
-        return fixed
+            return columns | {first: columns[second], second: columns[first]}
+        return columns | {name: columns[name] * self.factor for name in self.channels}
 
 
 def relation_faults(columns: Columns, period: float, nominal: Nominal,
@@ -98,15 +92,8 @@ def relation_faults(columns: Columns, period: float, nominal: Nominal,
 
 
 def _fault(change: Change, times: np.ndarray) -> Fault:
-    first = change.channels[0]
-    if change.kind == "swapped":
-        text = f"{first} and {change.channels[1]} look exchanged over the whole log: {change.reason}; " \
-               "exchange the two column names"
-    elif change.kind == "unit":
-        text = f"{first} looks like degrees over the whole log: {change.reason}; multiply it by pi/180"
-    else:
-        text = f"{first} has the opposite sign over the whole log: {change.reason}; multiply it by -1"
-    channel = None if change.kind == "swapped" else first
+    text = WORDS[change.kind].format(" and ".join(change.channels), change.reason)
+    channel = change.channels[0] if len(change.channels) == 1 else None
     return Fault(change.kind, channel, float(times[0]), float(times[-1]), len(times), text)
 
 
@@ -115,51 +102,11 @@ def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray)
     rate = rate_fit(columns, "theta", "theta_dot", period)
     nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
     control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
-    return (_exchanged(columns, period, nominal, rate, nozzle, control)
-            or _in_degrees(columns, nominal, rate, nozzle, control, period) or _reversed(rate, nozzle, control))
+    return (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
+            or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
 
 
 # ---- the relations
-
-
-def _regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
-    """y (n,) = sum of gain*part + constant, least squares."""
-    if len(y) < FEWEST_BLOCKS:
-        return NO_FIT
-    y = y - y.mean()
-    matrix = np.stack([part - part.mean() for part in parts], axis=1)
-    total = square(y)
-    size = np.sqrt(np.sum(matrix * matrix, axis=0))
-    if total <= 0.0 or not np.all(np.isfinite(size)) or size[0] <= 0.0:
-        return NO_FIT
-
-    def solved(keep: list[int]) -> tuple[np.ndarray, float]:
-        kept = [k for k in keep if size[k] > 0.0]
-        scaled = matrix[:, kept] / size[kept]
-        weights = np.zeros(len(parts))
-        weights[kept] = least_squares(scaled, y, 1e-10) / size[kept]
-        rest = y - combined(matrix, weights)
-        return weights, square(rest)
-
-    gains, left = solved(list(range(len(parts))))
-    without = [solved([j for j in range(len(parts)) if j != k])[1] for k in range(len(parts))]
-    partial = tuple(1.0 - left / rest if rest > 0.0 else 0.0 for rest in without)
-    return Fit(tuple(float(g) for g in gains), 1.0 - left / total, partial)
-
-
-def block_means(x: np.ndarray, rows: int) -> np.ndarray:
-    """Means of x (n,) over whole blocks of so many rows."""
-    return np.asarray(x[:len(x) // rows * rows].reshape(-1, rows).mean(axis=1))
-
-
-def rate_fit(columns: Columns, angle: str, rate: str, period: float) -> Fit:
-    """Change of `angle` between blocks = gain * integral of `rate` + bias."""
-    if angle not in columns or rate not in columns:
-        return NO_FIT
-    rows = max(2, round(RATE_BLOCK / period))
-    x, y = columns[angle], columns[rate]
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * period)))
-    return _regress(np.diff(block_means(x, rows)), [np.diff(block_means(integral, rows))])
 
 
 def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nominal: Nominal) -> Fit:
@@ -168,7 +115,7 @@ def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nomin
         return NO_FIT
     answer = _actuated(columns[command], period, nominal)
     rows = max(1, round(NOZZLE_BLOCK / period))
-    return _regress(block_means(columns[nozzle], rows), [block_means(answer, rows)])
+    return regress(block_means(columns[nozzle], rows), [block_means(answer, rows)])
 
 
 def control_fit(columns: Columns, angle: str, reference: str, period: float, nominal: Nominal,
@@ -191,7 +138,7 @@ def control_fit(columns: Columns, angle: str, reference: str, period: float, nom
         shift = round(delay / period)
         late = [block_means(np.concatenate((np.full(shift, part[0]), part[:len(part) - shift])), rows)[whole]
                 for part in parts]
-        fit = _regress(block_means(command, rows)[whole], late)
+        fit = regress(block_means(command, rows)[whole], late)
         best = fit if fit.explained > best.explained else best
     return best
 
@@ -242,14 +189,9 @@ def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarra
 # ---- exchanged columns
 
 
-def _near(gain: float, target: float, slack: float) -> bool:
-    """gain has target's sign and is within a factor `slack` of it."""
-    return math.isfinite(gain) and gain * target > 0.0 and 1.0 / slack <= gain / target <= slack
-
-
 def _better(found: Fit, now: Fit) -> bool:
     """The exchanged columns fulfil a relation that they did not."""
-    return (_near(found.gain[0], 1.0, GAIN_SLACK) and found.explained > VERY_CLEAR
+    return (near(found.gain[0], 1.0, GAIN_SLACK) and found.explained > VERY_CLEAR
             and 1.0 - found.explained < MUCH_BETTER * (1.0 - now.explained))
 
 
@@ -278,19 +220,19 @@ def _reference_is_attitude(columns: Columns, period: float, rate: Fit, nozzle: F
     """theta_ref is the slope's integral or as rough as a measurement, and the controller sees both reversed."""
     if "theta_ref" not in columns or "theta" not in columns:
         return False
-    reversed_ = control.explained > VERY_CLEAR and all(_near(gain, -1.0, GAIN_SLACK) for gain in control.gain[:2])
+    reversed_ = control.explained > VERY_CLEAR and all(near(gain, -1.0, GAIN_SLACK) for gain in control.gain[:2])
     roughness = [float(np.mean(np.abs(np.diff(columns[name], 2)))) for name in ("theta_ref", "theta")]
     rougher = roughness[0] > ROUGHER * roughness[1]
     as_angle = rate_fit(columns, "theta_ref", "theta_dot", period)
     if control is NO_FIT:
         return rougher and _better(as_angle, rate)
     moves = rougher if as_angle is NO_FIT else as_angle.explained > rate.explained
-    return reversed_ and moves and nozzle.explained > CLEAR and _near(nozzle.gain[0], 1.0, GAIN_SLACK)
+    return reversed_ and moves and nozzle.explained > CLEAR and near(nozzle.gain[0], 1.0, GAIN_SLACK)
 
 
 def _command_follows(columns: Columns, period: float, nozzle: Fit) -> bool:
     """Changes of beta_cmd come after those of beta."""
-    if "beta_cmd" not in columns or not _near(nozzle.gain[0], 1.0, UNIT_SLACK * DEGREES):
+    if "beta_cmd" not in columns or not near(nozzle.gain[0], 1.0, UNIT_SLACK * DEGREES):
         return False
     early, late = _unexplained(columns["beta_cmd"], columns["beta"], period)
     return early < 1.0 - LAG_CLEAR and early < FORWARD_SHARE * late
@@ -322,50 +264,52 @@ def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tupl
 # ---- units and signs
 
 
-def _in_degrees(columns: Columns, nominal: Nominal, rate: Fit, nozzle: Fit, control: Fit,
-                period: float) -> Change | None:
+def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
     """One angle in degrees among radians."""
     back = 1.0 / DEGREES
 
     def seen(gain: float) -> str:
         return f"{max(abs(gain), 1.0 / abs(gain)):.1f} times"
 
-    if rate.explained > CLEAR and _near(abs(rate.gain[0]), back, UNIT_SLACK):
+    if rate.explained > CLEAR and near(abs(rate.gain[0]), back, SAME_UNIT):
         return Change("unit", ("theta_dot",), back, f"it is {seen(rate.gain[0])} the slope of theta")
-    if rate.explained > CLEAR and _near(abs(rate.gain[0]), DEGREES, UNIT_SLACK):
+    if rate.explained > CLEAR and near(abs(rate.gain[0]), DEGREES, SAME_UNIT):
         return Change("unit", ("theta",), back, f"its slope is {seen(rate.gain[0])} theta_dot")
-    if nozzle.explained > CLEAR and _near(abs(nozzle.gain[0]), DEGREES, UNIT_SLACK):
+    if nozzle.explained > CLEAR and near(abs(nozzle.gain[0]), DEGREES, UNIT_SLACK):
         return Change("unit", ("beta",), back, f"it is {seen(nozzle.gain[0])} beta_cmd")
-    if nozzle.explained > CLEAR and _near(abs(nozzle.gain[0]), back, UNIT_SLACK):
+    if nozzle.explained > CLEAR and near(abs(nozzle.gain[0]), back, UNIT_SLACK):
         return Change("unit", ("beta_cmd",), back, f"it is {seen(nozzle.gain[0])} beta")
     if control.explained > VERY_CLEAR:
         for k, name in enumerate(("theta", "theta_ref")):
-            if control.partial[k] > PARTIAL and _near(abs(control.gain[k]), back, UNIT_SLACK):
+            if control.partial[k] > PARTIAL and near(abs(control.gain[k]), back, UNIT_SLACK):
                 return Change("unit", (name,), back, f"it is {seen(control.gain[k])} what beta_cmd answers")
-    return _far_out(columns, nominal)
+    return None
 
 
 def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
-    """Without a relation that tells: the reference against the guidance's."""
+    """Without a relation that tells: the reference against the guidance's, where theta does not follow it as it is."""
     reference = columns.get("theta_ref")
     if reference is None or nominal.guidance is None:
         return None
     largest, known = float(np.max(np.abs(reference))), max(map(abs, nominal.guidance.theta_ref))
-    if largest > FAR_OUT and known > 0.0 and _near(largest / known, DEGREES, UNIT_SLACK):
-        return Change("unit", ("theta_ref",), 1.0 / DEGREES, f"it reaches {largest:.3g}, the guidance {known:.3g} rad")
-    return None
+    if not (largest > FAR_OUT and known > 0.0 and near(largest / known, DEGREES, UNIT_SLACK)):
+        return None
+    follows = regress(columns["theta"], [reference]) if "theta" in columns else NO_FIT
+    if follows.explained > VERY_CLEAR and near(follows.gain[0], 1.0, UNIT_SLACK):
+        return None  # both are
+    return Change("unit", ("theta_ref",), 1.0 / DEGREES, f"it reaches {largest:.3g}, the guidance {known:.3g} rad")
 
 
 def _reversed(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
     """One channel with the opposite sign."""
     clear = control.explained > VERY_CLEAR
     attitude, reference = (
-        (1 if _near(control.gain[k], 1.0, GAIN_SLACK) else -1 if _near(control.gain[k], -1.0, GAIN_SLACK) else 0)
+        (1 if near(control.gain[k], 1.0, GAIN_SLACK) else -1 if near(control.gain[k], -1.0, GAIN_SLACK) else 0)
         if clear and control.partial[k] > PARTIAL else 0 for k in (0, 1))
-    if rate.explained > CLEAR and _near(rate.gain[0], -1.0, GAIN_SLACK):
+    if rate.explained > CLEAR and near(rate.gain[0], -1.0, GAIN_SLACK):
         name = "theta" if attitude < 0 < reference else "theta_dot"
         return Change("sign", (name,), -1.0, "theta_dot is minus the slope of theta")
-    if nozzle.explained > CLEAR and _near(nozzle.gain[0], -1.0, GAIN_SLACK):
+    if nozzle.explained > CLEAR and near(nozzle.gain[0], -1.0, GAIN_SLACK):
         name = "beta_cmd" if attitude < 0 and reference <= 0 else "beta"
         return Change("sign", (name,), -1.0, "beta moves against beta_cmd")
     if attitude > 0 > reference:

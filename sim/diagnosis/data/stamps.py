@@ -5,47 +5,23 @@ exceeds the local period by what no jitter of this log explains.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from ...sections import Nominal
 from .fault import Fault
+from .slope import TIME_UNITS
 
 GAP = 1.75                 # local periods: a longer step has lost a stamp (one lost: 2)
 GAP_JITTERED = 1.5         # local periods, where the log jitters by 20 %: at most 1.4 without a loss, at least 1.6 with
 NEIGHBOURS = 15            # steps on either side that give the local period: a log may change its rate
 SAME_RATE = 0.2            # relative difference of periods that jitter alone makes
 JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single steps are not jitter
-TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6))
 RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
 MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a count of rows no integer
 COARSE = 0.5               # of the stamps repeat the one before: rows were not written twice, a clock was printed short
+OUT_OF_ORDER = 0.25        # of the steps go back: no clock is reset as often
 LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
-
-
-@dataclass(frozen=True, eq=False)
-class Clock:
-    """What the stamps of a log of n rows tell.
-
-    usable  (n,) bool: the stamp is finite and after all usable ones before;  t  [s] of these, in seconds
-    """
-
-    usable: np.ndarray
-    t: np.ndarray
-    faults: tuple[Fault, ...]
-
-
-def clock(stamps: np.ndarray, period: float) -> Clock:
-    """Judge stamps (n,) by themselves and by the nominal sample period [s]."""
-    usable = usable_rows(stamps)
-    faults, t = stamp_faults(stamps, usable), stamps[usable]
-    unit, factor = time_unit(t, period)
-    if unit:
-        step = float(np.median(np.diff(t)))
-        faults.append(Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
-                            f"t looks like {unit} over the whole log: its step is {step:.4g}, the nominal's "
-                            f"{period:.4g} s; divide it by {factor:g}"))
-    return Clock(usable, t / factor, tuple(faults))
 
 
 def usable_rows(t: np.ndarray) -> np.ndarray:
@@ -99,7 +75,7 @@ def _rows(count: int) -> str:
 
 
 def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
-    """One fault a sort: non-finite, repeated, backward, missing."""
+    """One fault a sort: non-finite, out of order, repeated, backward, missing."""
     found = []
     finite = np.isfinite(t)
     if not finite.all():
@@ -109,6 +85,12 @@ def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
                            "drop these rows or restore their times"))
     rows = np.flatnonzero(finite)
     stamps, good = t[rows], usable[rows]
+    back = int(np.count_nonzero(np.diff(stamps) < 0.0))
+    if back > OUT_OF_ORDER * len(stamps):
+        found.append(Fault("order", "t", float(stamps[0]), float(stamps[-1]), back,
+                           f"t is out of order: in {back} of {len(t)} rows it is before the row before; sort the rows "
+                           "by t"))
+        return found
     again = np.zeros(len(rows), bool)
     again[1:] = stamps[1:] == stamps[:-1]
     for sort, bad, repair in (("repeated", ~good & again, "rows written twice; drop the second of each"),
@@ -128,15 +110,38 @@ def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
     return found
 
 
-def time_unit(t: np.ndarray, period: float) -> tuple[str, float]:
-    """(unit, units in a second) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1): seconds."""
-    if len(t) < 3:
-        return "", 1.0
-    ratio = float(np.median(np.diff(t))) / period
-    for name, factor in TIME_UNITS:
-        if factor / RATE_SLACK <= ratio <= factor * RATE_SLACK:
-            return name, factor
-    return "", 1.0
+def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str] | None) -> tuple[list[Fault], float]:
+    """(what the unit of increasing stamps t (n,) is, how many are a second) where that is not 1.
+
+    by_slope  as `slope.unit_of_time` tells it; None: the nominal's sample period does
+    """
+    unit, factor, why = by_slope or time_unit(t, nominal.sensors.period)
+    if not unit:
+        return [], 1.0
+    return [Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
+                  f"t looks like {unit} over the whole log: {why}; "
+                  + (f"divide it by {factor:g}" if (unit, factor) in TIME_UNITS else
+                     f"multiply it by about {1.0 / factor:.3g} s"))], factor
+
+
+def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
+    """(unit, how many are a second, why) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1, ""):
+    seconds."""
+    step = float(np.median(np.diff(t))) if len(t) > 2 else period
+    for name, factor in TIME_UNITS[:-1]:
+        if factor / RATE_SLACK <= step / period <= factor * RATE_SLACK:
+            return name, factor, f"its step is {step:.4g}, the nominal's {period:.4g} s"
+    return "", 1.0, ""
+
+
+def origin_fault(t: np.ndarray, nominal: Nominal) -> list[Fault]:
+    """That increasing stamps t (n,) [s] and the nominal's profile have no time in common."""
+    profile = nominal.vehicle.t
+    if len(profile) < 2 or len(t) == 0 or (t[0] <= profile[-1] and t[-1] >= profile[0]):
+        return []
+    return [Fault("origin", "t", float(t[0]), float(t[-1]), len(t),
+                  f"t is {t[0]:.10g} to {t[-1]:.10g} s over the whole log, the nominal's profile is of {profile[0]:g} "
+                  f"to {profile[-1]:g} s: subtract the time of lift-off from t")]
 
 
 def uniform_times(t: np.ndarray) -> np.ndarray:

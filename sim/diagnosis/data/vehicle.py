@@ -3,7 +3,8 @@
 theta_dot between blocks changes by the integral of a6 alpha + k1 beta: a regression on both, with the nominal's a6 and
 k1, gives k1 over the nominal's.  In a flight it is 0.8 to 1.3; a wind that nobody measured, which the loop answers,
 draws it to 0 and leaves little explained; a bending mode that the loop excites has made it 22 at most.  A reversed sign
-or degrees are beyond that.  A log all in degrees obeys the equation as before: its noise is 57 times the declared.
+or degrees are beyond that.  A log all in degrees obeys the equation as before: its noise is 57 times the declared, and
+theta 57 times what the guidance asks for.
 
 Before an estimate this is a warning; in a diagnosis, which asks the vehicle, a doubt more about what nothing explains.
 """
@@ -16,18 +17,14 @@ from ...log import Log
 from ...nominal import Nominal
 from ...sums import combined, inner, least_squares, square
 from .fault import Fault
-from .relations import DEGREES, block_means
+from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means, near, regress
 
-BLOCK = 0.2          # s: long enough to average the noise, short beside the motion
-FEWEST_BLOCKS = 30
-UNIT_SLACK = 1.6     # a ratio of 57.3 or its inverse within this factor
 SIGN_LEAST = 0.4     # a ratio of -1 within this and its inverse
 EXPLAINED = 0.5      # share of the variance without it that beta must explain
-CLEAR = 5.0          # standard deviations
-NEIGHBOURS = 2.0     # times the variance of independent residuals: those of neighbouring blocks share one
+FOLLOWS = 0.8        # share of theta's variance that the guidance explains: in strong wind 0.93
 NOISE_CHANNELS = (("theta", "theta_std", "theta_step"), ("theta_dot", "theta_dot_std", "theta_dot_step"),
                   ("beta", "beta_std", "beta_step"))
-NOISE_SLACK = 2.2    # noise is declared less well than a parameter
+NOISE_SLACK = 2.2    # noise is declared less well than a parameter, and a loop follows its guidance as well
 
 
 def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
@@ -36,26 +33,45 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
     masks  channel -> (n,) bool: the values that may be used
     """
     rows = masks["theta"] & masks["beta"]
-    if np.count_nonzero(rows) < FEWEST_BLOCKS:
+    if np.count_nonzero(rows) < ENOUGH_BLOCKS:
         return []
     t = log.t[rows]
     message = None if nominal.terms else _of_ratio(*_ratio(log, nominal, masks, rows))
     if message is not None:
         return [Fault(message[0], message[1], float(t[0]), float(t[-1]), len(t), message[2])]
-    if _all_noise_in_degrees(log, nominal, masks):
-        return [Fault("unit", None, float(t[0]), float(t[-1]), len(t),
-                      "all angles look like degrees over the whole log: their noise is about 57 times the nominal's; "
-                      "multiply them by pi/180")]
-    return []
+    return [_of_all(t, "their noise is about 57 times the nominal's")] if _all_noise_in_degrees(log, nominal, masks) \
+        else []
+
+
+def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """That all angles are in degrees: theta does as the guidance asks, 57 times, and k1 says nothing against it.
+
+    masks  as in `plant_faults`
+    """
+    rows = masks["theta"] & masks["beta"]
+    if nominal.guidance is None or np.count_nonzero(rows) < ENOUGH_BLOCKS:
+        return []
+    t = log.t[rows]
+    fit = regress(log.theta[rows], [nominal.guidance.attitude_at(t)])
+    if not (fit.explained > FOLLOWS and near(fit.gain[0], DEGREES, NOISE_SLACK)):
+        return []
+    if not nominal.terms and _of_ratio(*_ratio(log, nominal, masks, rows)) is not None:
+        return []  # beta is not of the unit of theta, and `plant_faults` says of which of the two that is
+    return [_of_all(t, f"theta is {fit.gain[0]:.1f} times what the guidance asks for")]
+
+
+def _of_all(t: np.ndarray, why: str) -> Fault:
+    return Fault("unit", None, float(t[0]), float(t[-1]), len(t),
+                 f"all angles look like degrees over the whole log: {why}; multiply them by pi/180")
 
 
 def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
     """(kind, channel, message) of k1 over the nominal's, nothing if it may be true."""
-    if not (explained > EXPLAINED and abs(ratio) > CLEAR * std):
+    if not (explained > EXPLAINED and abs(ratio) > SURE * std):
         return None
     said = f"k1 comes out {ratio:.2g} times the nominal's"
     for factor, column in ((DEGREES, "theta"), (1.0 / DEGREES, "beta")):
-        if 1.0 / UNIT_SLACK < abs(ratio) / factor < UNIT_SLACK:
+        if 1.0 / SAME_UNIT < abs(ratio) / factor < SAME_UNIT:
             sign = ", and of the opposite sign," if ratio < 0.0 else ""
             return "unit", column, (f"{column} looks like degrees{sign} over the whole log: {said}; "
                                     "multiply it by pi/180")
@@ -69,8 +85,8 @@ def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.nd
     """k1 over the nominal's, its standard deviation, and the share of the variance that beta explains."""
     with_rate = np.count_nonzero(masks["theta_dot"] & rows) > 0.5 * np.count_nonzero(rows)
     rows = rows & masks["theta_dot"] if with_rate else rows
-    t, theta, size = log.t[rows], log.theta[rows], max(2, round(BLOCK / log.period))
-    if len(t) // size < FEWEST_BLOCKS:
+    t, theta, size = log.t[rows], log.theta[rows], max(2, round(RATE_BLOCK / log.period))
+    if len(t) // size < ENOUGH_BLOCKS:
         return math.nan, math.nan, 0.0
     gamma = log.flight_path[rows]
     alpha = theta - np.where(np.isfinite(gamma), gamma, 0.0)
@@ -100,7 +116,7 @@ def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarra
     for name, std, step in NOISE_CHANNELS:
         declared = math.hypot(getattr(nominal.sensors, std), getattr(nominal.sensors, step) / math.sqrt(12.0))
         x = getattr(log, name)[masks[name]]
-        if declared > 0.0 and len(x) >= FEWEST_BLOCKS:
+        if declared > 0.0 and len(x) >= ENOUGH_BLOCKS:
             third = np.diff(x, n=3)   # of white noise its variance is 20 times the noise's; motion has none
             ratios.append(1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0) / declared)
     return len(ratios) > 1 and all(1.0 / NOISE_SLACK < ratio / DEGREES < NOISE_SLACK for ratio in ratios)

@@ -1,7 +1,8 @@
 """The report of a diagnosis: one page that needs no network, the verdict as JSON, the extended nominal, the figures.
 
 The first screen holds the verdict in plain words and the picture of the misfit (`first_screen`); what follows is what
-they rest on.  Figures need matplotlib; without it the page says so and has everything else.
+they rest on.  Figures need matplotlib; without it the page says so and has everything else.  Those of curves are drawn
+again by the browser (`sim.charts`), to zoom and read; where it runs no scripts the pictures stay.
 """
 
 import base64
@@ -11,10 +12,11 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from ...charts import inlined
 from ...effects import CATALOGUE
 from ...errors import InputError
 from ...files import make_folder, remove, write_text
-from ...nominal import write_nominal
+from ...nominal import rewrite_nominal
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
 from ..judge.diagnosis import Diagnosis
@@ -36,7 +38,7 @@ EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.c
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 TEMPLATE = Path(__file__).with_name("template.html")
 
-Drawn = list[tuple[str, bytes]]   # files of the figures and their PNG
+Drawn = list[tuple[str, bytes, dict[str, Any] | None]]   # files of the figures, their PNG, what is drawn live of them
 FIRST = "misfit.png"
 PICTURES = {  # file: heading, and how to read it
     "faults.png": ("The log as it is", "Hatched: where the data check found fault."),
@@ -98,7 +100,7 @@ def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) ->
         raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
     drawn = _draw(made, path)
     if made.extension is not None:
-        write_nominal(made.extension, path / "extension.toml")
+        rewrite_nominal(made.extension, path / "extension.toml")
     write_text(path / "verdict.json", [json.dumps(result, indent=1), "\n"])
     write_text(path / "report.html", [page(made, drawn)])
 
@@ -106,6 +108,7 @@ def write_report(made: Diagnosis, result: dict[str, Any], folder: str | Path) ->
 def _draw(made: Diagnosis, folder: Path) -> Drawn | None:
     """The figures that this diagnosis has, written and as PNG; None without matplotlib."""
     try:
+        from ...charts.figure import figure_json
         from .figures import DRAWN, drawable, save
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("matplotlib"):
@@ -116,7 +119,7 @@ def _draw(made: Diagnosis, folder: Path) -> Drawn | None:
         figure = DRAWN[name](made)
         if figure is not None:
             save(figure, folder / name)
-            drawn.append((name, (folder / name).read_bytes()))
+            drawn.append((name, (folder / name).read_bytes(), figure_json(figure)))
     return drawn
 
 
@@ -126,10 +129,10 @@ def page(made: Diagnosis, drawn: Drawn | None) -> str:
     links = "".join(f'<a href="#s{k}">{text(title)}</a> ' for k, (title, _) in enumerate(parts))
     body = "".join(f'<section id="s{k}"><h2>{text(title)}</h2>{body}</section>'
                    for k, (title, body) in enumerate(parts))
-    return Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+    return inlined(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         headline=text(headline(made)), colour=COLOURS[made.verdict], log=text(Path(made.log.path).name),
         nominal=text(made.nominal.name), first_screen=first_screen(made, drawn),
-        links=links, sections=body)
+        links=links, sections=body))
 
 
 def first_screen(made: Diagnosis, drawn: Drawn | None) -> str:
@@ -151,10 +154,14 @@ def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
             ("Left over", _left(made)), *data, ("Terms", terms), ("To reproduce", _again(made))]
 
 
-def _figure(name: str, png: bytes) -> str:
+def _figure(name: str, png: bytes, live: dict[str, Any] | None) -> str:
+    """Its picture, and what a browser with scripts draws in the place of that."""
     title, caption = PICTURES[name]
+    chart = "" if live is None else (
+        f'<div class="chart" id="{name.partition(".")[0]}"><script type="application/json">'
+        + json.dumps(live, separators=(",", ":"), allow_nan=False).replace("</", "<\\/") + "</script></div>")
     return (f'<figure><h3>{text(title)}</h3><img alt="{text(title)}" src="data:image/png;base64,'
-            f"{base64.b64encode(png).decode('ascii')}\"><figcaption>{text(caption)}</figcaption></figure>\n")
+            f"{base64.b64encode(png).decode('ascii')}\">{chart}<figcaption>{text(caption)}</figcaption></figure>\n")
 
 
 def _ranking(made: Diagnosis) -> str:

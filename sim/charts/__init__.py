@@ -1,0 +1,20 @@
+"""Curves on a page that one can zoom into and read: uPlot and what the report and the live page share of it, inlined.
+
+uPlot (https://github.com/leeoniya/uPlot, 1.6.32 of May 2025, MIT) draws time series: 51 kB of script without
+dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 95 times.  A page loads
+nothing: the files are in it, the licence with them.
+"""
+
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+MARKS = {"/* charts.css */": ("uPlot.min.css", "charts.css"), "/* charts.js */": ("uPlot.iife.min.js", "charts.js")}
+
+
+def inlined(page: str) -> str:
+    """The page with style and script in place of their marks, where each first stands."""
+    licence = (FOLDER / "LICENCE-uPlot.txt").read_text(encoding="utf-8")
+    for mark, names in MARKS.items():
+        parts = [f"/* uPlot: {licence} */", *((FOLDER / name).read_text(encoding="utf-8") for name in names)]
+        page = page.replace(mark, "\n".join(parts), 1)
+    return page

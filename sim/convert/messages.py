@@ -1,0 +1,275 @@
+"""Logs of messages, as channels TOPIC/FIELD: PX4's ULog, ArduPilot's DataFlash, MCAP of ROS and others."""
+
+import contextlib
+import io
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from .channels import MOST_COLUMNS, MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked
+
+ULOG_HEADER = 16
+ULOG_DEFINITIONS = tuple(bytes([kind]) for kind in b"BFIMPQ")
+ULOG_DATA = tuple(bytes([kind]) for kind in b"ARDLCSO")
+ULOG_LONGEST = 1 << 16    # bytes of a message, whose length has two
+NANOSECONDS = "log_time"  # of a message, as an MCAP file stamps it
+MOST_FIELDS = 10_000      # numbers of a message: a hundred times of what one has
+LARGEST_CHUNK = 1 << 30   # bytes of an MCAP chunk, unpacked: recorders write megabytes
+DATAFLASH_HEADER = 3      # bytes before a message
+MOST_TALK = 200_000       # pieces of what a library says of damage, two a byte: 100 kB that are no log
+DAMAGED = "{}: the file is damaged; what could be read is used"
+SHOWN = 40                # bytes of a damaged name
+
+
+def _topic(name: str, instance: int) -> str:
+    """A further instance of a topic is TOPIC.1, TOPIC.2, ..."""
+    return f"{name}.{instance}" if instance else name
+
+
+def _topics(wanted: Wanted) -> set[str] | None:
+    """The topics of the channels that are asked for, without their instances; None: all."""
+    return None if wanted is None else {each.rpartition("/")[0].partition(".")[0] for each in wanted}
+
+
+def read_ulog(path: str, wanted: Wanted) -> Channels:
+    """Topics of a PX4 log: TOPIC/FIELD, of a further instance TOPIC.1/FIELD."""
+    import pyulog
+    _walk_definitions(path)
+    channels = Channels()
+    topics = _topics(wanted)
+    with contextlib.redirect_stdout(_Heard()):
+        log = pyulog.ULog(path, None if topics is None else sorted(topics))
+    if log.file_corruption:
+        channels.notes.append(DAMAGED.format(path))
+    for data in log.data_list:
+        for field, x in data.data.items():
+            channels.take(f"{_topic(data.name, data.multi_id)}/{field}", x, wanted)
+    channels.unread.update({name: NOT_ASKED for name in log.message_formats if topics and name not in topics})
+    return channels
+
+
+def _walk_definitions(path: str) -> None:
+    """ValueError if the messages before the first of data are damaged, where the library would not end, or declare
+    more than a message can hold."""
+    formats: dict[bytes, list[bytes]] = {}
+    with open(path, "rb") as file:
+        file.seek(ULOG_HEADER)
+        while len(head := file.read(3)) == 3 and head[2:] in ULOG_DEFINITIONS:
+            size = int.from_bytes(head[:2], "little")
+            body = file.read(size)
+            if len(body) < size:
+                break
+            if head[2:] == b"F":
+                name, _, fields = body.partition(b":")
+                formats[name] = fields.split(b";")
+        if len(head) == 3 and head[2:] not in ULOG_DATA:
+            raise ValueError(f"damaged before byte {file.tell()}")
+    known: dict[bytes, int] = {}
+    for name in formats:
+        if _declared(formats, name, known) > ULOG_LONGEST:
+            raise ValueError(f"the format {name[:SHOWN]!r} is longer than a message can be")
+
+
+def _declared(formats: dict[bytes, list[bytes]], name: bytes, known: dict[bytes, int]) -> int:
+    """Numbers of one ULog format, whose fields are `TYPE[LENGTH] NAME`; RecursionError if it is in itself."""
+    if name not in formats:
+        return 1
+    if name not in known:
+        total = 0
+        for field in formats[name]:
+            kind, _, length = field.partition(b" ")[0].partition(b"[")
+            length = length.rstrip(b"]")
+            total += _declared(formats, kind, known) * (int(length) if length.isdigit() else 1)
+        known[name] = total
+    return known[name]
+
+
+def read_dataflash(path: str, wanted: Wanted) -> Channels:
+    """Messages of an ArduPilot log, binary or text: MESSAGE/FIELD, of a further instance MESSAGE.1/FIELD."""
+    from pymavlink import DFReader
+
+    class Binary(DFReader.DFReader_binary):
+        """Its index in C writes to the terminal what it thinks of a file; the one in Python to `sys.stderr`.  A message
+        of no length would keep both for ever."""
+
+        formats: dict[int, Any]
+
+        def init_arrays_fast(self, progress_callback: None = None) -> None:
+            self.formats = _Formats(self.formats)
+            self.init_arrays(progress_callback)
+
+    with open(path, "rb") as file:
+        kind = DFReader.DFReader_text if file.read(3) == b"FMT" else Binary
+    topics = _topics(wanted)
+    columns: dict[str, list[Any]] = {}
+    heard = _Heard()
+    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard), kind(path) as log:
+        names = {each.name for each in log.formats.values()}
+        asked = names if topics is None else names & topics
+        while asked and (message := log.recv_match(type=sorted(asked), strict=True)) is not None:
+            instance = getattr(message, message.fmt.instance_field or "", 0)
+            topic = _topic(message.fmt.name, instance)
+            for field in message.fmt.columns:
+                if is_asked(f"{topic}/{field}", wanted):
+                    columns.setdefault(f"{topic}/{field}", []).append(getattr(message, field))
+    channels = Channels()
+    for name, values in columns.items():
+        channels.take(name, values, wanted)
+    channels.unread.update({name: NOT_ASKED for name in names - asked})
+    channels.notes += [DAMAGED.format(path)] * heard.anything
+    return channels
+
+
+class _Formats(dict[int, Any]):
+    """The formats of a DataFlash log by their number; ValueError for one that is shorter than its header."""
+
+    def __setitem__(self, kind: int, form: Any) -> None:
+        if form.len < DATAFLASH_HEADER:
+            raise ValueError(f"messages of {form.len} bytes")
+        super().__setitem__(kind, form)
+
+
+class _Heard(io.TextIOBase):
+    """Where a library talks of damage: whether it did; ValueError when it does not end."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    @property
+    def anything(self) -> bool:
+        return self.times > 0
+
+    def write(self, text: str) -> int:
+        self.times += 1
+        if self.times > MOST_TALK:
+            raise ValueError("it is damaged in too many places")
+        return len(text)
+
+
+# ---- MCAP
+
+
+def read_mcap(path: str, wanted: Wanted) -> Channels:
+    """Topics of an MCAP file: TOPIC/FIELD.FIELD[k], with TOPIC/log_time in ns.  Those in JSON; in the encoding of ROS 2
+    or protobuf if `mcap-ros2-support` or `mcap-protobuf-support` is installed; others are left out."""
+    from mcap.reader import SeekingReader
+    size = os.path.getsize(path)
+    factories = _factories()
+    channels = Channels()
+    decoders: dict[int, Callable[[bytes], Any] | None] = {}
+    topics: dict[str, _Topic] = {}
+    with open(path, "rb") as file:
+        _check_chunks(file, size)
+        for schema, channel, message in SeekingReader(file, record_size_limit=size).iter_messages():
+            topic = channel.topic.strip("/")
+            if channel.id not in decoders:
+                decoders[channel.id] = _decoder(factories, channel.message_encoding, schema)
+                if not is_asked(topic, wanted):
+                    channels.unread[topic] = NOT_ASKED
+                elif decoders[channel.id] is None:
+                    channels.unread[topic] = (f"is in the encoding {channel.message_encoding!r}; pip install "
+                                              "mcap-ros2-support or mcap-protobuf-support for theirs")
+            decode = decoders[channel.id]
+            if decode is not None and topic not in channels.unread:
+                topics.setdefault(topic, _Topic(f"{topic}/", wanted)).add(decode(message.data), message.log_time)
+    for each in topics.values():
+        each.give(channels)
+    return channels
+
+
+class _Topic:
+    """The rows of one topic; of each field the rows that have it."""
+
+    def __init__(self, prefix: str, wanted: Wanted) -> None:
+        self.prefix, self.wanted, self.rows = prefix, wanted, 0
+        self.fields: dict[str, tuple[list[int], list[float]]] = {}
+        self.others: set[str] = set()
+
+    def add(self, message: Any, log_time: int) -> None:
+        for name, value in [*_fields("", message), (NANOSECONDS, log_time)]:
+            if self.wanted is None or self.prefix + name in self.wanted:
+                rows, values = self.fields.setdefault(name, ([], []))
+                rows.append(self.rows)
+                values.append(value)
+            else:
+                self.others.add(name)
+        self.rows += 1
+        if len(self.fields) + len(self.others) > MOST_FIELDS:
+            raise ValueError(f"{self.prefix[:-1]} has more than {MOST_FIELDS} fields")
+
+    def give(self, channels: Channels) -> None:
+        channels.unread.update({self.prefix + name: NOT_ASKED for name in self.others})
+        if self.rows * len(self.fields) > MOST_NUMBERS:
+            raise ValueError(f"{self.prefix[:-1]} has {len(self.fields)} fields in {self.rows} messages")
+        for name, (rows, values) in self.fields.items():
+            column = np.array(values)
+            if len(rows) < self.rows:
+                column = np.full(self.rows, math.nan)
+                column[rows] = values
+            channels.take(self.prefix + name, column, self.wanted)
+
+
+def _check_chunks(file: Any, size: int) -> None:
+    """ValueError if a chunk declares more than a recorder writes: the library would ask for that memory."""
+    import zstandard
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+        if not isinstance(record, Chunk):
+            continue
+        packed = zstandard.frame_content_size(record.data) if record.compression == "zstd" else -1
+        if max(record.uncompressed_size, packed) > LARGEST_CHUNK:
+            raise ValueError(f"a chunk of {len(record.data)} bytes declares {max(record.uncompressed_size, packed)}")
+    file.seek(0)
+
+
+def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
+    """Bytes of a message -> its fields; None: nothing here reads this encoding."""
+    if encoding == "json":
+        return json.loads
+    return next((decode for factory in factories if (decode := factory.decoder_for(encoding, schema))), None)
+
+
+def _factories() -> list[Any]:
+    """Of encodings beside JSON, those that are installed."""
+    found: list[Any] = []
+    try:
+        from mcap_ros2.decoder import DecoderFactory as Ros2
+        found.append(Ros2())
+    except ModuleNotFoundError:
+        pass
+    try:
+        from mcap_protobuf.decoder import DecoderFactory as Protobuf
+        found.append(Protobuf())
+    except ModuleNotFoundError:
+        pass
+    return found
+
+
+def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
+    """The numbers of a decoded message, by the path to them."""
+    if isinstance(value, (bool, int, float)):
+        yield prefix, _fitting(value)
+    elif isinstance(value, dict):
+        for name, each in value.items():
+            yield from _fields(f"{prefix}.{name}" if prefix else name, each)
+    elif isinstance(value, (list, tuple)):
+        for k, each in enumerate(value[:MOST_COLUMNS]):
+            yield from _fields(f"{prefix}[{k}]", each)
+    elif hasattr(value, "__slots__"):
+        for name in value.__slots__:
+            yield from _fields(f"{prefix}.{name}" if prefix else name, getattr(value, name, None))
+
+
+def _fitting(value: float) -> float:
+    """A number as it is, or, of an integer beyond 64 bits, the nearest float; NaN beyond those."""
+    if isinstance(value, int) and not -1 << 63 <= value < 1 << 63:
+        try:
+            return float(value)
+        except OverflowError:
+            return math.nan
+    return value
