@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from launchid_core import Config, Estimator, Model, Sample, Status
-from launchid_core.library import LIBRARIES
+from launchid_core.algebra.library import LIBRARIES
 
 LOWEST, HIGHEST, SPACING = 0.1, 1.5, 0.04  # Hz: band of the frequency-domain method
 DRIFT = 0.15            # s: a parameter's random walk has the relative std DRIFT/window after one window; see `walk`

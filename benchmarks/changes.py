@@ -25,7 +25,7 @@ import numpy as np
 from flights import NOMINALS, in_air, nominal, run_jobs
 
 from launchid_core import Config, Estimator, Status
-from launchid_core.changes import THRESHOLD
+from launchid_core.watch.changes import THRESHOLD
 from sim.bound.flights import known_state_information
 from sim.effects import from_text
 from sim.flight import Factor, Flight, dispersion, fly_whole

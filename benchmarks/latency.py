@@ -24,7 +24,7 @@ from flights import in_air, nominal
 from latency_c import above_empty, exported, long_run, plain_close
 
 from launchid_core import Config, Estimator, Sample, Status
-from launchid_core.library import LIBRARIES
+from launchid_core.algebra.library import LIBRARIES
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 

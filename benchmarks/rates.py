@@ -13,9 +13,9 @@ import sys
 from flights import NOMINALS, at_rate, run_jobs
 
 from launchid_core import Config, Estimator, Status
-from launchid_core import undeclared as un
-from launchid_core import whiteness as wh
+from launchid_core.filter import whiteness as wh
 from launchid_core.model import N_NOISES
+from launchid_core.watch import undeclared as un
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal

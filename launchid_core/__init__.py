@@ -14,15 +14,15 @@ from .status import EstimateStatus, Status
 from .version import VERSION
 
 if TYPE_CHECKING:
+    from .algebra.library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .cache import cache_folder
     from .config import Config
     from .estimate import Change, Estimate, Level, Tracked, Uncertainty
     from .estimator import Estimator
     from .kernels import compiled
-    from .library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .model import Model
     from .port import Port, port_of
-    from .uncertainty import BANDS, EDGES
+    from .watch.uncertainty import BANDS, EDGES
 
 __version__ = VERSION
 
@@ -35,7 +35,9 @@ __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWE
 def __getattr__(name: str) -> Any:
     """The names above that are not there yet: all of the package is imported."""
     if name in __all__:
-        from . import cache, config, estimate, estimator, kernels, library, model, port, uncertainty
+        from . import cache, config, estimate, estimator, kernels, model, port
+        from .algebra import library
+        from .watch import uncertainty
         for module in (cache, config, estimate, estimator, kernels, library, model, port, uncertainty):
             if hasattr(module, name):
                 globals()[name] = getattr(module, name)

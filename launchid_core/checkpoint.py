@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from .assembly import Memory
 from .config import Config
+from .order.assembly import Memory
 from .version import VERSION
 
 MAGIC = b"launchid"

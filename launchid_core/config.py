@@ -5,11 +5,11 @@ import math
 import operator
 from dataclasses import dataclass
 
+from .algebra.library import LIBRARIES, library_terms
 from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
-from .library import LIBRARIES, library_terms
+from .filter.states import MAX_DELAY_SAMPLES
+from .gate.ring import LAST_SAMPLE
 from .model import Model
-from .ring import LAST_SAMPLE
-from .states import MAX_DELAY_SAMPLES
 
 MAX_ROWS = 1_000_000  # of one window: 48 MB of ring, beyond any flight computer and any log read here
 MIN_ROWS = 4

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from . import checkpoint, replay
-from . import report as rp
-from . import ring as rb
-from . import uncertainty as un
-from . import window as wn
-from .assembly import allocate
-from .belief import A6
 from .config import Config
-from .entries import calls_of
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, made_estimate
+from .filter.belief import A6
+from .filter.states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
+from .gate import ring as rb
+from .gate import window as wn
 from .model import OFFSETS, Model
+from .order.assembly import allocate
+from .order.entries import calls_of
 from .sample import NAN, Sample
-from .states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .status import EstimateStatus, Status
+from .watch import report as rp
+from .watch import uncertainty as un
 
 _STATUSES = tuple(Status(code) for code in (*range(Status.RECOVERED + 1), *range(Status.BUSY, 0)))  # from the end: < 0
 _ESTIMATE_STATUSES = {int(status): status for status in EstimateStatus}

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from . import checkpoint, onboard, regression
-from .assembly import Memory, allocate
+from . import checkpoint
 from .config import Config
-from .entries import calls_of
-from .memory import APART, CARRIED_FROM, FILTERED
+from .order import onboard
+from .order.assembly import Memory, allocate
+from .order.entries import calls_of
+from .order.table import APART, CARRIED_FROM, FILTERED
+from .regression import regression
 
 
 class Port(NamedTuple):

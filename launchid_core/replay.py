@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from . import onboard, regression
-from . import ring as rb
-from .assembly import Memory
-from .memory import FILTERED
+from .gate import ring as rb
+from .order import onboard
+from .order.assembly import Memory
+from .order.table import FILTERED
+from .regression import regression
 from .sample import Sample
 
 

@@ -4,10 +4,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import Config, Estimator, onboard, regression
-from launchid_core.assembly import Memory, allocate
-from launchid_core.compress import first_state
-from launchid_core.memory import FILTERED, Struct, dtype_of, members, size_of
+from launchid_core import Config, Estimator
+from launchid_core.algebra.compress import first_state
+from launchid_core.order import onboard
+from launchid_core.order.assembly import Memory, allocate
+from launchid_core.order.memory import dtype_of, members
+from launchid_core.order.table import FILTERED, Struct, size_of
+from launchid_core.regression.regression import regression
 
 
 class Cut(NamedTuple):

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from launchid_core import Estimator, guard
-from launchid_core import ring as rb
-from launchid_core.memory import FILTERED
+from launchid_core import Estimator
+from launchid_core.gate import guard
+from launchid_core.gate import ring as rb
+from launchid_core.order.table import FILTERED
 
 
 def folded(*arrays: np.ndarray) -> int:

@@ -6,8 +6,8 @@ from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid_core import compress
-from launchid_core.compress import MODULUS, MULTIPLIER, first_state
+from launchid_core.algebra import compress
+from launchid_core.algebra.compress import MODULUS, MULTIPLIER, first_state
 from launchid_core.config import MAX_ROWS
 
 choose_rows = compiled(compress.choose_rows)

@@ -8,8 +8,8 @@ from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid_core import derivative
-from launchid_core.derivative import STENCIL
+from launchid_core.algebra import derivative
+from launchid_core.algebra.derivative import STENCIL
 
 differentiate, mark_segments = compiled(derivative.differentiate), compiled(derivative.mark_segments)
 

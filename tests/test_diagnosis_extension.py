@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid_core import ring
+from launchid_core.gate import ring
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.data.check import check
 from sim.diagnosis.data.turns import SEAM, unwrapped

@@ -11,8 +11,9 @@ from every import every
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from launchid_core import LIBRARIES, library
-from launchid_core.library import term_codes
+from launchid_core import LIBRARIES
+from launchid_core.algebra import library
+from launchid_core.algebra.library import term_codes
 from sim.cli import main
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
 from sim.effects import actuator as fx_actuator

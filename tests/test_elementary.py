@@ -10,7 +10,7 @@ from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from launchid_core.elementary import FAR, LARGEST, SMALLEST, TURN, cos_of, erfc_of, exp_of, log_of, sin_of
+from launchid_core.algebra.elementary import FAR, LARGEST, SMALLEST, TURN, cos_of, erfc_of, exp_of, log_of, sin_of
 
 getcontext().prec = 50
 ULP_ERFC = 8  # of the value, against libm's, which is within 1

@@ -17,8 +17,8 @@ from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
-from launchid_core import ring as rb
-from launchid_core.entries import entries_of
+from launchid_core.gate import ring as rb
+from launchid_core.order.entries import entries_of
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal

@@ -29,8 +29,8 @@ from ported import (
 )
 
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
-from launchid_core.entries import calls_of
 from launchid_core.model import OFFSETS
+from launchid_core.order.entries import calls_of
 from sim.cli import main
 from sim.errors import InputError
 from sim.export_c.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal

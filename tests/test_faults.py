@@ -18,10 +18,10 @@ from cut import flip, persisting
 from sealed import reseal
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
-from launchid_core import onboard as ob
-from launchid_core import ring as rb
-from launchid_core import tracker as tr
-from launchid_core.memory import named_arrays
+from launchid_core.gate import ring as rb
+from launchid_core.order import onboard as ob
+from launchid_core.order.memory import named_arrays
+from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal

@@ -11,11 +11,12 @@ from cut import cut_of
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from launchid_core import Config, Estimator, Sample, Status, linsolve
-from launchid_core import belief as bl
-from launchid_core import filtered as fl
-from launchid_core import servo as sv
-from launchid_core import transition as tn
+from launchid_core import Config, Estimator, Sample, Status
+from launchid_core.algebra import linsolve
+from launchid_core.filter import belief as bl
+from launchid_core.filter import filtered as fl
+from launchid_core.filter import servo as sv
+from launchid_core.filter import transition as tn
 from sim.bound.flights import flight_bound
 from sim.flight import fly_whole
 from sim.identify import onboard_model, run

@@ -11,12 +11,12 @@ from compiled import compiled
 from cut import cut_of
 
 from launchid_core import Config, Estimator
-from launchid_core import changes as ch
-from launchid_core import filtered as fl
-from launchid_core import onboard as ob
-from launchid_core import ring as rb
-from launchid_core import states as sx
-from launchid_core import tracker as tr
+from launchid_core.filter import filtered as fl
+from launchid_core.filter import states as sx
+from launchid_core.gate import ring as rb
+from launchid_core.order import block as bk
+from launchid_core.watch import changes as ch
+from launchid_core.watch import tracker as tr
 from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
@@ -355,9 +355,9 @@ def watch_block(cut) -> bool:
     """A block of 0.1 s without a row, from 0.4 s on, is used; returns whether a change moved the filter's state."""
     seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
     cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
-    ob.reduce_rows(seen, rows)
-    ob.follow_wind(seen, cut.apart["profile"])
-    return bool(ob.detect_change(seen, ob.track_block(seen)))
+    bk.reduce_rows(seen, rows)
+    bk.follow_wind(seen, cut.apart["profile"])
+    return bool(bk.detect_change(seen, bk.track_block(seen)))
 
 
 def watched(factor: float):

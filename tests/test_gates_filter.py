@@ -10,18 +10,18 @@ from cut import cut_of
 from sealed import reseal
 
 from launchid_core import Config, Estimator, Sample, Status
-from launchid_core import belief as bl
-from launchid_core import changes as ch
-from launchid_core import filtered as fl
-from launchid_core import predictor as pr
-from launchid_core import report as rp
-from launchid_core import ring as rb
-from launchid_core import servo as sv
-from launchid_core import states as sx
-from launchid_core import structure as sr
-from launchid_core import tracker as tr
-from launchid_core import whiteness as wh
-from launchid_core.memory import LARGEST
+from launchid_core.filter import belief as bl
+from launchid_core.filter import filtered as fl
+from launchid_core.filter import predictor as pr
+from launchid_core.filter import servo as sv
+from launchid_core.filter import states as sx
+from launchid_core.filter import structure as sr
+from launchid_core.filter import whiteness as wh
+from launchid_core.gate import ring as rb
+from launchid_core.order.table import LARGEST
+from launchid_core.watch import changes as ch
+from launchid_core.watch import report as rp
+from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal

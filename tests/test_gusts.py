@@ -11,11 +11,11 @@ from cut import cut_of
 from sealed import reseal
 
 from launchid_core import Config, Estimator
-from launchid_core import changes as ch
-from launchid_core import filtered as fl
-from launchid_core import gusts as gu
-from launchid_core import onboard as ob
-from launchid_core import ring as rb
+from launchid_core.filter import filtered as fl
+from launchid_core.gate import ring as rb
+from launchid_core.order import block as bk
+from launchid_core.watch import changes as ch
+from launchid_core.watch import gusts as gu
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
 from sim.identify import onboard_model, run
@@ -29,7 +29,7 @@ BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their va
 FAR = 4.0  # own standard deviations
 
 mix_gust, blow, see_block, carry_gust, follow_gust, take_gust, accept_gust = map(
-    compiled, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, ob.accept_gust))
+    compiled, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, bk.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from launchid_core import lanes
+from launchid_core.algebra import lanes
 
 ODD = (0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1e308, -1e160)
 CASES = {  # loop -> its call

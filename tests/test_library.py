@@ -10,8 +10,8 @@ from every import every
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid_core import library
-from launchid_core.library import (
+from launchid_core.algebra import library
+from launchid_core.algebra.library import (
     FUNCTIONS,
     LIBRARIES,
     MAX_POWER,

@@ -11,8 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
 
-from launchid_core import lanes, linsolve
-from launchid_core.linsolve import EPS
+from launchid_core.algebra import lanes, linsolve
+from launchid_core.algebra.linsolve import EPS
 
 apply_q_transposed, dot, invert_triangle, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
     linsolve.apply_q_transposed, lanes.dot, linsolve.invert_triangle, linsolve.pivot_ratio, linsolve.qr_factor,

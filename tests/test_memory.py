@@ -8,10 +8,11 @@ import pytest
 from cut import flip
 from numba.core import event
 
-from launchid_core import Config, Estimator, Status, entries, memory
-from launchid_core.assembly import size_of
-from launchid_core.library import MAX_TERMS, polynomial
-from launchid_core.memory import FIXED, LARGEST, STATE, WORK
+from launchid_core import Config, Estimator, Status
+from launchid_core.algebra.library import MAX_TERMS, polynomial
+from launchid_core.order import entries, memory
+from launchid_core.order.assembly import size_of
+from launchid_core.order.table import FIXED, LARGEST, STATE, WORK
 from sim.flight import fly_whole
 from sim.identify import onboard_model
 from sim.nominal import load_nominal

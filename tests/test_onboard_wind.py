@@ -19,21 +19,21 @@ from cut import cut_of
 from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import Config, Estimate, Estimator, Model, Sample, Status
-from launchid_core import belief as bl
-from launchid_core import changes as ch
-from launchid_core import disturbances as ds
-from launchid_core import filtered as fl
-from launchid_core import fit as ft
-from launchid_core import predictor as pr
-from launchid_core import ring as rb
-from launchid_core import servo as sv
-from launchid_core import states as sx
-from launchid_core import tracker as tr
-from launchid_core import transition as tn
-from launchid_core import whiteness as wh
+from launchid_core.filter import belief as bl
+from launchid_core.filter import disturbances as ds
+from launchid_core.filter import filtered as fl
+from launchid_core.filter import fit as ft
+from launchid_core.filter import predictor as pr
+from launchid_core.filter import servo as sv
+from launchid_core.filter import states as sx
+from launchid_core.filter import transition as tn
+from launchid_core.filter import whiteness as wh
+from launchid_core.gate import ring as rb
+from launchid_core.gate.window import STATUS
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
-from launchid_core.window import STATUS
+from launchid_core.watch import changes as ch
+from launchid_core.watch import tracker as tr
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole

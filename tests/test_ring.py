@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from launchid_core import Config, Estimator, Sample, Status, guard
-from launchid_core import ring as rb
-from launchid_core.memory import named_arrays
+from launchid_core import Config, Estimator, Sample, Status
+from launchid_core.gate import guard
+from launchid_core.gate import ring as rb
+from launchid_core.order.memory import named_arrays
 
 TICK = 1.0 / 1024.0
 PERIOD = 16              # ticks

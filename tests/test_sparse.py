@@ -9,9 +9,9 @@ from cut import scratch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from launchid_core import SOLVERS, sparse
-from launchid_core.memory import SPARSE, WHOLE
-from launchid_core.sparse import (
+from launchid_core import SOLVERS
+from launchid_core.algebra import sparse
+from launchid_core.algebra.sparse import (
     LASSO,
     LASSO_SWEEPS,
     SR3,
@@ -19,6 +19,7 @@ from launchid_core.sparse import (
     SSR,
     STLS,
 )
+from launchid_core.order.table import SPARSE, WHOLE
 
 covariance_entry, invert_active, sparse_solve, factor_whole, solve_active = map(compiled, (
     sparse.covariance_entry, sparse.invert_active, sparse.sparse_solve, sparse.factor_whole, sparse.solve_active))

@@ -19,9 +19,9 @@ from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
 
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Sample, Status
-from launchid_core import uncertainty as un
-from launchid_core.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
-from launchid_core.memory import GAUGE
+from launchid_core.order.table import GAUGE
+from launchid_core.watch import uncertainty as un
+from launchid_core.watch.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
 from sim.cli import main
 from sim.experiments import confidence
 from sim.flight import fly_whole

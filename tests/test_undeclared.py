@@ -11,13 +11,13 @@ from cut import cut_of
 from sealed import folded, reseal
 
 from launchid_core import Config, EstimateStatus, Estimator, Status
-from launchid_core import changes as ch
-from launchid_core import tracker as tr
-from launchid_core import undeclared as un
-from launchid_core import whiteness as wh
-from launchid_core.assembly import allocate
-from launchid_core.guard import CARRIED
-from launchid_core.memory import named_arrays
+from launchid_core.filter import whiteness as wh
+from launchid_core.gate.guard import CARRIED
+from launchid_core.order.assembly import allocate
+from launchid_core.order.memory import named_arrays
+from launchid_core.watch import changes as ch
+from launchid_core.watch import tracker as tr
+from launchid_core.watch import undeclared as un
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.identify import next_step, onboard_model, report, run

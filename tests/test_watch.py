@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from launchid_core import Config, Estimator, Status
-from launchid_core.tracker import STEADY, WALK
+from launchid_core.watch.tracker import STEADY, WALK
 from sim.cli import main
 from sim.errors import InputError, UsageError
 from sim.flight import fly, fly_whole, parameters

@@ -10,7 +10,7 @@ from ported import hostile
 from replay.make import VECTORS, read, samples_of
 
 from launchid_core import Config, Estimator, Sample, Status
-from launchid_core import ring as rb
+from launchid_core.gate import ring as rb
 
 PERIOD = 0.01
 

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from string import Template
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
 from .expressions import FUNCTIONS
 from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
-from .unit import PACKAGE, Unit
+from .unit import Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
@@ -119,7 +120,7 @@ class _Program:
     def header(self) -> str:
         """launchid.h"""
         return template("launchid.h", self.sizes() | {
-            "terms": len(self.config.terms), "max_changes": _of_module("changes", "MAX_EVENTS"),
+            "terms": len(self.config.terms), "max_changes": _module("changes").MAX_EVENTS,
             "statuses": _enumeration(Status),
             "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),
             "state": self._members(STATE), "work": self._members(WORK),
@@ -174,7 +175,8 @@ class _Program:
             template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block}),
             template("save.c", self._saved())])
         for module, name in OWN_CONSTANT.findall(own):
-            self.unit.constant(f"{PACKAGE}.{module.lower()}", name, _of_module(module.lower(), name))
+            home = _module(module.lower())
+            self.unit.constant(home.__name__, name, getattr(home, name))
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
         body = "\n".join([
             f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",
@@ -224,6 +226,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
     return "{\n" + ",\n".join(lines) + "}"
 
 
-def _of_module(module: str, name: str) -> Any:
-    """A constant of the core."""
-    return getattr(sys.modules[f"{PACKAGE}.{module}"], name)
+def _module(name: str) -> ModuleType:
+    """A module of the core by the last part of its name."""
+    return next(module for path, module in sorted(sys.modules.items())
+                if path.startswith("launchid_core.") and path.endswith(f".{name}"))

@@ -14,7 +14,6 @@ import numpy as np
 from .kernel import Kernel, typed
 from .kinds import Array, Kind, Known, Scalar, Struct, kind_of, literal
 
-PACKAGE = "launchid_core"
 INT_MAX = 2**31 - 1    # of an enumerator
 
 
@@ -126,8 +125,9 @@ def _tree(module: str) -> ast.Module:
 def defined_in(module: str, name: str) -> str:
     """The module that assigns a name which this one uses, through its imports."""
     for node in _tree(module).body:
-        if isinstance(node, ast.ImportFrom) and node.level == 1:
+        if isinstance(node, ast.ImportFrom) and node.level > 0:
             for alias in node.names:
                 if (alias.asname or alias.name) == name:
-                    return defined_in(f"{PACKAGE}.{node.module}", alias.name)
+                    around = module.rsplit(".", node.level)[0]
+                    return defined_in(f"{around}.{node.module}", alias.name)
     return module

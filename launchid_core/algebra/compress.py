@@ -1,0 +1,68 @@
+"""Random sub-sampling of a window's rows (the operator C of Navarro-Tapia et al., eq. 3).
+
+The generator is Park & Miller's minimal standard (Comm. ACM 31, 1988; multiplier
+48271): x <- 48271 x mod (2^31 - 1).  Integer arithmetic only, so every machine
+draws the same rows.  Assumption: sub-sampling needs no better generator.
+"""
+
+from ..kernels import inner
+
+MULTIPLIER = 48271
+MODULUS = 2147483647
+DRAWS = 20  # bits of the most rows a window may have, `config.MAX_ROWS`
+
+
+def first_state(seed: int) -> int:
+    """A generator state in 1..MODULUS-1 for any seed >= 0 (neighbouring seeds are spread first)."""
+    x = (seed * 2654435761 + 1013904223) % (MODULUS - 1) + 1
+    for _ in range(4):
+        x = x * MULTIPLIER % MODULUS
+    return x
+
+
+@inner
+def after(number, draws):
+    """The generator's state after so many draws, fewer than 2^DRAWS; by squaring."""
+    factor = MULTIPLIER
+    for _ in range(DRAWS):
+        if draws == 0:
+            break
+        if draws % 2 == 1:
+            number = number * factor % MODULUS
+        factor = factor * factor % MODULUS
+        draws = draws // 2
+    return number
+
+
+@inner
+def choose_rows(usable, n, p, random, kept):
+    """Selection sampling (Knuth, TAOCP 2, 3.4.2, algorithm S): `p` of the usable rows, in order.
+
+    usable (>=n,) in    int64, 1 where the row may be used
+    n             in    rows in the window
+    p             in    rows wanted
+    random (1,)   inout int64 generator state
+    kept   (>=p,) out   int64 indices
+    Returns how many were kept: min(p, usable rows).
+    """
+    left = 0
+    for i in range(n):
+        left += usable[i]
+    count = 0
+    if left <= p:  # all of them
+        for i in range(n):
+            if usable[i] == 1:
+                kept[count] = i
+                count += 1
+        random[0] = after(random[0], left)
+        return count
+    number = random[0]
+    for i in range(n):
+        if usable[i] == 1:
+            number = number * MULTIPLIER % MODULUS
+            if number * left < (p - count) * MODULUS:
+                kept[count] = i
+                count += 1
+            left -= 1
+    random[0] = number
+    return count

@@ -1,0 +1,305 @@
+"""The innovations form: a Kalman predictor of the vehicle with its sensitivities.
+
+State x = (theta, theta_dot, beta, beta_dot) and r nuisances: the wind's random walk
+and turbulence, thrust misalignment, moment, sensor offsets (`model.WALK` and on);
+theta as measured where its bias is one of them (`disturbances`).
+Input is the actuator's command, process noise on the command and on the
+acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
+
+* s, the derivative of the predicted state for an offset at the block's start
+  (n columns), for each library term of theta_ddot (q columns) and for what no
+  model has (N_TESTS columns, for the check of the model);
+* the derivative of x and of the covariance for the L log noise levels.
+
+What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of
+a model with wind levels are those of its nominal: whitening that moves with a6 would
+want the log-determinant in the fit of a6.
+
+The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that
+neither the nozzle sensor's noise (errors in variables) nor unmodelled
+accelerations (a random walk once integrated) bias.
+Sources: Ljung, System Identification, 2nd ed., section 9.4; Gupta & Mehra, IEEE TAC 19, 1974.
+
+Assumption: derivatives of the gain for p are left out (their part in the
+innovations is white and second order).
+"""
+
+import numpy as np
+
+from ..algebra.elementary import exp_of
+from ..kernels import inner
+from ..model import TURBULENCE
+from .belief import (
+    A6,
+    AIRY,
+    COMMAND_GAIN,
+    COMMAND_OFFSET,
+    DELAY,
+    GAMMA_STD,
+    HELD,
+    K1,
+    LEAN,
+    MISSING,
+    PERIOD,
+    profile_at,
+)
+from .disturbances import add_wind, fill_push, follow_path, spread_at
+from .servo import STEP, set_step
+from .states import (
+    ACCELERATION_NOISE,
+    COMMAND_NOISE,
+    FIRST,
+    GAMMA_NOW,
+    GYRO_TEST,
+    LAST,
+    MAX_DELAY_SAMPLES,
+    N_CHANNELS,
+    N_STATES,
+    N_TESTS,
+    OUTLIERS,
+    RUNNING,
+    SEGMENTS,
+)
+from .transition import add_process_noise, advance_state, carry, congruence, drive_terms, drive_tests, fill_transition
+
+UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without our knowing, if no command is logged
+UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
+START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
+OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
+MAX_OUTLIERS = 5                # in a row of one channel, for LOST: then the filter is wrong, and starts afresh
+LOST = 0.05                     # s: so long may a sensor's spike last at any rate
+SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
+SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
+
+
+@inner
+def is_lost(belief, fil):
+    """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
+    sensor."""
+    row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[PERIOD] >= LOST
+
+
+@inner
+def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
+    """Begin at a sample with nothing known of before: state from it, nuisances as declared, sensitivities afresh."""
+    n = belief.size.states
+    fil.x[:] = 0.0
+    fil.x[0] = theta
+    fil.x[1] = 0.0 if np.isnan(theta_dot) else theta_dot
+    fil.x[2] = beta
+    fil.p[:, :] = 0.0
+    fil.sx[:, :] = 0.0
+    fil.sp[:, :, :] = 0.0
+    fil.s[:, :] = 0.0
+    if fil.note[SEGMENTS] == 0:
+        fil.time[FIRST] = t
+    fil.note[SEGMENTS] += 1
+    for j in range(n - N_STATES):
+        k = N_STATES + j
+        fil.p[k, k] = spread_at(belief, fil, j, t)
+        if belief.role[j] == TURBULENCE:
+            fil.sp[belief.level[j], k, k] = 2.0 * fil.p[k, k]
+    for i in range(N_CHANNELS):
+        variance = belief.variance[i] * exp_of(2.0 * fil.level[i])
+        fil.p[i, i] = variance
+        fil.sp[i, i, i] = 2.0 * variance
+        k = belief.partner[i]
+        if k >= 0:
+            fil.p[i, i] += fil.p[k, k]
+            fil.p[i, k], fil.p[k, i] = -fil.p[k, k], -fil.p[k, k]
+    if np.isnan(theta_dot):
+        for k in range(n):
+            fil.p[1, k], fil.p[k, 1] = 0.0, 0.0
+        fil.p[1, 1] = UNKNOWN_RATE_STD * UNKNOWN_RATE_STD
+        if belief.partner[1] >= 0:
+            fil.p[belief.partner[1], belief.partner[1]] = spread_at(belief, fil, belief.partner[1] - N_STATES, t)
+        fil.sp[1, 1, 1] = 0.0
+    fil.p[3, 3] = START_NOZZLE_RATE_STD * START_NOZZLE_RATE_STD
+    for i in range(n):
+        fil.s[i, i] = 1.0
+    if np.isfinite(gamma):
+        fil.path[GAMMA_NOW] = gamma
+    elif is_lost(belief, fil) and (belief.constant[AIRY] == 0.0 or abs(fil.path[GAMMA_NOW]) > SMALL_ANGLE):
+        fil.path[GAMMA_NOW] = 0.0  # the last one measured may be what misled it
+    fil.command[:] = np.nan
+    fil.outliers[:] = 0
+    fil.time[LAST] = t
+    fil.time[RUNNING] = 1.0
+
+
+@inner
+def delayed_input(constant, fil):
+    """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
+    steps = constant[DELAY] / constant[PERIOD]
+    whole = int(steps)
+    share = steps - whole
+    newer = fil.command[min(whole, MAX_DELAY_SAMPLES - 1)]
+    if share == 0.0:
+        return newer
+    return (1.0 - share) * newer + share * fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
+
+
+@inner
+def take_command(constant, fil, command):
+    """Shift a command into the history (only as far as the delay needs)."""
+    depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
+    for k in range(depth, 0, -1):
+        fil.command[k] = fil.command[k - 1]
+    fil.command[0] = constant[COMMAND_GAIN] * command + constant[COMMAND_OFFSET]
+
+
+@inner
+def step_input(belief, fil, command):
+    """(command that acts over the step [rad], its variance).
+
+    Of samples slower than the controller the commands between are not known.  The last one is taken as held; for the
+    share of the step in which it may not be, it is uncertain by its whole change.
+    """
+    u = delayed_input(belief.constant, fil)
+    variance = belief.variance[COMMAND_NOISE] * exp_of(2.0 * fil.level[COMMAND_NOISE])
+    if np.isnan(u):
+        u = fil.x[2]
+        variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
+    elif belief.constant[MISSING] > 0.0 and np.isfinite(command):
+        change = belief.constant[MISSING] * (command - fil.command[0])
+        variance += change * change
+    return u, variance
+
+
+@inner
+def predict(belief, profile, air, fil, work, t, command, gamma):
+    """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]."""
+    n, h = belief.size.states, t - fil.time[LAST]
+    if abs(h - fil.step[STEP]) > SAME_STEP * h:
+        set_step(belief.constant, h, work, fil.step)
+    a6, k1 = profile_at(profile, fil.cell, fil.time[LAST] + 0.5 * h)
+    u, command_variance = step_input(belief, fil, command)
+    known_air = follow_path(belief, air, fil, h, gamma)
+    drive_terms(belief, fil, work, a6, k1, u, known_air)
+    fill_push(belief, a6, k1, work.push)
+    acceleration_variance = belief.variance[ACCELERATION_NOISE] * exp_of(2.0 * fil.level[ACCELERATION_NOISE])
+    believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[A6]), k1 * (1.0 + fil.p_bar[K1])
+    f, g = work.transition[:], work.transition[:]
+    fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
+    gain_k1 = believed_k1
+    if belief.constant[HELD] == 1.0:
+        g, gain_k1 = work.steady[:], k1
+        fill_transition(belief, fil, g, a6, k1, work.push)
+    known = believed_a6 * known_air + believed_k1 * belief.constant[LEAN]
+    advance_state(belief, fil, f, believed_k1, u, known)
+    carry(f, n, fil.s[:], belief.size.sensitivities)
+    for j in range(belief.size.terms):
+        fil.s[0, n + j] += work.drive[0, j]
+        fil.s[1, n + j] += work.drive[1, j]
+    drive_tests(belief, fil, work, t - 0.5 * h - fil.time[FIRST])
+    carry(f, n, fil.sx[:], belief.size.levels)
+    congruence(g, n, fil.p[:], work.matrix)
+    for k in range(belief.size.levels):
+        congruence(g, n, fil.sp[k], work.matrix)
+    add_process_noise(fil, gain_k1, command_variance, acceleration_variance)
+    seen = a6 * belief.constant[GAMMA_STD]
+    add_wind(belief, fil, seen * seen)
+    fil.time[LAST] = t
+
+
+@inner
+def seen_variance(fil, channel, partner):
+    """Variance of what a channel shows, without its own noise."""
+    variance = fil.p[channel, channel]
+    if partner >= 0:
+        variance += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
+    return variance
+
+
+@inner
+def innovation(fil, channel, partner, z):
+    """A measurement less its prediction."""
+    e = z - fil.x[channel]
+    if partner >= 0:
+        e -= fil.x[partner]
+    return e
+
+
+@inner
+def is_outlier(fil, channel, partner, z, r):
+    """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
+    e = innovation(fil, channel, partner, z)
+    outlier = e * e > OUTLIER * OUTLIER * (seen_variance(fil, channel, partner) + r)
+    fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
+    fil.note[OUTLIERS] += int(outlier)
+    return outlier
+
+
+@inner
+def begins_anew(belief, fil, t, max_gap):
+    """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
+    return is_lost(belief, fil) or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
+
+
+@inner
+def see(matrix, channel, partner, shown, m):
+    """Row of a matrix (n, m) that a channel shows, its own and its offset's.  shown (m,) out"""
+    for j in range(m):
+        shown[j] = matrix[channel, j]
+    if partner >= 0:
+        for j in range(m):
+            shown[j] += matrix[partner, j]
+
+
+@inner
+def correct_level(size, fil, work, k, channel, partner, r, e, variance):
+    """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it.
+
+    Uses de[k], gain and column of `work`; dv[k] out.
+    """
+    sp, n = fil.sp[k], size.states
+    y = work.shown[:]
+    see(sp, channel, partner, y, n)
+    ds = y[channel] + (y[partner] if partner >= 0 else 0.0) + (2.0 * r if k == channel else 0.0)
+    work.dv[k] = ds / variance
+    for i in range(n):
+        work.slope[i] = (y[i] - work.gain[i] * ds) / variance
+        fil.sx[i, k] += work.slope[i] * e + work.gain[i] * work.de[k]
+    for i in range(n):
+        g, d = work.gain[i], work.slope[i]
+        for j in range(n):
+            sp[i, j] -= d * work.column[j] + g * y[j]
+
+
+@inner
+def correct(size, fil, work, channel, partner, z, r, score, information):
+    """Scalar measurement update of one channel; returns (innovation, its variance), sensitivities in work.out.
+
+    partner  the state that the channel shows beside its own, or NONE
+    score (L,), information (L, L) inout: Fisher scoring of the log noise levels,
+    d ln L = sum (e de/S - (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
+    """
+    x, p, s = fil.x, fil.p, fil.s
+    n, levels = size.states, size.levels
+    variance = seen_variance(fil, channel, partner) + r
+    e = innovation(fil, channel, partner, z)
+    see(p[:], channel, partner, work.column[:], n)
+    see(s[:], channel, partner, work.out[:], size.sensitivities)
+    if channel == 1:
+        work.out[size.sensitivities - N_TESTS + GYRO_TEST] += 1.0
+    for i in range(n):
+        work.gain[i] = work.column[i] / variance
+    surplus = 1.0 - e * e / variance
+    for k in range(levels):
+        work.de[k] = -fil.sx[channel, k]
+        if partner >= 0:
+            work.de[k] -= fil.sx[partner, k]
+        correct_level(size, fil, work, k, channel, partner, r, e, variance)
+        score[k] -= e * work.de[k] / variance + 0.5 * surplus * work.dv[k]
+    for k in range(levels):
+        for m in range(levels):
+            information[k, m] += work.de[k] * work.de[m] / variance + 0.5 * work.dv[k] * work.dv[m]
+    for i in range(n):
+        g = work.gain[i]
+        x[i] += g * e
+        for j in range(size.sensitivities):
+            s[i, j] -= g * work.out[j]
+        for j in range(n):
+            p[i, j] -= g * work.column[j]
+    return e, variance

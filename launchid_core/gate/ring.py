@@ -1,0 +1,230 @@
+"""The gate and the ring buffer: one sample in, one status out, never an allocation.
+
+A window is [t_start, t_start + window); windows lie end to end from the first
+sample on.  One closes with its last expected sample (t + 1.5 sample_period >
+t_end) or, if that is missing, with the first one after.  The ring keeps the
+newest m + 1 samples: a full window and the one that may come after it.
+"""
+
+import math
+
+import numpy as np
+
+from ..kernels import inner
+from ..status import Status
+
+# columns of the ring
+T, THETA, THETA_DOT, BETA, THETA_DDOT, BETA_CMD, GAMMA = range(7)
+N_COLUMNS = 7
+ATTACK = GAMMA  # of a copied window: `rows.fill_attack` leaves the angle of attack where gamma was
+
+# limits (f8): what the gate and the window logic compare with
+PERIOD, WINDOW, MAX_GAP = range(3)
+LIMIT_FIRST = 3  # limits[LIMIT_FIRST + column] is the range of that column
+N_LIMITS = LIMIT_FIRST + N_COLUMNS
+
+# clock (f8): what persists between samples
+T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED, TURNED, BEFORE = range(6)
+# T_CLOSED: t_start of the window that just closed; TURNED [rad]: whole turns added to theta; BEFORE [rad]: the last
+# theta as it was measured
+N_CLOCK = 6
+
+# count (i8)
+HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK, WRAPS = range(12)
+# WAITING: samples in the ring that the filter has not taken; ESTIMATES: 1 once a window has closed
+# STUCK: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
+COUNT_FIRST = 12  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
+N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
+N_COUNT = COUNT_FIRST + N_STATUS
+N_GUARD = 2  # seals beside those of the rows: guard.CONTROL, guard.CARRIED
+
+ACCEPTED = int(Status.ACCEPTED)
+WINDOW_COMPLETE = int(Status.WINDOW_COMPLETE)
+AFTER_GAP = int(Status.AFTER_GAP)
+CLOCK_RESET = int(Status.CLOCK_RESET)
+RECOVERED = int(Status.RECOVERED)
+NONFINITE = int(Status.NONFINITE)
+RANGE = int(Status.RANGE)
+DT_ZERO = int(Status.DT_ZERO)
+DT_NEGATIVE = int(Status.DT_NEGATIVE)
+BUSY = int(Status.BUSY)
+
+LAST_SAMPLE = 1.5       # periods: nearer than this to the end, a sample is its window's last
+SAME_INSTANT = 1.0e-6   # periods: stamps closer than this are one instant (rounding of k*period)
+SEAM = 0.5              # rad: a theta that jumps from so near +-pi to so near the other crossed it (50 rad/s at 100 Hz)
+HALF_TURN = math.pi
+TURN = 2.0 * math.pi
+RESET_COUNT = 5         # consecutive stamps that agree on an earlier clock before it is believed
+
+
+@inner
+def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """ACCEPTED, NONFINITE or RANGE for the values of one sample (NaN passes in the optional channels)."""
+    if not (np.isfinite(t) and np.isfinite(theta) and np.isfinite(beta)):
+        return NONFINITE
+    if np.isinf(theta_dot) or np.isinf(theta_ddot) or np.isinf(beta_cmd) or np.isinf(gamma):
+        return NONFINITE
+    if not (abs(t) <= limits[LIMIT_FIRST] and abs(theta) <= limits[LIMIT_FIRST + THETA]
+            and abs(beta) <= limits[LIMIT_FIRST + BETA]):
+        return RANGE
+    if (abs(theta_dot) > limits[LIMIT_FIRST + THETA_DOT] or abs(theta_ddot) > limits[LIMIT_FIRST + THETA_DDOT]
+            or abs(beta_cmd) > limits[LIMIT_FIRST + BETA_CMD] or abs(gamma) > limits[LIMIT_FIRST + GAMMA]):
+        return RANGE
+    return ACCEPTED
+
+
+@inner
+def judge_time(limits, clock, count, t):
+    """ACCEPTED, AFTER_GAP, CLOCK_RESET, DT_ZERO or DT_NEGATIVE for a stamp; follows an earlier clock's stamps."""
+    if count[STARTED] == 0:
+        return ACCEPTED
+    dt = t - clock[T_LAST]
+    if abs(dt) <= SAME_INSTANT * limits[PERIOD]:
+        return DT_ZERO
+    if dt > 0.0:
+        count[CANDIDATES] = 0
+        return AFTER_GAP if dt > limits[MAX_GAP] else ACCEPTED
+    step = t - clock[T_CANDIDATE]
+    agrees = count[CANDIDATES] > 0 and 0.0 < step <= limits[MAX_GAP]
+    count[CANDIDATES] = count[CANDIDATES] + 1 if agrees else 1
+    clock[T_CANDIDATE] = t
+    return CLOCK_RESET if count[CANDIDATES] >= RESET_COUNT else DT_NEGATIVE
+
+
+@inner
+def start_clock(clock, count, t):
+    """Begin window 0 at t."""
+    clock[T_FIRST] = t
+    count[STARTED] = 1
+    count[INDEX] = 0
+    count[ROWS] = 0
+    count[GAPS] = 0
+    count[CANDIDATES] = 0
+
+
+@inner
+def close_window(limits, clock, count, back):
+    """Mark the rows of the current window as closed; `back` of the newest ring rows are not its own."""
+    clock[T_CLOSED] = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
+    count[CLOSED_ROWS] = count[ROWS]
+    count[CLOSED_BACK] = back
+    count[ROWS] = 0
+
+
+@inner
+def is_past(limits, clock, count, t):
+    """Whether t lies past the current window's end."""
+    return t >= clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - SAME_INSTANT * limits[PERIOD]
+
+
+@inner
+def seek_window(limits, clock, count, t):
+    """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
+    if not is_past(limits, clock, count, t):
+        return False
+    slack = SAME_INSTANT * limits[PERIOD]
+    closed = count[ROWS] > 0
+    if closed:
+        close_window(limits, clock, count, 1)
+    count[INDEX] = int(np.floor((t - clock[T_FIRST] + slack) / limits[WINDOW]))
+    return closed
+
+
+@inner
+def stays_within(limits, clock, count, t):
+    """Whether a sample at t surely closes no window: a later one than the last, and not the window's last."""
+    t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
+    return (count[STARTED] == 1 and clock[T_LAST] < t and t + LAST_SAMPLE * limits[PERIOD] <= t_start + limits[WINDOW]
+            and not is_past(limits, clock, count, t))
+
+
+@inner
+def unwrap(clock, count, theta, anew):
+    """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""
+    before = clock[BEFORE]
+    clock[BEFORE] = theta
+    if anew:
+        clock[TURNED] = 0.0
+    elif before * theta < 0.0 and abs(abs(before) - HALF_TURN) < SEAM and abs(abs(theta) - HALF_TURN) < SEAM:
+        clock[TURNED] += TURN if before > 0.0 else -TURN
+        count[WRAPS] += 1
+    return theta if clock[TURNED] == 0.0 else theta + clock[TURNED]
+
+
+@inner
+def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Take one sample; returns its Status.
+
+    limits (N_LIMITS,)   in     periods, window, ranges
+    clock  (N_CLOCK,)    inout
+    count  (N_COUNT,)    inout  int64
+    ring   (m + 1, 7)    inout
+    After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest
+    ones in the ring but for the newest count[CLOSED_BACK].
+    """
+    code = gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    if code == ACCEPTED:
+        code = judge_time(limits, clock, count, t)
+    if code < 0:
+        count[COUNT_FIRST + code - BUSY] += 1
+        return code
+    first = count[STARTED] == 0
+    if first or code == CLOCK_RESET:
+        start_clock(clock, count, t)
+    complete = seek_window(limits, clock, count, t)
+
+    head = count[HEAD]
+    row = ring[head]
+    row[T] = t
+    row[THETA] = unwrap(clock, count, theta, code != ACCEPTED or first)
+    row[THETA_DOT] = theta_dot
+    row[BETA] = beta
+    row[THETA_DDOT] = theta_ddot
+    row[BETA_CMD] = beta_cmd
+    row[GAMMA] = gamma
+    count[HEAD] = head + 1 if head + 1 < ring.shape[0] else 0
+    clock[T_LAST] = t
+
+    slack = SAME_INSTANT * limits[PERIOD]
+    t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
+    if t >= t_start - slack:  # else it came after its window had closed
+        count[ROWS] = min(count[ROWS] + 1, ring.shape[0] - 1)
+    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW] and count[ROWS] > 0:
+        close_window(limits, clock, count, 0)
+        count[INDEX] += 1
+        complete = True
+    if complete:
+        code = WINDOW_COMPLETE
+    count[COUNT_FIRST + code - BUSY] += 1
+    return code
+
+
+@inner
+def copy_window(ring, count, saturation, signal):
+    """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
+
+    ring       (m + 1, 7) in
+    count      (N_COUNT,) in
+    saturation (7,)       in   end stop of each column; inf: none
+    signal     (7, m)     out  one row a column of the ring
+    Returns how many were copied and how many left out.
+    """
+    n = count[CLOSED_ROWS]
+    capacity = ring.shape[0]
+    first = count[HEAD] - count[CLOSED_BACK] - n
+    if first < 0:
+        first += capacity
+    copied = 0
+    at = first
+    for _ in range(n):
+        source = ring[at]
+        at = at + 1 if at + 1 < capacity else 0
+        saturated = False
+        for k in range(THETA, N_COLUMNS):
+            if abs(source[k]) >= saturation[k]:
+                saturated = True
+        if not saturated:
+            for k in range(N_COLUMNS):
+                signal[k, copied] = source[k]
+            copied += 1
+    return copied, n - copied

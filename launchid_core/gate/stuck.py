@@ -1,0 +1,116 @@
+"""A sensor that stands still: the same value over and over while what it measures moves.
+
+How often neighbouring samples are equal says how coarse a channel is: its share of repeats p is learned from window to
+window, and in the window itself outside the longest run.  A run of n repeats has the chance p^n; below IMPROBABLE it is
+no accident of rounding.  That alone would refuse a coarse sensor on a quiet flight, so the neighbour must contradict
+it: theta stands still although the rate's integral moved it by STEPS of its smallest steps, the rate stands still
+although theta moved by so much more than it says, the nozzle stands still although the command moved by so much.
+A nozzle without a logged command is not judged: it may be held; nor is a channel that never moved.
+"""
+
+import numpy as np
+
+from ..kernels import inner
+from . import ring as rb
+from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
+
+FEWEST = 5            # repeats: below it no sensor is called stuck
+IMPROBABLE = 1.0e-12  # once in 300 years at 100 Hz
+STEPS = 3.0           # of the channel's smallest: a quantised value is off by half a step
+LEARNED = 0.1         # weight of a window's share of repeats: the last ten windows
+N_WATCHED = 3         # theta, theta_dot, beta
+# learned (f8) of a channel: share of repeats; smallest step between neighbours, 0 before there was one
+SHARE, STEP = range(2)
+N_LEARNED = 2
+
+
+@inner
+def place(counts, ring, k):
+    """Where row k of the closed window stands in the ring."""
+    first = counts[rb.HEAD] - counts[rb.CLOSED_BACK] - counts[rb.CLOSED_ROWS]
+    return (first + ring.shape[0] + k) % ring.shape[0]
+
+
+@inner
+def is_repeat(before, now, column, stop):
+    """Whether two neighbours have the same value, which is not the sensor's end stop."""
+    return before[column] == now[column] and abs(now[column]) < stop
+
+
+@inner
+def longest_run(ring, counts, column, stop):
+    """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
+    run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
+    at = place(counts, ring, 0)
+    for k in range(1, counts[rb.CLOSED_ROWS]):
+        following = at + 1 if at + 1 < ring.shape[0] else 0
+        before, now = ring[at], ring[following]
+        at = following
+        if is_repeat(before, now, column, stop):
+            run += 1
+            repeats += 1
+            if run > longest:
+                longest, end = run, k
+        else:
+            run = 0
+            step = abs(now[column] - before[column])
+            if 0.0 < step < smallest:
+                smallest = step
+    return longest, end, repeats, smallest
+
+
+@inner
+def improbable(share, run):
+    """Whether a run of so many repeats is no accident where this share of samples are repeats."""
+    chance = 1.0
+    for _ in range(run):
+        chance *= share
+        if chance < IMPROBABLE:
+            return run >= FEWEST
+    return False
+
+
+@inner
+def contradiction(ring, counts, column, first, last):
+    """By how much its neighbour says that a channel moved while it stood still, rows `first` to `last` [its unit]."""
+    begin, end = ring[place(counts, ring, first)], ring[place(counts, ring, last)]
+    span = end[T] - begin[T]
+    if column == BETA:
+        return abs(end[BETA_CMD] - begin[BETA_CMD])
+    if column == THETA_DOT:
+        return abs(end[THETA] - begin[THETA] - span * begin[THETA_DOT]) / span
+    moved = 0.0
+    for k in range(first + 1, last + 1):
+        before, now = ring[place(counts, ring, k - 1)], ring[place(counts, ring, k)]
+        moved += 0.5 * (before[THETA_DOT] + now[THETA_DOT]) * (now[T] - before[T])
+    return abs(moved)
+
+
+@inner
+def is_stuck(ring, counts, learned, column, stop):
+    """Whether a channel stood still in the closed window; what it is like otherwise is learned.
+
+    ring (m + 1, 7), counts  in;  learned (2,) inout  SHARE, STEP;  stop  in  the sensor's end stop
+    """
+    run, last, repeats, smallest = longest_run(ring, counts, column, stop)
+    rows = counts[rb.CLOSED_ROWS]
+    outside = (repeats - run + 1.0) / (rows - run + 1.0)
+    if learned[STEP] > 0.0 and improbable(max(outside, learned[SHARE]), run):
+        if contradiction(ring, counts, column, last - run, last) > STEPS * learned[STEP]:
+            return True
+    if rows > 1:
+        learned[SHARE] += LEARNED * (repeats / (rows - 1.0) - learned[SHARE])
+    if np.isfinite(smallest):
+        learned[STEP] = min(smallest, learned[STEP]) if learned[STEP] > 0.0 else smallest
+    return False
+
+
+@inner
+def stands_still(ring, counts, learned, stop_theta, stop_theta_dot, stop_beta):
+    """Whether any channel stood still in the closed window; counted.  learned (3, 2) inout"""
+    stops = (stop_theta, stop_theta_dot, stop_beta)
+    stuck = False
+    for k in range(N_WATCHED):
+        stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck
+    counts[rb.STUCK] += int(stuck)
+    return stuck

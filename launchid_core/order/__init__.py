@@ -1,0 +1,1 @@
+"""Memory, and the order of it all."""

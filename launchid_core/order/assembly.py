@@ -1,0 +1,173 @@
+"""An estimator's memory, from its configuration: allocated, filled.  Nothing is compiled here."""
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from ..algebra.library import centred_variables, default_own_share, term_codes
+from ..choices import SOLVERS
+from ..config import Config
+from ..filter.belief import AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NODE_A6, NODE_K1, NODE_T, NONE
+from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
+from ..filter.states import N_CHANNELS, N_STATES
+from ..gate import ring as rb
+from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
+from ..regression import plan as pl
+from . import memory as me
+from . import table as tb
+from .table import FIXED, STATE
+
+
+class Memory(NamedTuple):
+    """All that an estimator has.
+
+    size     how much of it is in use
+    struct   the table of its block
+    block    (1,) of the structured type
+    words    of the block what is carried on, seen as int64
+    parts    its arrays by name, as much as is in use
+    apart    by name, what grows with the window, the rate or a profile
+    """
+
+    size: tb.Size
+    struct: tb.Struct
+    block: np.ndarray
+    words: np.ndarray
+    parts: Any
+    apart: dict[str, np.ndarray]
+
+    @property
+    def seen(self) -> Any:
+        """The block as kernels take it: the array, or its members where nothing is compiled."""
+        return (self.parts,) if numba.config.DISABLE_JIT else self.block  # type: ignore[attr-defined]
+
+    def state_arrays(self) -> list[tuple[str, np.ndarray]]:
+        """What persists between samples by name, in the order in which it is saved."""
+        apart = [(name, self.apart[name]) for name, part, *_ in tb.APART[self.struct.name] if part == STATE]
+        return [*me.named_arrays(self.parts.state, STATE), *apart]
+
+
+def size_of(config: Config) -> tb.Size:
+    """How much of the memory a configuration uses."""
+    model = config.model
+    q = len(config.terms)
+    if config.formulation == "filtered":
+        assert model is not None
+        return tb.size_of(q, len(model.nuisances), len(model.levels), structured=int(q > 2),
+                          ranged=int(bool(model.sigma_t)))
+    return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
+                      by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
+
+
+def _grown(config: Config, size: tb.Size) -> tb.Grown:
+    model = config.model
+    innovations = nodes = air = ranged = 0
+    if model is not None:
+        innovations = N_CHANNELS * block_samples(config)
+        nodes, air, ranged = len(model.profile_t), max(1, len(_air_times(model))), len(model.sigma_t)
+    return tb.Grown(config.rows + 1, config.rows, config.kept_rows, size.terms, size.wider, size.columns, innovations,
+                    nodes, air, ranged)
+
+
+def allocate(config: Config) -> Memory:
+    """Memory for a configuration, with what never changes in flight; what persists is zero."""
+    size = size_of(config)
+    struct = tb.FILTERED if config.formulation == "filtered" else tb.REGRESSION
+    block, grown = np.zeros(1, me.dtype_of(struct)), _grown(config, size)
+    fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
+    for name, number in size._asdict().items():
+        fixed["size"][name] = number
+    apart = {name: np.zeros(me.extents(shape, grown), kind) for name, _, kind, shape, _ in tb.APART[struct.name]}
+    memory = Memory(size, struct, block, me.carried_words(struct, block), me.members(struct, block, size), apart)
+    limits = memory.parts.fixed.limits
+    limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
+    limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,
+                               config.theta_ddot_limit, config.beta_cmd_limit, config.gamma_limit)
+    if config.model is not None and struct is tb.FILTERED:
+        _fill_filtered(config, config.model, memory)
+    else:
+        _fill_regression(config, memory.parts.fixed)
+    return memory
+
+
+def enough(config: Config) -> int:
+    """Rows below which a window is SHORT: half of what it keeps, and two more than there are terms."""
+    return max(len(config.terms) + 2, (config.kept_rows + 1) // 2)
+
+
+def block_samples(config: Config) -> int:
+    """Samples of a block: BLOCK in whole ones, one at least, and no more than a window has."""
+    return min(max(math.floor(BLOCK / config.sample_period + 0.5), 1), config.rows)
+
+
+def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
+    belief, option = memory.parts.fixed.belief, memory.parts.fixed.option
+    profile, sigma = memory.apart["profile"], memory.apart["sigma"]
+    profile[:, NODE_T], profile[:, NODE_A6], profile[:, NODE_K1] = model.profile_t, model.profile_a6, model.profile_k1
+    sigma[:, NODE_T], sigma[:, NODE_A6], sigma[:, NODE_K1] = model.sigma_t, model.sigma_a6, model.sigma_k1
+    belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.time_constant, model.delay,
+                          config.sample_period, config.missing_commands,
+                          float(model.walk > 0.0 or model.turbulence > 0.0),
+                          float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
+                          model.gyro_scale, model.command_gain, model.command_offset,
+                          model.known_theta, model.known_theta_dot, model.known_beta,
+                          config.theta_saturation, config.theta_dot_saturation, config.beta_saturation,
+                          model.known_damping, block_samples(config) * config.sample_period / BLOCK)
+    belief.variance[:] = model.variances(config.sample_period)
+    belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
+    _fill_nuisances(model, belief, memory.apart["air"])
+    belief.codes[:] = term_codes(config.terms)
+    belief.term[AT_THETA], belief.term[AT_BETA] = config.terms.index("theta"), config.terms.index("beta")
+    option[pl.ESTIMATE_LEVELS], option[pl.LEAST_SAMPLES] = int(config.noise == "estimated"), enough(config)
+
+
+def _air_times(model: Model) -> tuple[float, ...]:
+    """Nodes at which forecast or drift are given; none without them."""
+    return tuple(sorted({*model.forecast_t, *model.drift_t}))
+
+
+def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
+    """The disturbances' parts of what is believed."""
+    times, levels = _air_times(model), model.levels
+    if times:
+        air[:, AIR_T] = times
+        for column, nodes, values in ((AIR_WIND, model.forecast_t, model.forecast),
+                                      (AIR_ALPHA, model.drift_t, model.drift_alpha),
+                                      (AIR_BETA, model.drift_t, model.drift_beta)):
+            if nodes:
+                air[:, column] = np.interp(times, nodes, values)
+    belief.partner[:] = NONE
+    for k, role in enumerate(model.nuisances):
+        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), NONE
+        if role < MISALIGNMENT and WIND_NOISES[role] in levels:
+            belief.level[k] = levels.index(WIND_NOISES[role])
+        if role > ATTITUDE_BIAS:
+            belief.partner[role - ATTITUDE_BIAS] = N_STATES + k
+
+
+def _thresholds(config: Config) -> tuple[float, float]:
+    """RAW and OWN_SHARE: what a term must exceed to stay, one of them 0."""
+    if config.threshold is None:
+        return 0.0, default_own_share(config.terms)
+    return config.threshold, 0.0
+
+
+def _fill_regression(config: Config, fixed: Any) -> None:
+    def place(term: str) -> int:
+        return config.terms.index(term) if term in config.terms else -1
+
+    fixed.codes[:] = term_codes(config.terms)
+    fixed.centred[:] = centred_variables(fixed.codes)
+    plan = fixed.plan
+    plan[pl.KEEP], plan[pl.SOLVER], plan[pl.ENOUGH] = config.kept_rows, SOLVERS.index(config.solver), enough(config)
+    plan[pl.TERM_A6], plan[pl.TERM_K1] = place("theta"), place("beta")
+    plan[pl.TERM_A6_DOT], plan[pl.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
+    plan[pl.MEASURED] = int(config.formulation == "measured")
+    plan[pl.INTEGRAL] = int(config.formulation == "integral")
+    plan[pl.HELD] = int(config.beta_held)
+    fixed.threshold[:] = _thresholds(config)
+    fixed.saturation[:] = math.inf
+    fixed.saturation[rb.THETA], fixed.saturation[rb.THETA_DOT] = config.theta_saturation, config.theta_dot_saturation
+    fixed.saturation[rb.BETA] = config.beta_saturation

@@ -1,0 +1,428 @@
+"""The memory of an estimator in one table: a line an array, with name, type, shape and meaning.
+
+From the table come the structured type that kernels see as a record (`block_type`), the named members that Python and
+un-jitted kernels see (`members`), what persists, what is sealed, what is saved, and the structs of a C port.
+
+Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
+of an array is in use stands in `Size`, and the rest stays zero.  What grows with the window, the sample rate or a
+profile's nodes stands apart, in arrays of its own (`Apart`).  In a saved state and in C every array has the extents in
+use alone.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..algebra.library import CODE_LENGTH, MAX_POWER, MAX_TERMS, N_VARIABLES
+from ..filter import whiteness as wh
+from ..filter.belief import N_AIR, N_BELIEF, N_CONSTANTS, N_NODE, ONSETS
+from ..filter.servo import N_STEP
+from ..filter.states import MAX_DELAY_SAMPLES, N_CHANNELS, N_NOTES, N_STATES, N_TESTS, N_TIME
+from ..gate import ring as rb
+from ..gate.stuck import N_LEARNED, N_WATCHED
+from ..gate.window import EQUATIONS, N_FLAGS, N_NUMBERS
+from ..model import MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
+from ..regression.plan import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
+from ..watch import changes as ch
+from ..watch import report as rp
+from ..watch import undeclared as un
+from ..watch.tracker import MEMBERS
+from ..watch.uncertainty import N_FLAGS as N_GAUGE_FLAGS
+from ..watch.uncertainty import OUT
+
+F8, I8 = np.dtype(np.float64), np.dtype(np.int64)
+FIXED, STATE, WORK = "fixed", "state", "work"  # never changes in flight; persists between samples; scratch
+
+
+class Size(NamedTuple):
+    """How much of the memory is in use: integers that never change."""
+
+    terms: int          # of the library
+    states: int         # of the filter
+    nuisances: int      # of them beyond the vehicle's
+    levels: int         # noise levels
+    sensitivities: int  # columns of the filter's: offset at the block's start, terms, tests
+    columns: int        # the same and the right-hand side
+    pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
+    wider: int          # terms of a solution with the drifts of a6 and k1 beside its own
+    learned: int        # columns of the structure's information, right-hand side last
+    gust: int           # states of the gust after calm; 0 of a model without nuisances
+    undeclared: int     # states of the undeclared wind; 0 of a model with nuisances, which knows better
+    integral: int       # 1: formulation `integral`
+    solver: int         # index into SOLVERS
+    by_share: int       # 1: a term stays by what it explains by itself, not by a threshold
+    structured: int     # 1: more terms than theta and beta, of which it is learned which are there
+    ranged: int         # 1: the model has a range, so there is an uncertainty level
+
+
+def size_of(terms: int, nuisances: int = 0, levels: int = 0, **flags: int) -> Size:
+    """Size of an estimator, without levels a regression's; flags: the last five fields, 0 where absent."""
+    states = N_STATES + nuisances if levels else 0
+    sensitivities = states + terms + N_TESTS
+    is_known = levels > 0 and nuisances == 0
+    return Size(terms, states, nuisances, levels, sensitivities, columns=sensitivities + 1, pair=states + 3,
+                wider=terms + PAIR, learned=terms + 1, gust=states + 2 if nuisances else 0,
+                undeclared=un.SIZE if is_known else 0,
+                **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
+
+
+LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS)._replace(undeclared=un.SIZE)  # the extents of every record
+
+
+class Grown(NamedTuple):
+    """Extents of what stands apart."""
+
+    held: int         # rows of the ring: a window's, and the one that may come after it
+    window: int       # rows of a window
+    kept: int         # of them that are kept
+    terms: int        # of the library
+    wider: int        # terms, and the drifts of a6 and k1
+    columns: int      # of the filter's sensitivities and right-hand side
+    innovations: int  # of a block of samples
+    nodes: int        # of the profile
+    air_nodes: int    # of forecast and drift
+    range_nodes: int  # of the range sigma
+
+
+Extent = int | str | tuple["Extent", ...]  # a number, a name of `Size`, the product of several
+
+
+@dataclass(frozen=True)
+class Line:
+    """One array, or one struct in another."""
+
+    name: str
+    kind: "np.dtype[Any] | Struct"
+    shape: tuple[Extent, ...] = ()
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Struct:
+    """Arrays that belong together."""
+
+    name: str
+    about: str
+    lines: tuple[Line, ...]
+
+
+def struct(name: str, about: str, *rows: tuple[Any, ...]) -> Struct:
+    """A struct of rows (name, type, shape, meaning), or (name, struct)."""
+    return Struct(name, about, tuple(Line(*row) for row in rows))
+
+
+# ---- the table
+
+SIZE = struct("Size", "How much of the memory is in use.", *((name, I8) for name in Size._fields))
+
+OUTCOME = struct(
+    "Outcome", "Result of the last window.",
+    ("number", F8, (N_NUMBERS,), "a6, k1 and what is known of them"),
+    ("flag", I8, (N_FLAGS,), "EstimateStatus, rows used, gaps"),
+    ("xi", F8, ("terms", EQUATIONS), "coefficients"),
+    ("support", I8, ("terms", EQUATIONS), "1: active"),
+    ("std", F8, ("terms",), "standard deviation of a term of theta_ddot that is active; NaN for those that are not"),
+    ("absent", F8, ("terms",), "95 % limit of a term of theta_ddot that is not active; NaN for those that are"))
+
+SPARSE = struct(
+    "SparseWork", "Scratch of the solvers for q terms; of use after `solve_active` and `invert_active` alone.",
+    ("columns", F8, ((2, "terms", "terms"),), "active columns one after the other; 2q rows each for SR3's system"),
+    ("order", I8, ("terms",), "of the pivots"),
+    ("tau", F8, ("terms",), "Householder factors"),
+    ("norms", F8, ("terms",), "of the columns"),
+    ("right", F8, ((2, "terms"),), "right-hand side"),
+    ("solution", F8, ("terms",), "in pivoted order"),
+    ("places", I8, ("terms",), "active column numbers"),
+    ("scaled", F8, (("terms", "terms"),), "columns of unit norm, one after the other"),
+    ("weight", F8, ("terms",), "their norms"),
+    ("auxiliary", F8, ("terms",), "residual of the lasso, thresholded coefficients of SR3"),
+    ("inverse", F8, ("terms", "terms"), "of the active factor's triangle"),
+    ("trial", F8, ("terms",), "coefficients of a trial solve"),
+    ("lost", F8, ("terms",), "what the residual loses to an absent term"),
+    ("length", F8, ("terms",), "of what an absent term adds to the active ones"))
+
+WHOLE = struct(
+    "Whole", "Factor of all columns of M, scaled.",
+    ("columns", F8, (("terms", "terms"),), "one after the other"),
+    ("order", I8, ("terms",), "of the pivots"),
+    ("tau", F8, ("terms",), "Householder factors"),
+    ("norms", F8, ("terms",), "of the columns"),
+    ("rank", I8, (1,), "of the factor"))
+
+REGRESSION_FIXED = struct(
+    "Fixed", "Never changes in flight.",
+    ("size", SIZE),
+    ("limits", F8, (rb.N_LIMITS,), "of the gate and the windows"),
+    ("codes", I8, ("terms", CODE_LENGTH), "terms"),
+    ("centred", I8, (N_VARIABLES,), "variables that may be centred"),
+    ("plan", I8, (N_PLAN,), "what is chosen"),
+    ("threshold", F8, (N_THRESHOLDS,), "RAW: in units of each coefficient; OWN_SHARE: of the squares"),
+    ("saturation", F8, (rb.N_COLUMNS,), "end stops by ring column"))
+
+GATE = (
+    ("clock", F8, (rb.N_CLOCK,), "stamps that the gate and the windows go by"),
+    ("counts", I8, (rb.N_COUNT,), "where samples go, and how often each status was answered"),
+    ("guard", I8, (rb.N_GUARD,), "seals of clock and counts, of what is carried on"),
+    ("outcome", OUTCOME))
+
+REGRESSION_STATE = struct(
+    "State", "What persists between samples.",
+    *GATE,
+    ("random", I8, (1,), "generator of the row choice"),
+    ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"))
+
+REGRESSION_WORK = struct(
+    "Work", "Scratch of a window's close.",
+    ("centre", F8, (N_VARIABLES,), "means of theta, theta_dot, beta, tau"),
+    ("scale", F8, (N_VARIABLES,), "their root mean square deviations"),
+    ("order", I8, ("terms",), "pivots of the window's factor"),
+    ("tau", F8, ("terms",), "its Householder factors"),
+    ("norms", F8, ("terms",), "norms of its columns"),
+    ("tt", F8, ("terms", "terms"), "T transposed: raw terms from standardised ones"),
+    ("mt", F8, ("terms", "terms"), "columns of M as rows"),
+    ("xi", F8, ("terms",), "coefficients of one equation"),
+    ("active", I8, ("terms",), "its support"),
+    ("whole", WHOLE),
+    ("sparse", SPARSE),
+    ("extended_order", I8, ("wider",), "pivots of the solution with drifts"),
+    ("extended_tau", F8, ("wider",), "its Householder factors"),
+    ("extended_norms", F8, ("wider",), "norms of its columns"),
+    ("extended_solution", F8, ("wider",), "in pivoted order"),
+    ("extended_inverse", F8, ("wider", "wider"), "of its triangle"),
+    ("change", F8, (PAIR,), "of a6 and k1 where they may drift"),
+    ("numeric", F8, (PAIR,), "of a6 and k1, squared: what quadrature, differencing and rounding may be off"),
+    ("covariance", F8, (PAIR, PAIR), "of a6 and k1"),
+    ("direction", F8, ("terms",), "that an absent term adds"),
+    ("length", F8, (1,), "of its column"))
+
+BELIEF = struct(
+    "Belief", "What the filter believes, fixed at construction.",
+    ("size", SIZE),
+    ("constant", F8, (N_CONSTANTS,), "of servo, sensors, offsets"),
+    ("variance", F8, ("levels",), "declared noises, order of Model.levels"),
+    ("prior", F8, ("levels",), "of their logarithms, 1/variance"),
+    ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
+    ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
+    ("term", I8, (2,), "places of theta and beta among them"),
+    ("role", I8, ("nuisances",), "what each nuisance is, model.WALK .. NOZZLE_BIAS"),
+    ("level", I8, ("nuisances",), "its place among the noise levels, or NONE"),
+    ("partner", I8, (N_CHANNELS,), "state that each channel shows beside its own, its offset's, or NONE"))
+
+FILTER = struct(
+    "Filter", "State of the predictor.",
+    ("x", F8, ("states",), "predicted state"),
+    ("p", F8, ("states", "states"), "its covariance"),
+    ("s", F8, ("states", "sensitivities"), "sensitivities: offset at the block's start, terms, tests"),
+    ("p_bar", F8, (2,), "relative deviations of a6, k1 it is linearised about"),
+    ("level", F8, ("levels",), "log of noise standard deviations over the declared ones"),
+    ("sx", F8, ("states", "levels"), "derivative of x for the levels"),
+    ("sp", F8, ("levels", "states", "states"), "derivative of p for the levels"),
+    ("command", F8, (MAX_DELAY_SAMPLES,), "past commands, newest first"),
+    ("time", F8, (N_TIME,), "LAST, RUNNING, FIRST"),
+    ("path", F8, (1,), "GAMMA_NOW"),
+    ("step", F8, (N_STEP,), "constants of the last time step"),
+    ("cell", I8, (1,), "cell of the profile"),
+    ("outliers", I8, (N_CHANNELS,), "measurements in a row that each channel's gate refused"),
+    ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"))
+
+FILTER_WORK = struct(
+    "FilterWork", "Scratch of the predictor.",
+    ("transition", F8, ("states", "states"), "about the parameters believed"),
+    ("steady", F8, ("states", "states"), "about the nominal's, for the gains"),
+    ("matrix", F8, ("states", "states"), "of a product"),
+    ("push", F8, ("nuisances",), "acceleration that a unit of each nuisance is"),
+    ("column", F8, ("states",), "covariance that a channel shows"),
+    ("gain", F8, ("states",), "of a measurement"),
+    ("shown", F8, ("states",), "covariance's derivative that a channel shows"),
+    ("slope", F8, ("states",), "derivative of the gain"),
+    ("taylor", F8, (4, 5, 5), "matrices of the servo's exponential"),
+    ("raw", F8, (N_VARIABLES,), "theta, theta_dot, beta, tau at the step's middle"),
+    ("powers", F8, (N_VARIABLES, MAX_POWER + 1), "of them"),
+    ("row", F8, ("terms",), "of the library"),
+    ("drive", F8, (2, "terms"), "effect of each term on theta, theta_dot over a step"),
+    ("out", F8, ("sensitivities",), "sensitivities of the last innovation"),
+    ("de", F8, ("levels",), "its derivative for the noise levels"),
+    ("dv", F8, ("levels",), "relative derivative of its variance for them"))
+
+ACCUMULATOR = struct(
+    "Accumulator", "Square-root information, right-hand side last.",
+    ("window", F8, ("columns", "columns"), "of the current window: offset at its start, terms"),
+    ("psi", F8, ("states", "states"), "transition of an offset from the window's start to the block's"),
+    ("s_start", F8, ("states", 2), "sensitivities for theta and beta at the block's start"),
+    ("counts", I8, (3,), "rows in the block, samples and gaps in the window"),
+    ("start", F8, (1,), "first stamp of the block [s]"),
+    ("score", F8, ("levels",), "of the noise levels over the block"),
+    ("information", F8, ("levels", "levels"), "of the noise levels over the block"),
+    ("level_information", F8, ("levels", "levels"), "over the flight, prior included"))
+
+ACCUMULATOR_WORK = struct(
+    "AccumulatorWork", "Scratch of a block and of a window's close.",
+    ("triangle", F8, ("columns", "columns"), "of the current block: offset at its start, terms"),
+    ("pair", F8, ("pair", "pair"), "of the block: offset, theta, beta, right-hand side"),
+    ("block", F8, (3, 3), "of the block, the state known: theta, beta, right-hand side"),
+    ("product", F8, ("states", "states"), "of two transitions"),
+    ("column", F8, ("states",), "of an onset"),
+    ("scratch", F8, ((2, "columns", "columns"),), "rows on their way into a triangle"),
+    ("square", F8, (("levels", "levels"),), "information of the noise levels"),
+    ("order", I8, ("levels",), "of its pivots"),
+    ("tau", F8, ("levels",), "its Householder factors"),
+    ("right", F8, ("levels",), "its right-hand side"),
+    ("step", F8, ("levels",), "of Fisher's scoring"),
+    ("belief", F8, (N_BELIEF,), "to restart the tracker with"),
+    ("columns", I8, ("columns",), "that a solve keeps"),
+    ("coefficient", F8, ("terms",), "of the window"),
+    ("deviation", F8, (3,), "STD_A6, STD_K1, CORR"))
+
+BANK = struct(
+    "Bank", "State of the tracker; a member's state is (a6, k1, slope of a6, slope of k1), relative.",
+    ("mean", F8, (len(MEMBERS), 4), "by member"),
+    ("covariance", F8, (len(MEMBERS), 4, 4), "by member"),
+    ("evidence", F8, (len(MEMBERS),), "forgotten sum of log predictive densities"),
+    ("total", F8, (N_BELIEF,), "of the mixture"),
+    ("weight", F8, (len(MEMBERS),), "of each member"))
+
+BANK_WORK = struct(
+    "BankWork", "Scratch of the tracker.",
+    ("density", F8, (len(MEMBERS),), "log predictive densities of the last block"),
+    ("row", F8, (4,), "of a measurement; the slopes' part stays 0"),
+    ("column", F8, (4,), "covariance that it shows"))
+
+WATCH = struct(
+    "Watch", "State of the detector of sudden changes.",
+    ("mean", F8, (ONSETS, 2, 2), "deviations by onset, kind, parameter"),
+    ("covariance", F8, (ONSETS, 2, 3), "AA, AK, KK by onset, kind"),
+    ("factor", F8, (ONSETS, 2), "log Bayes factors"),
+    ("before", F8, (ONSETS, N_BELIEF), "tracked belief before each onset"),
+    ("start", F8, (ONSETS,), "of each [s]"),
+    ("carried", F8, (ONSETS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
+    ("counts", I8, (ch.N_COUNTS,), "NEXT, KEPT, EVENTS, SINCE"),
+    ("event", F8, (ch.MAX_EVENTS, ch.N_EVENT), "alarms, the newest over the oldest"),
+    ("reference", F8, (N_BELIEF,), "belief before the last change"))
+
+GUST = struct(
+    "Gust", "State of the hypothesis that wind begins anew.",
+    ("mean", F8, ("gust",), "error of the filter's state at the block's start, deviations of a6 and k1"),
+    ("covariance", F8, ("gust", "gust"), "of these"),
+    ("number", F8, (1,), "its probability"))
+
+CHECK = struct(
+    "Check", "State of the test whether the model is true.",
+    ("mean", F8, (N_CHANNELS, 3), "of the block at hand"),
+    ("seen", I8, (N_CHANNELS,), "measurements in it"),
+    ("pending", F8, (ONSETS, N_CHANNELS), "blocks that wait"),
+    ("history", F8, (wh.LAGS, N_CHANNELS), "the last ones taken, newest first"),
+    ("sums", F8, (N_CHANNELS, wh.LAGS + 1), "fading sums of a channel and of its products by lag"),
+    ("number", F8, (wh.N_NUMBERS,), "STATISTIC and on"),
+    ("flag", I8, (wh.N_FLAGS,), "OLDEST and on"))
+
+UNDECLARED = struct(
+    "Undeclared", "State of the filters of wind and misalignment that nobody declared.",
+    ("mean", F8, (un.FILTERS, "undeclared"), "a6, k1, their slopes, wind, lean"),
+    ("covariance", F8, (un.FILTERS, "undeclared", "undeclared"), "of these"),
+    ("past", F8, (2, "undeclared"), "the first filter's mean, ONSETS blocks apart, the newer at most ONSETS old"),
+    ("past_covariance", F8, (2, "undeclared", "undeclared"), "of these"),
+    ("better", F8, (un.FILTERS,), "nats by which each has predicted better since it last was no better"),
+    ("number", F8, (un.N_NUMBERS,), "NOISE, LASTED"),
+    ("flag", I8, (un.N_FLAGS,), "FOUND, DOUBT, NEWER, AGE"))
+
+UNDECLARED_WORK = struct(
+    "UndeclaredWork", "Its scratch.",
+    ("rows", F8, (un.ROW, "columns"), "the block's triangle, column by column"),
+    ("triangle", F8, (un.ROW, un.ROW), "of a6, k1, acceleration, right-hand side"),
+    ("row", F8, (un.SIZE,), "of a measurement"),
+    ("column", F8, (un.SIZE,), "covariance that it shows"))
+
+LEARNED = struct(
+    "Learner", "Structure over many windows: what persists.",
+    ("r", F8, ("learned", "learned"), "square-root information, right-hand side last"))
+
+LEARNING = struct(
+    "Learning", "Its scratch.",
+    ("held", I8, ("terms",), "terms that were active before"),
+    ("mt", F8, ("terms", "terms"), "columns of the triangle as rows"),
+    ("y", F8, ("terms",), "right-hand side"),
+    ("sparse", SPARSE))
+
+GAUGE = struct(
+    "Gauge", "State of the uncertainty level; rows and pairs are (a6, k1).",
+    ("delta", F8, (2,), "place in the range"),
+    ("delta_std", F8, (2,), "its standard deviation"),
+    ("probability", F8, (2, OUT + 1), "of BANDS"),
+    ("since", F8, (2,), "s, when delta's mean left the range; NaN if inside"),
+    ("band", I8, (2,), "place in BANDS, or NO_BAND"),
+    ("flag", I8, (2, N_GAUGE_FLAGS), "RAISED, KNOWN_INSIDE"),
+    ("events", I8, (1,), "sudden changes seen"),
+    ("cell", I8, (1,), "of the profile"))
+
+REPORT = struct(
+    "Report", "What leaves beside the outcome, as of now.",
+    ("tracked", F8, (rp.N_TRACKED,), "a6, k1, standard deviations, correlation"),
+    ("level", F8, (2, rp.N_LEVEL), "of a6 and of k1"),
+    ("band", I8, (2,), "place in BANDS, or NO_BAND"),
+    ("raised", I8, (2,), "1 while the out-of-range alarm is"),
+    ("flag", I8, (rp.N_REPORT_FLAGS,), "IS_TRACKED, HAS_LEVEL, CHANGES"),
+    ("change", F8, (2 * ch.MAX_EVENTS, rp.N_CHANGE), "sudden changes, oldest first"),
+    ("changed", I8, (2 * ch.MAX_EVENTS, rp.N_CHANGED), "parameter, 1 if final"),
+    ("noise", F8, ("levels",), "noise levels over the declared ones"),
+    ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
+    ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
+    ("cell", I8, (1,), "scratch of the profile"))
+
+FILTERED_FIXED = struct(
+    "Fixed", "Never changes in flight.",
+    ("limits", F8, (rb.N_LIMITS,), "of the gate and the windows"),
+    ("belief", BELIEF),
+    ("option", I8, (N_OPTIONS,), "what is chosen"))
+
+FILTERED_STATE = struct(
+    "State", "What persists between samples.",
+    *GATE,
+    ("filter", FILTER),
+    ("acc", ACCUMULATOR),
+    ("bank", BANK),
+    ("watch", WATCH),
+    ("gust", GUST),
+    ("check", CHECK),
+    ("undeclared", UNDECLARED),
+    ("active", I8, ("terms",), "1 for the terms believed to be there"),
+    ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"),
+    ("learner", LEARNED),
+    ("gauge", GAUGE))
+
+FILTERED_WORK = struct(
+    "Work", "Meaningless between samples.",
+    ("filter", FILTER_WORK),
+    ("acc", ACCUMULATOR_WORK),
+    ("bank", BANK_WORK),
+    ("gust", F8, ("gust",), "of its covariance"),
+    ("undeclared", UNDECLARED_WORK),
+    ("learning", LEARNING),
+    ("report", REPORT))
+
+REGRESSION = struct("Regression", "An estimator that regresses on the rows of a window.",
+                    (FIXED, REGRESSION_FIXED), (STATE, REGRESSION_STATE), (WORK, REGRESSION_WORK))
+FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
+                  (FIXED, FILTERED_FIXED), (STATE, FILTERED_STATE), (WORK, FILTERED_WORK))
+
+# what stands apart: (name, part, type, shape in the extents of `Grown`, meaning), in the order of `update`'s arguments
+GATE_APART = (
+    ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
+    ("seals", STATE, I8, ("held",), "of its rows"))
+APART = {
+    "Regression": (
+        *GATE_APART,
+        ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),
+        ("marks", WORK, I8, (N_MARKS, "window"), "of its rows, as `plan` names them"),
+        ("phi", WORK, F8, (("terms", "kept"),), "library columns one after the other, and their factor"),
+        ("target", WORK, F8, ((EQUATIONS, "kept"),), "what the equations explain"),
+        ("drift", WORK, F8, ((PAIR, "kept"),), "drift columns, later in the coordinates of the factor"),
+        ("extended", WORK, F8, (("wider", "kept"),), "active and drift columns, and their factor"),
+        ("series", WORK, F8, ((2 + PAIR, "kept"),), "residual, influences of a6 and k1; residual of active terms")),
+    "Filtered": (
+        *GATE_APART,
+        ("rows", STATE, F8, ("columns", "innovations"), "whitened innovations of a block, column by column"),
+        ("profile", FIXED, F8, ("nodes", N_NODE), "t [s], a6, k1 [1/s^2]"),
+        ("air", FIXED, F8, ("air_nodes", N_AIR), "t [s], forecast wind [rad], drift [1/s]"),
+        ("sigma", FIXED, F8, ("range_nodes", N_NODE), "t [s], range of a6 and k1"))}
+CARRIED_FROM = {"Regression": "random", "Filtered": "filter"}  # this line of the state and all after it are sealed

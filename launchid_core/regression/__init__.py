@@ -1,0 +1,1 @@
+"""The formulations that regress on the rows of a window."""

@@ -1,0 +1,244 @@
+"""From a closed window's samples to coefficients: rows, library, QR, sparse solve.
+
+Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
+
+* pointwise: derivative at every kept row, measured or differenced;
+* integral (weak form): x(t) - mean = (integral of Theta dt - mean) xi, means over
+  each gap-free piece, which frees its unknown starting value.
+  Messenger & Bortz, Multiscale Model. Simul. 19, 2021, with a step as test function.
+"""
+
+import numpy as np
+
+from ..algebra.compress import choose_rows
+from ..algebra.derivative import mark_segments
+from ..gate import ring as rb
+from ..gate.guard import (
+    CARRIED,
+    are_rows_whole,
+    close_control,
+    fold_words,
+    give_up,
+    is_control_whole,
+    refuse,
+    seal_newest,
+)
+from ..gate.ring import BETA, THETA, THETA_DOT
+from ..gate.stuck import stands_still
+from ..gate.window import (
+    EQUATIONS,
+    GAPS_SEEN,
+    USED,
+    clear_outcome,
+)
+from ..kernels import inner, kernel
+from ..status import EstimateStatus
+from .equations import is_driven, judge_separation, regress
+from .plan import (
+    ENOUGH,
+    HELD,
+    INTEGRAL,
+    KEEP,
+    KEPT,
+    MEASURED,
+    PAIR,
+    SEGMENT,
+    SLOPE,
+    USABLE,
+)
+from .residual import (
+    drift_integral,
+    drift_pointwise,
+)
+from .rows import (
+    centre_segments,
+    fill_attack,
+    fill_rate,
+    fill_slopes,
+    fill_states,
+    integral_rows,
+    pointwise_rows,
+    standardise,
+)
+
+RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
+RATE = 1                  # theta_dot, as the argument of a term's function
+
+OK = int(EstimateStatus.OK)
+SHORT = int(EstimateStatus.SHORT)
+GAP = int(EstimateStatus.GAP)
+RANK = int(EstimateStatus.RANK)
+SATURATED = int(EstimateStatus.SATURATED)
+NUMERICS = int(EstimateStatus.NUMERICS)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+SEPARATION = int(EstimateStatus.SEPARATION)
+STUCK = int(EstimateStatus.STUCK)
+
+
+# ---- a sample
+
+
+@inner
+def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Gate and ring, as `push_sample`."""
+    if not is_control_whole(state):
+        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    code = rb.push(fixed.limits, state.clock, state.counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                   gamma)
+    if code >= 0:
+        seal_newest(state.counts, ring, seals)
+    if code != rb.WINDOW_COMPLETE:
+        close_control(state)
+    return code
+
+
+@kernel
+def push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Take one sample; returns its Status.  WINDOW_COMPLETE: the window's close has to follow, and says what it is.
+
+    block  (1,) inout  of the estimator (`memory.REGRESSION`);  ring (m + 1, 7), seals (m + 1,)  inout
+    RECOVERED: memory is damaged, the caller has to begin anew with it.
+    """
+    return take_sample(block[0].fixed, block[0].state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
+                       gamma)
+
+
+@kernel
+def push_within(block, ring, seals, samples, at):
+    """Take rows of samples (n, 7) from `at` on until one may close a window or answers RECOVERED.
+
+    Returns (the row after the last taken, ACCEPTED); (that after the damage, RECOVERED).
+    """
+    fixed, state = block[0].fixed, block[0].state
+    for k in range(at, samples.shape[0]):
+        s = samples[k]
+        if not rb.stays_within(fixed.limits, state.clock, state.counts, s[0]):
+            return k, rb.ACCEPTED
+        if take_sample(fixed, state, ring, seals, s[0], s[1], s[2], s[3], s[4], s[5], s[6]) == rb.RECOVERED:
+            return k + 1, rb.RECOVERED
+    return samples.shape[0], rb.ACCEPTED
+
+
+# ---- a window
+
+
+@kernel
+def open_window(block, ring, seals, words, rows, marks):
+    """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, how many, rows to keep, OK or the
+    reason why not to use them, gaps).
+
+    words  in  of the block what is carried on, seen as int64
+    rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
+    """
+    fixed, state = block[0].fixed, block[0].state
+    plan, stop, counts = fixed.plan, fixed.saturation, state.counts
+    whole = fold_words(words) == state.guard[CARRIED]
+    if not (whole and are_rows_whole(ring, seals, counts)):
+        return give_up(counts, rb.WINDOW_COMPLETE), 0, 0, OK, 0
+    clear_outcome(state.outcome, OK)
+    n, saturated = rb.copy_window(ring, counts, stop, rows)
+    gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[SEGMENT])
+    fill_rate(rows, marks, n)
+    fill_attack(rows, n)
+    if plan[INTEGRAL] == 0:
+        fill_slopes(rows, marks, n, plan[MEASURED])
+    for i in range(n):
+        x = rows[THETA_DOT, i] if plan[INTEGRAL] == 1 else rows[SLOPE, i] + rows[SLOPE + 1, i] + rows[SLOPE + 2, i]
+        marks[USABLE, i] = int(np.isfinite(x))
+    kept = choose_rows(marks[USABLE], n, plan[KEEP], state.random, marks[KEPT])
+    still = stands_still(ring, counts, state.repeats, stop[THETA], stop[THETA_DOT], stop[BETA])
+    status = STUCK if still else OK
+    if kept < plan[ENOUGH]:
+        status = SATURATED if kept + saturated >= plan[ENOUGH] else GAP if gaps > 0 else SHORT
+    return rb.WINDOW_COMPLETE, n, kept, status, gaps
+
+
+@inner
+def centre_of(fixed, state):
+    """The closed window's centre [s]."""
+    return state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
+
+
+@kernel
+def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
+    """Library columns (q, kept), targets (3, kept) and drifts (2, kept) of the pointwise form; returns 0, the pieces
+    whose means were taken."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    q, t_centre = fixed.size.terms, centre_of(fixed, state)
+    fill_states(rows, n, t_centre)
+    standardise(work, rows, marks, fixed.centred, kept, n)
+    pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
+                   target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), kept)
+    drift_pointwise(rows, marks, drift[:PAIR * kept].reshape((PAIR, kept)), kept, t_centre)
+    return 0
+
+
+@kernel
+def fill_integral(block, rows, marks, phi, target, drift, n, kept):
+    """As `fill_pointwise`, of the integral form, less their means over each gap-free piece; returns the pieces."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    q, t_centre, held = fixed.size.terms, centre_of(fixed, state), fixed.plan[HELD]
+    columns = phi[:q * kept].reshape((q, kept))
+    states = target[:EQUATIONS * kept].reshape((EQUATIONS, kept))
+    drifts = drift[:PAIR * kept].reshape((PAIR, kept))
+    fill_states(rows, n, t_centre)
+    standardise(work, rows, marks, fixed.centred, kept, n)
+    integral_rows(fixed.codes[:q], rows, marks, columns, states, n, kept, held)
+    drift_integral(rows, marks, drifts, n, kept, t_centre, held)
+    centre_segments(drifts, marks, kept)
+    centre_segments(states, marks, kept)
+    return centre_segments(columns, marks, kept)
+
+
+@kernel
+def end_window(block, words, status, kept, gaps):
+    """The outcome's flags; what is carried on stays as it is until the next close, clock and counts until the next
+    sample.  A window that failed says only why."""
+    fixed, state = block[0].fixed, block[0].state
+    out = state.outcome
+    if status == OK:
+        driven = is_driven(fixed.codes[:fixed.size.terms], out.support)
+        status = judge_separation(out.number) if driven else LOW_INFORMATION
+    if status != OK:
+        clear_outcome(out, status)
+    out.flag[USED] = kept
+    out.flag[GAPS_SEEN] = gaps
+    state.counts[rb.ESTIMATES] = 1
+    state.guard[CARRIED] = fold_words(words)
+    close_control(state)
+
+
+def close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series):
+    """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
+    code, n, kept, status, gaps = open_window(block, ring, seals, words, rows, marks)
+    if code == rb.WINDOW_COMPLETE:
+        if status == OK:
+            if size.integral == 1:
+                pieces = fill_integral(block, rows, marks, phi, target, drift, n, kept)
+            else:
+                pieces = fill_pointwise(block, rows, marks, phi, target, drift, n, kept)
+            status = regress(size, block, rows, marks, phi, target, drift, extended, series, n, kept, pieces)
+        end_window(block, words, status, kept, gaps)
+    return code
+
+
+def update_regression(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series, t, theta,
+                      theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
+
+    size  in  how much of the memory is in use, and the formulation;  the rest as of the entries, in the order of
+    `memory.APART`
+    """
+    code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    if code == rb.WINDOW_COMPLETE:
+        code = close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series)
+    return code
+
+
+@kernel
+def restart_regression(block, words, seed):
+    """What is not zero before the first sample; seed  first state of the row choice."""
+    state = block[0].state
+    clear_outcome(state.outcome, SHORT)
+    state.random[0] = seed
+    state.guard[CARRIED] = fold_words(words)

@@ -1,0 +1,219 @@
+"""Sudden changes of a6 or k1: found, dated, sized.
+
+For every block of the last seconds, two trackers are kept that start with the
+belief of that moment and a jump added to it: of k1 alone, and of both
+parameters.  What each predicted since, against what the tracker without a jump
+predicted, is the log Bayes factor of a change at that block; the largest raises
+the alarm (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section
+4.4; with a prior on the jump instead of a maximum over it).
+
+All trackers let the deviations drift, so that a slow drift, which a constant fit
+over the last seconds would twist into a jump, raises no alarm.
+
+What the model lacks (a gust, an offset, a line) looks like a change before it
+contradicts the model: a change is withdrawn if a contradiction follows soon.
+"""
+
+import math
+
+import numpy as np
+
+from ..algebra.elementary import exp_of, log_of
+from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, ONSETS, VAR_A6, VAR_K1
+from ..kernels import inner
+
+JUMP_STD = 0.4      # relative: a jump worth an alarm, one sigma
+DRIFT = 0.02        # relative per sqrt(s): what the deviations may do beside the jump
+THRESHOLD = 12.0    # nats; see benchmarks/changes.py: at most one false alarm in 10 h
+SETTLE = 20         # blocks after the onset before the size is final: 2 s
+MAX_EVENTS = 16
+KINDS = ("k1", "a6+k1")
+K1_JUMP, BOTH_JUMP = range(2)
+
+# event (f8)
+(E_TIME, E_TIME_STD, E_KIND, E_A6_BEFORE, E_A6_AFTER, E_A6_VARIANCE, E_K1_BEFORE, E_K1_AFTER, E_K1_VARIANCE,
+ E_ALARM, E_STAGE) = range(11)
+N_EVENT = 11
+OPEN, FINAL, WITHDRAWN = 0.0, 1.0, -1.0  # its stage: the size is still to settle, it is settled, or there was no change
+
+# covariance (f8) of an onset's tracker
+AA, AK, KK = range(3)
+
+# counts (i8)
+NEXT, KEPT, EVENTS, SINCE = range(4)
+N_COUNTS = 4
+
+
+@inner
+def measure(mean, covariance, h0, h1, z):
+    """One scalar measurement z = h0 a + h1 k + unit noise of one onset; returns (variance, e^2/variance)."""
+    c0, c1, c2 = covariance[AA], covariance[AK], covariance[KK]
+    y0, y1 = c0 * h0 + c1 * h1, c1 * h0 + c2 * h1
+    variance = h0 * y0 + h1 * y1 + 1.0
+    e = z - h0 * mean[A6] - h1 * mean[K1]
+    mean[A6] += y0 / variance * e
+    mean[K1] += y1 / variance * e
+    covariance[AA] = c0 - y0 * y0 / variance
+    covariance[AK] = c1 - y0 * y1 / variance
+    covariance[KK] = c2 - y1 * y1 / variance
+    return variance, e * e / variance
+
+
+@inner
+def open_onset(states, state, belief, s_start, t):
+    """A block began at t with sensitivities s_start (n, 2): a change may have begun with it."""
+    slot = state.counts[NEXT]
+    for i in range(states):
+        for j in range(2):
+            state.carried[slot, i, j] = s_start[i, j]
+    jump = JUMP_STD * JUMP_STD
+    for k in range(N_BELIEF):
+        state.before[slot, k] = belief[k]
+    for kind in range(2):
+        state.mean[slot, kind, A6], state.mean[slot, kind, K1] = belief[MEAN_A6], belief[MEAN_K1]
+        state.covariance[slot, kind, AA] = belief[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+        state.covariance[slot, kind, AK] = belief[COV]
+        state.covariance[slot, kind, KK] = belief[VAR_K1] + jump
+        state.factor[slot, kind] = 0.0
+    state.start[slot] = t
+    state.counts[NEXT] = (slot + 1) % ONSETS
+    state.counts[KEPT] = min(state.counts[KEPT] + 1, ONSETS)
+    state.counts[SINCE] += 1
+
+
+@inner
+def follow_onset(n, state, slot, kind, pair, dt):
+    """Give a block to one onset's tracker; returns its log predictive density.
+
+    After a jump by d at the onset the innovations are h p - h_past d: the state had not yet felt the new parameters,
+    so the offset -carried d, which leads there, is subtracted from the terms' columns.
+    """
+    mean, covariance = state.mean[slot, kind], state.covariance[slot, kind]
+    covariance[AA] += DRIFT * DRIFT * dt
+    covariance[KK] += DRIFT * DRIFT * dt
+    carried, before = state.carried[slot], state.before[slot]
+    volume, square = 1.0, 0.0
+    for i in range(n + 2):
+        past_a = past_k = 0.0
+        for k in range(i, n):
+            past_a += pair[i, k] * carried[k, A6]
+            past_k += pair[i, k] * carried[k, K1]
+        z = pair[i, n + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
+        variance, share = measure(mean, covariance, pair[i, n] - past_a, pair[i, n + 1] - past_k, z)
+        volume *= variance
+        square += share
+    return -0.5 * (log_of(volume) + square)
+
+
+@inner
+def carry_onset(n, state, column, slot, transition):
+    """Carry the sensitivities of an onset over the block.  column (n,) scratch;  transition (n, >=n) in."""
+    carried = state.carried[slot]
+    for j in range(2):
+        for i in range(n):
+            value = 0.0
+            for k in range(n):
+                value += transition[i, k] * carried[k, j]
+            column[i] = value
+        for i in range(n):
+            carried[i, j] = column[i]
+
+
+@inner
+def follow_onsets(n, state, column, pair, transition, dt, still):
+    """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
+
+    n      states of the filter
+    column (n,) scratch
+    pair (n + 3, n + 3) in square-root information: offset at the block's start, a6, k1, right-hand side
+    transition (n, >=n) in of the offset over the block
+    dt [s];  still: log density of the block without a jump
+    """
+    best, best_slot, best_kind = -np.inf, 0, 0
+    for back in range(state.counts[KEPT]):
+        slot = (state.counts[NEXT] - 1 - back) % ONSETS
+        for kind in range(2):
+            state.factor[slot, kind] += follow_onset(n, state, slot, kind, pair, dt) - still
+            if state.factor[slot, kind] > best:
+                best, best_slot, best_kind = state.factor[slot, kind], slot, kind
+        carry_onset(n, state, column, slot, transition)
+    return best, best_slot, best_kind
+
+
+@inner
+def onset_time(state, kind, best, dt):
+    """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
+    norm = mean = square = 0.0
+    reference = state.start[(state.counts[NEXT] - 1) % ONSETS]
+    for back in range(state.counts[KEPT]):
+        slot = (state.counts[NEXT] - 1 - back) % ONSETS
+        w = exp_of(state.factor[slot, kind] - best)
+        age = state.start[slot] - reference
+        norm += w
+        mean += w * age
+        square += w * age * age
+    mean /= norm
+    return reference + mean, math.sqrt(max(square / norm - mean * mean, 0.0) + dt * dt / 12.0)
+
+
+@inner
+def raise_alarm(state, slot, kind, best, dt, t_now, after):
+    """Record an event and forget the onsets.  after (N_BELIEF,) out: the belief to restart the tracker with.
+
+    Its mean is the onset's estimate, its variance the jump's again: the onset lies somewhere in its block, so what the
+    first tenths of a second say of the size is biased.  An alarm while the last event's size is open belongs to it.
+    """
+    t_onset, t_std = onset_time(state, kind, best, dt)
+    last = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
+    open_event = state.counts[EVENTS] > 0 and last[E_STAGE] == OPEN
+    before = state.before[slot]
+    jump = JUMP_STD * JUMP_STD
+    after[MEAN_A6], after[MEAN_K1] = state.mean[slot, kind, A6], state.mean[slot, kind, K1]
+    after[VAR_A6] = before[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+    after[COV] = before[COV]
+    after[VAR_K1] = before[VAR_K1] + jump
+    state.counts[KEPT] = 0
+    if open_event:
+        last[E_KIND] = max(last[E_KIND], float(kind))
+        size_event(state, last, after)
+        return
+    for i in range(N_BELIEF):
+        state.reference[i] = before[i]
+    event = state.event[state.counts[EVENTS] % MAX_EVENTS]
+    event[:] = 0.0
+    event[E_TIME], event[E_TIME_STD], event[E_KIND], event[E_ALARM] = t_onset, t_std, kind, t_now
+    size_event(state, event, after)
+    state.counts[EVENTS] += 1
+    state.counts[SINCE] = (state.counts[NEXT] - slot) % ONSETS
+
+
+@inner
+def size_event(state, event, belief):
+    """Before, after and the variance of the jump, relative to the nominal."""
+    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[MEAN_A6], state.reference[MEAN_K1]
+    event[E_A6_AFTER], event[E_K1_AFTER] = belief[MEAN_A6], belief[MEAN_K1]
+    event[E_A6_VARIANCE] = state.reference[VAR_A6] + belief[VAR_A6]
+    event[E_K1_VARIANCE] = state.reference[VAR_K1] + belief[VAR_K1]
+
+
+@inner
+def settle_event(state, belief):
+    """SETTLE blocks after its onset, an event's size becomes final."""
+    if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:
+        return
+    event = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
+    if event[E_STAGE] == OPEN:
+        size_event(state, event, belief)
+        event[E_STAGE] = FINAL
+
+
+@inner
+def withdraw_events(state, since):
+    """The model is contradicted: events that began after `since` [s] were no changes; returns how many more."""
+    withdrawn = 0
+    for k in range(min(state.counts[EVENTS], MAX_EVENTS)):
+        event = state.event[k]
+        if event[E_TIME] > since and event[E_STAGE] != WITHDRAWN:
+            event[E_STAGE] = WITHDRAWN
+            withdrawn += 1
+    return withdrawn

@@ -1,0 +1,198 @@
+"""A gust after calm: wind that begins anew is no sudden change of a6 or k1.
+
+In calm air the wind's levels fall (`levels`), and the filter then takes the first gust for whatever can explain it:
+a jump of k1.  While a level is below half the declared one, the null hypothesis of `changes` is therefore a mixture of
+two: the filter's own, and a wind that begins anew with the declared levels.  Of the second runs an error d of the
+filter's state, jointly with the deviations of a6 and k1: innovations are h (a6, k1) + H d + white noise, d starts at
+zero with the calm's belief and grows by the increments that the declared wind has and the filter does not expect, one
+a block.  The two are weighted by how well they predict each block and by how often wind begins and ends (interacting
+multiple models: Blom & Bar-Shalom, IEEE TAC 33, 1988; only the windy one is restarted from the other).
+
+A jump has to explain more than the mixture.  Where the gust is likely, and no jump explains the blocks better than it,
+the filter takes it over: state, covariance and belief are those of a filter that had expected wind since it began.
+
+Assumption: an increment of the wind comes at a block's start.
+"""
+
+
+from ..algebra.elementary import exp_of, log_of
+from ..algebra.linsolve import measure
+from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, TURBULENCE_TIME, VAR_A6, VAR_K1
+from ..filter.states import N_STATES
+from ..kernels import inner
+from ..model import WALK
+
+APART = 60.0        # s from a gust to the next after calm, in the mean
+LASTS = 3.0         # s
+CALM = -0.6931471805599453  # ln 0.5, of a wind's log level: below it the filter does not expect the declared wind
+SURE = 0.9          # probability of the gust from which on the filter takes it over
+WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tracker's quick member
+
+# number (f8)
+SHARE = 0
+
+
+@inner
+def forget_gust(gust):
+    """No wind has begun."""
+    gust.mean[:] = 0.0
+    gust.covariance[:, :] = 0.0
+    gust.number[SHARE] = 0.0
+
+
+@inner
+def is_unexpected(belief, fil, j):
+    """Whether nuisance j is a wind whose declared level the filter does not expect."""
+    return belief.level[j] >= 0 and fil.level[belief.level[j]] < CALM
+
+
+@inner
+def is_calm(belief, fil):
+    """Whether wind may begin anew."""
+    calm = False
+    for j in range(belief.size.nuisances):
+        calm = calm or is_unexpected(belief, fil, j)
+    return calm
+
+
+@inner
+def mix_gust(g, gust, total, share):
+    """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total (N_BELIEF,) in"""
+    mean, covariance = gust.mean, gust.covariance
+    a, k = g - 2, g - 1
+    mean[a] -= total[MEAN_A6]
+    mean[k] -= total[MEAN_K1]
+    for i in range(g):
+        for j in range(g):
+            covariance[i, j] = (1.0 - share) * (covariance[i, j] + share * mean[i] * mean[j])
+    covariance[a, a] += share * total[VAR_A6]
+    covariance[a, k] += share * total[COV]
+    covariance[k, a] += share * total[COV]
+    covariance[k, k] += share * total[VAR_K1]
+    for i in range(g):
+        mean[i] *= 1.0 - share
+    mean[a] += total[MEAN_A6]
+    mean[k] += total[MEAN_K1]
+
+
+@inner
+def blow(belief, fil, gust, dt):
+    """What the declared wind does in a block of dt [s] beyond what the filter expects, and the wander of a6 and k1."""
+    for j in range(belief.size.nuisances):
+        if not is_unexpected(belief, fil, j):
+            continue
+        at = belief.level[j]
+        keep = exp_of(-dt / belief.constant[TURBULENCE_TIME])
+        q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
+        q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
+        gust.covariance[N_STATES + j, N_STATES + j] += q
+    for i in range(belief.size.gust - 2, belief.size.gust):
+        gust.covariance[i, i] += WANDER * WANDER * dt
+
+
+@inner
+def see_block(g, gust, column, pair):
+    """The block's rows, each with unit noise; returns their log predictive density.
+
+    column (g,) scratch;  pair (g + 1, g + 1) in  square-root information: d, a6, k1, right-hand side
+    """
+    mean, covariance = gust.mean[:], gust.covariance[:]
+    volume, square = 1.0, 0.0
+    for row in range(g):
+        e, variance = measure(mean, covariance, pair[row], row, g, pair[row, g], column)
+        volume *= variance
+        square += e * e / variance
+    return -0.5 * (log_of(volume) + square)
+
+
+@inner
+def carry_vector(n, transition, v, column):
+    """v <- transition v for the first n of v.  column (>= n,) scratch;  transition (n, >= n) in"""
+    for i in range(n):
+        column[i] = 0.0
+        for k in range(n):
+            column[i] += transition[i, k] * v[k]
+    for i in range(n):
+        v[i] = column[i]
+
+
+@inner
+def carry_gust(size, gust, column, transition):
+    """The state's error over the block."""
+    n = size.states
+    carry_vector(n, transition, gust.mean[:], column)
+    for i in range(size.gust):  # symmetric: rows are columns
+        carry_vector(n, transition, gust.covariance[i], column)
+    for j in range(size.gust):
+        for i in range(n):
+            column[i] = 0.0
+            for k in range(n):
+                column[i] += transition[i, k] * gust.covariance[k, j]
+        for i in range(n):
+            gust.covariance[i, j] = column[i]
+
+
+@inner
+def follow_gust(belief, fil, gust, column, pair, before, dt, still):
+    """Give a block to both; returns the log predictive density of their mixture, `still` where wind is expected anyway.
+
+    column (g,) scratch;  pair (n + 3, n + 3) in  square-root information: offset at the block's start, a6, k1, right
+    before (N_BELIEF,) in  the tracked belief before the block;  dt [s];  still: log density of the filter's own
+    """
+    if not is_calm(belief, fil):
+        forget_gust(gust)
+        return still
+    begins = (1.0 - gust.number[SHARE]) * (1.0 - exp_of(-dt / APART))
+    prior = begins + gust.number[SHARE] * exp_of(-dt / LASTS)
+    mix_gust(belief.size.gust, gust, before, begins / prior)
+    blow(belief, fil, gust, dt)
+    windy = see_block(belief.size.gust, gust, column, pair)
+    carry_gust(belief.size, gust, column, fil.s[:])
+    best = max(still, windy)
+    both = best + log_of((1.0 - prior) * exp_of(still - best) + prior * exp_of(windy - best))
+    gust.number[SHARE] = prior * exp_of(windy - both)
+    return both
+
+
+@inner
+def is_gust(gust, factor, dt):
+    """Whether wind has begun, and explains the blocks as well as a jump: in the mixture it has paid for being rare, the
+    jump, whose log Bayes factor against the mixture is `factor`, has not.  dt [s] of a block
+    """
+    return gust.number[SHARE] > SURE and factor < log_of(APART / dt)
+
+
+@inner
+def take_gust(belief, fil, acc, gust):
+    """State, covariance and sensitivities become those of the windy hypothesis, the levels the declared ones.
+
+    d = mean + G (p - p_hat) + r with G = C V^-1, so x + s (p - p_bar) + d is of the same form again.  Left out: what r
+    owes to each of the wind's levels.
+    """
+    n = belief.size.states
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    mean, covariance = gust.mean, gust.covariance
+    aa, ak, kk = covariance[n, n], covariance[n, n + 1], covariance[n + 1, n + 1]
+    volume = aa * kk - ak * ak
+    for i in range(n):
+        ca, ck = covariance[i, n], covariance[i, n + 1]
+        by_a, by_k = (ca * kk - ck * ak) / volume, (ck * aa - ca * ak) / volume
+        fil.x[i] += mean[i] + by_a * (fil.p_bar[A6] - mean[n]) + by_k * (fil.p_bar[K1] - mean[n + 1])
+        fil.s[i, theta] += by_a
+        fil.s[i, beta] += by_k
+        for j in range(i + 1):
+            fil.p[i, j] += covariance[i, j] - by_a * covariance[j, n] - by_k * covariance[j, n + 1]
+            fil.p[j, i] = fil.p[i, j]
+    for j in range(belief.size.nuisances):
+        if is_unexpected(belief, fil, j):
+            raise_level(belief.size.levels, fil, acc, belief.level[j])
+
+
+@inner
+def raise_level(levels, fil, acc, at):
+    """A log level of the wind rises to the declared; what is known of it as `filtered.move_wind_level` says."""
+    share = exp_of(-0.5 * fil.level[at])
+    fil.level[at] = 0.0
+    for i in range(levels):
+        acc.level_information[i, at] *= share
+        acc.level_information[at, i] *= share

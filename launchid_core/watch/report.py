@@ -1,0 +1,176 @@
+"""What leaves the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden changes."""
+
+import numpy as np
+
+from ..filter.belief import (
+    A6,
+    AIR_WIND,
+    AIRY,
+    AT_BETA,
+    AT_THETA,
+    COV,
+    K1,
+    MEAN_A6,
+    MEAN_K1,
+    VAR_A6,
+    VAR_K1,
+    air_at,
+    profile_at,
+)
+from ..filter.states import LAST, N_STATES
+from ..kernels import inner
+from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
+from .changes import (
+    E_A6_BEFORE,
+    E_A6_VARIANCE,
+    E_ALARM,
+    E_K1_BEFORE,
+    E_K1_VARIANCE,
+    E_KIND,
+    E_STAGE,
+    E_TIME,
+    E_TIME_STD,
+    EVENTS,
+    FINAL,
+    K1_JUMP,
+    MAX_EVENTS,
+    WITHDRAWN,
+)
+from .tracker import FIRST_STD
+from .uncertainty import OUT, RAISED
+
+KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
+
+# tracked (f8) of a report
+(TRACKED_A6, TRACKED_K1, TRACKED_A6_STD, TRACKED_K1_STD, TRACKED_CORRELATION) = range(5)
+N_TRACKED = 5
+# level (f8) of a report, a row a parameter; then the probabilities of the bands
+DELTA, DELTA_STD, OUT_SINCE, PROBABILITY = range(4)
+N_LEVEL = PROBABILITY + OUT + 1
+# flag (i8) of a report
+IS_TRACKED, HAS_LEVEL, CHANGES = range(3)  # tracked numbers are valid; and the level's; rows of `change`
+N_REPORT_FLAGS = 3
+# change (f8), a row a change;  changed (i8): parameter (A6 or K1), 1 if final
+(C_TIME, C_TIME_STD, C_BEFORE, C_AFTER, C_SIZE, C_SIZE_STD, C_ALARM) = range(7)
+N_CHANGE = 7
+C_PARAMETER, C_FINAL = range(2)
+N_CHANGED = 2
+
+
+@inner
+def report_tracked(profile, total, contradicted, t, rep):
+    """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
+    the first sample, unless the innovations contradict the model."""
+    rep.tracked[:] = np.nan
+    first = KNOWN * FIRST_STD
+    known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
+    known = known and not contradicted
+    rep.flag[IS_TRACKED] = int(known)
+    if not known:
+        return
+    a6, k1 = profile_at(profile, rep.cell, t)
+    rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
+    rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
+    rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])
+    rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[VAR_K1])
+    sign = -1.0 if a6 * k1 < 0.0 else 1.0
+    rep.tracked[TRACKED_CORRELATION] = sign * total[COV] / np.sqrt(total[VAR_A6] * total[VAR_K1])
+
+
+@inner
+def report_part(total, value, variance, for_a6, for_k1, out):
+    """A value that depends on the deviations through `for_a6` and `for_k1`, and its standard deviation.  out (2,)"""
+    variance += for_a6 * for_a6 * total[VAR_A6] + 2.0 * for_a6 * for_k1 * total[COV] + for_k1 * for_k1 * total[VAR_K1]
+    out[0], out[1] = value, np.sqrt(variance)
+
+
+@inner
+def report_air(belief, air, fil, total, contradicted, rep):
+    """Wind and offsets as of the filter's last sample.
+
+    In the filter the wind is an acceleration in units of the nominal's a6, the misalignment one of its k1.
+    """
+    rep.air[:] = np.nan
+    rep.offset[:, :] = np.nan
+    if contradicted:
+        return
+    n = belief.size.states
+    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    a, k = 1.0 + fil.p_bar[A6], 1.0 + fil.p_bar[K1]
+    wind = variance = for_a6 = for_k1 = 0.0
+    blows = False
+    for j in range(belief.size.nuisances):
+        at, role = N_STATES + j, belief.role[j]
+        x, p = fil.x[at], fil.p[at, at]
+        if role == WALK or role == TURBULENCE:
+            wind += x
+            for i in range(belief.size.nuisances):
+                if belief.role[i] == WALK or belief.role[i] == TURBULENCE:
+                    variance += fil.p[at, N_STATES + i]
+            for_a6 += fil.s[at, theta]
+            for_k1 += fil.s[at, beta]
+            blows = True
+        elif role == MISALIGNMENT:
+            report_part(total, x / k, p / (k * k), fil.s[at, theta] / k, (fil.s[at, beta] - x / k) / k,
+                        rep.offset[role - MISALIGNMENT])
+        elif role == ATTITUDE_BIAS:
+            report_part(total, x / a, p / (a * a), (fil.s[at, theta] - x / a) / a, fil.s[at, beta] / a,
+                        rep.offset[role - MISALIGNMENT])
+        else:
+            report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])
+    if blows:
+        known = air_at(air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
+        report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
+        rep.air[0] += known
+
+
+@inner
+def report_no_level(rep):
+    """Without a range nothing is said of it."""
+    rep.level[:, :] = np.nan
+    rep.flag[HAS_LEVEL] = 0
+
+
+@inner
+def report_level(gauge, rep):
+    """Where in its range each parameter is, if anything is known of them."""
+    rep.level[:, :] = np.nan
+    rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
+    for p in range(2):
+        rep.raised[p] = gauge.flag[p, RAISED]
+        rep.band[p] = gauge.band[p]
+        if rep.raised[p] == 1:
+            rep.level[p, OUT_SINCE] = gauge.since[p]
+        if rep.flag[HAS_LEVEL] == 1:
+            rep.level[p, DELTA], rep.level[p, DELTA_STD] = gauge.delta[p], gauge.delta_std[p]
+            for k in range(OUT + 1):
+                rep.level[p, PROBABILITY + k] = gauge.probability[p, k]
+
+
+@inner
+def report_change(event, first, nominal, variance, parameter, rep):
+    """One parameter's part in a sudden change.  first: where in `event` its value before stands, its value after
+    behind."""
+    k = rep.flag[CHANGES]
+    before, after = event[first], event[first + 1]
+    change = rep.change[k]
+    change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[E_TIME], event[E_TIME_STD], event[E_ALARM]
+    change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
+    change[C_SIZE], change[C_SIZE_STD] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
+    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[E_STAGE] == FINAL)
+    rep.flag[CHANGES] = k + 1
+
+
+@inner
+def report_changes(profile, watch, rep):
+    """Of the last MAX_EVENTS sudden changes those that stand, oldest first; a change of both parameters is two rows."""
+    rep.flag[CHANGES] = 0
+    events = watch.counts[EVENTS]
+    for number in range(max(0, events - MAX_EVENTS), events):
+        event = watch.event[number % MAX_EVENTS]
+        if event[E_STAGE] == WITHDRAWN:
+            continue
+        a6, k1 = profile_at(profile, rep.cell, event[E_TIME])
+        if event[E_KIND] != K1_JUMP:
+            report_change(event, E_A6_BEFORE, a6, event[E_A6_VARIANCE], A6, rep)
+        report_change(event, E_K1_BEFORE, k1, event[E_K1_VARIANCE], K1, rep)

@@ -1,0 +1,125 @@
+"""The tracked estimate: relative deviations of a6 and k1, followed from block to block.
+
+A bank of Kalman filters, each with its own belief of how the deviations move: a
+random walk of some speed, and a slope that forgets itself over SLOPE_TIME with
+some standard deviation.  They are weighted by how well each predicted the last
+seconds (dynamic model averaging: Raftery, Karny & Ettler, Technometrics 52, 2010).
+A constant deviation wants a slow walk; a drifting one wants a slope: a faster
+walk instead is judged by the ratio a6/k1, which the data know a hundred times
+better than a6 and k1 themselves and follow with any speed.
+
+A block's data reach the bank as two scalar measurements with unit noise, the
+rows of its square-root information.
+"""
+
+import numpy as np
+
+from ..algebra.elementary import exp_of, log_of
+from ..algebra.linsolve import measure
+from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
+from ..kernels import inner
+
+# (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
+STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
+DRIFTING = (0.003, 0.01)   # 10 % with a period of 60 s has slopes of 0.0074, root mean square
+MEMBERS = np.array([STEADY, DRIFTING])
+WALK, SLOPE = range(2)
+MEMBER_STATES = 4
+SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
+MEMORY = 30.0              # s over which the members are judged
+FIRST_STD = 0.5            # relative: what is known of the deviations before the first sample
+
+
+@inner
+def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
+    """Every member believes the same; the members' evidence stays."""
+    for i in range(len(MEMBERS)):
+        state.mean[i, :] = 0.0
+        state.mean[i, 0], state.mean[i, 1] = mean_a6, mean_k1
+        state.covariance[i, :, :] = 0.0
+        state.covariance[i, 0, 0], state.covariance[i, 1, 1] = v_aa, v_kk
+        state.covariance[i, 0, 1], state.covariance[i, 1, 0] = v_ak, v_ak
+        for k in range(2, 4):
+            state.covariance[i, k, k] = MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
+    mix(state)
+
+
+@inner
+def move(mean, covariance, states, walk, slope, dt):
+    """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m), m
+    states"""
+    keep = exp_of(-dt / SLOPE_TIME)
+    for i in range(2):
+        mean[i] += dt * mean[2 + i]
+        mean[2 + i] *= keep
+    for j in range(states):
+        for i in range(2):
+            covariance[i, j] += dt * covariance[2 + i, j]
+            covariance[2 + i, j] *= keep
+    for i in range(states):
+        for j in range(2):
+            covariance[i, j] += dt * covariance[i, 2 + j]
+            covariance[i, 2 + j] *= keep
+    for i in range(2):
+        covariance[i, i] += walk * walk * dt
+        covariance[2 + i, 2 + i] += slope * slope * (1.0 - keep * keep)
+
+
+@inner
+def absorb(mean, covariance, work, h0, h1, z):
+    """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
+    row = work.row
+    row[A6], row[K1] = h0, h1
+    e, variance = measure(mean, covariance, row[:], 0, MEMBER_STATES, z, work.column[:])
+    return -0.5 * (log_of(variance) + e * e / variance)
+
+
+@inner
+def mix(state):
+    """Mean and covariance of the weighted members into `total`."""
+    b = len(MEMBERS)
+    best = state.evidence[0]
+    for i in range(1, b):
+        best = max(best, state.evidence[i])
+    norm = 0.0
+    for i in range(b):
+        state.weight[i] = exp_of(state.evidence[i] - best)
+        norm += state.weight[i]
+    total = state.total
+    total[:] = 0.0
+    for i in range(b):
+        state.weight[i] /= norm
+        total[MEAN_A6] += state.weight[i] * state.mean[i, A6]
+        total[MEAN_K1] += state.weight[i] * state.mean[i, K1]
+    for i in range(b):
+        w, d0, d1 = state.weight[i], state.mean[i, A6] - total[MEAN_A6], state.mean[i, K1] - total[MEAN_K1]
+        total[VAR_A6] += w * (state.covariance[i, A6, A6] + d0 * d0)
+        total[COV] += w * (state.covariance[i, A6, K1] + d0 * d1)
+        total[VAR_K1] += w * (state.covariance[i, K1, K1] + d1 * d1)
+
+
+@inner
+def track(state, work, memory, dt, block):
+    """Follow one block.
+
+    state  inout;  work  scratch
+    memory [s]  in
+    dt     [s]  in   time the block spans
+    block  (3, 3) in its square-root information about (a6, k1), right-hand side last
+    Returns the block's log predictive density, but for a constant.
+    """
+    fade = exp_of(-dt / memory)
+    best = -np.inf
+    for i in range(len(MEMBERS)):
+        mean, covariance = state.mean[i], state.covariance[i]
+        move(mean, covariance, MEMBER_STATES, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
+        density = absorb(mean, covariance, work, block[0, 0], block[0, 1], block[0, 2])
+        density += absorb(mean, covariance, work, 0.0, block[1, 1], block[1, 2])
+        state.evidence[i] = fade * state.evidence[i] + density
+        work.density[i] = density
+        best = max(best, density)
+    total = 0.0
+    for i in range(len(MEMBERS)):
+        total += state.weight[i] * exp_of(work.density[i] - best)
+    mix(state)
+    return best + log_of(total)

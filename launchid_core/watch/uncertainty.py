@@ -1,0 +1,132 @@
+"""The uncertainty level: where in its range sigma each parameter is, and whether it has left it.
+
+From the tracked relative deviation d with variance v: delta = d/sigma(t), as in a = a0 (1 + sigma delta), and the
+probabilities of the bands of |delta| under a normal of that mean and standard deviation.
+
+The alarm is sequential: looked at after every block, raised when delta is beyond +1, or beyond -1, with a posterior
+of RAISE.  One side must be decided: |delta| > 1 is also probable where nothing is known (the prior's FIRST_STD may be
+many sigma), but neither side is.  It clears when |delta| > 1 is less probable than CLEAR, which wants data as well.
+
+When it began: the block in which delta's mean crossed 1 for the last time, or the onset that `changes` found if that
+is earlier; if the parameter had never been known inside, the first sample, since nothing says that it ever was.
+
+Assumption: the tracker's posterior is normal; looking again and again is paid for by RAISE and by the tracker's
+random walk, which over-covers a constant delta (measured: benchmarks/uncertainty.py).
+"""
+
+import math
+
+import numpy as np
+
+from ..algebra.elementary import erfc_of
+from ..filter.belief import A6, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1, profile_at
+from ..kernels import inner
+from .changes import E_TIME, EVENTS, MAX_EVENTS
+
+BANDS = ("0-30", "30-60", "60-100", "out")  # per cent of |sigma|
+UNDECIDED = "undecided"
+EDGES = (0.3, 0.6, 1.0)  # upper ends of all bands but the last, |delta|
+OUT = len(EDGES)
+DECIDED = 0.95
+RAISE = 0.9999           # at 0.999 one of 900 flights inside raised falsely; delta = 1.6 is found 0.4 s later (mean)
+CLEAR = 0.5
+NO_BAND = -1
+
+# flag (i8)
+RAISED, KNOWN_INSIDE = range(2)
+N_FLAGS = 2
+
+
+@inner
+def restart_gauge(gauge):
+    """Nothing is known before the first sample."""
+    gauge.delta[:] = np.nan
+    gauge.delta_std[:] = np.nan
+    gauge.probability[:, :] = np.nan
+    gauge.since[:] = np.nan
+    gauge.band[:] = NO_BAND
+
+
+@inner
+def below(edge, mean, std):
+    """Probability that a normal is below `edge`."""
+    return 0.5 * erfc_of((mean - edge) / (std * math.sqrt(2.0)))
+
+
+@inner
+def inside(edge, mean, std):
+    """Probability that a normal is within +-edge."""
+    return below(edge, mean, std) - below(-edge, mean, std)
+
+
+@inner
+def judge(gauge, p, mean, std, t, t_first, onset):
+    """The sequential alarm of parameter p.
+
+    mean, std  of delta at t [s];  t_first [s]: the first sample;  onset [s]: of a sudden change in this block, or inf
+    """
+    flag = gauge.flag[p]
+    within = inside(EDGES[OUT - 1], mean, std)
+    if within >= DECIDED:
+        flag[KNOWN_INSIDE] = 1
+    if flag[RAISED] == 1:
+        if 1.0 - within < CLEAR:
+            flag[RAISED] = 0
+            gauge.since[p] = np.nan
+        return
+    if abs(mean) <= EDGES[OUT - 1]:
+        gauge.since[p] = np.nan
+        return
+    if np.isnan(gauge.since[p]):
+        gauge.since[p] = t if flag[KNOWN_INSIDE] == 1 else t_first
+    gauge.since[p] = min(gauge.since[p], onset)
+    if below(-EDGES[OUT - 1], -abs(mean), std) > RAISE:
+        flag[RAISED] = 1
+
+
+@inner
+def watch_range(sigma, gauge, total, now, t_first, counts, event):
+    """Look at the tracked estimate: the alarm of both parameters.
+
+    sigma, gauge  in, inout
+    total (5,)    in     tracked belief of the relative deviations
+    now           in     [s] time of the tracked estimate
+    t_first       in     [s] the first sample
+    counts, event in     of `changes.Watch`
+    """
+    if not np.isfinite(total[MEAN_A6] + total[MEAN_K1]):
+        return
+    onset = np.inf
+    if counts[EVENTS] > gauge.events[0]:
+        onset = event[(counts[EVENTS] - 1) % MAX_EVENTS, E_TIME]
+    gauge.events[0] = counts[EVENTS]
+    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, now)
+    judge(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6, now, t_first, onset)
+    judge(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1, now, t_first, onset)
+
+
+@inner
+def weigh_bands(gauge, p, mean, std):
+    """Probabilities of the bands of parameter p, and the band if one is decided; `out` also wants the alarm."""
+    gauge.delta[p], gauge.delta_std[p] = mean, std
+    probability = gauge.probability[p]
+    before = 0.0
+    for k in range(OUT):
+        up_to = inside(EDGES[k], mean, std)
+        probability[k] = up_to - before
+        before = up_to
+    probability[OUT] = 1.0 - before
+    gauge.band[p] = NO_BAND
+    for k in range(OUT):
+        if probability[k] >= DECIDED:
+            gauge.band[p] = k
+    if probability[OUT] >= DECIDED and gauge.flag[p, RAISED] == 1:
+        gauge.band[p] = OUT
+
+
+@inner
+def close_range(sigma, gauge, total, t_end):
+    """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
+    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, t_end)
+    weigh_bands(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6)
+    weigh_bands(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1)

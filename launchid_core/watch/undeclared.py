@@ -1,0 +1,254 @@
+"""Wind and misalignment that no nominal declared: followed beside a6 and k1, only to know whether they are there.
+
+A model without nuisances says that the air stands still and that the thrust is straight.  Where it is not so a constant
+acceleration acts, nearly a6 times an attitude that rests: a window takes it for another a6, and no check of the same
+window can see it.  Over many windows a6_nominal(t) w + k1_nominal(t) d is another thing than a6_nominal(t) theta(t),
+for the attitude moves.  So a Kalman filter has w and d [rad], constants within UNDECLARED_STD, beside the deviations of
+a6 and k1, which move as the tracker's members do.  They are there if their estimates are further from zero than a chi
+square of two allows (Wald's test, Trans. Am. Math. Soc. 54, 1943): then the model is contradicted (`whiteness`), until
+data say otherwise; that time passes which tells nothing of them is no reason to believe it again.
+
+What begins or ends is found by a second filter, which forgets them over NEW_MEMORY: where it has predicted the blocks
+better by more than ANOTHER nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and the
+other way round.  A sudden change of a6 or k1 frees them in the first alone, which forgets what the blocks since the
+onset told of w and d, for until it is found a loss passes for wind: so the second says whether it was not wind.
+Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
+afterwards; while changes follow one another (a gust) both wait, and begin anew.  So they do as often as a sensor turns
+out noisier than it was taken for.
+
+Assumption: the acceleration acts on the block's innovations as if a6 and k1 of the nominal were the block's.
+"""
+
+import math
+
+import numpy as np
+
+from ..algebra.elementary import exp_of, log_of
+from ..algebra.linsolve import absorb_rows, measure
+from ..filter.belief import A6, AT_BETA, AT_THETA, K1, ONSETS, profile_at
+from ..filter.states import MOMENT_TEST, N_STATES, N_TESTS
+from ..filter.whiteness import KEEPS_CHANGING, NOTHING, quietest_share
+from ..kernels import inner
+from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
+
+WIND, LEAN = 4, 5          # of a filter's state: a6, k1, their slopes, w, d
+SIZE = 6
+CONSTANT, NEW = 0, 1       # the filters
+FILTERS = 2
+# flags: they are there; what else contradicts the model; the newer of what is remembered; blocks taken since
+FOUND, DOUBT, NEWER, AGE = range(4)
+N_FLAGS = 4
+NOISE, LASTED = 0, 1       # highest log noise level of a sensor when what is known was begun; [s] since beyond THERE
+N_NUMBERS = 2
+ROW = 4                    # columns of a block: a6, k1, acceleration, right-hand side
+UNDECLARED_STD = 0.1       # rad
+UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
+NEW_MEMORY = 5.0           # s
+ANOTHER = 4.0              # nats
+THERE = 20.0               # of the chi square, which true models exceeded once in 26 h (900 dispersed flights)
+PATIENCE = 2.0             # s beyond THERE: a noise level that rises as fast as it may has risen by twice RISEN
+RISEN = 0.4                # of a sensor's log noise level
+GONE = 9.0                 # below it the model may be believed again
+
+
+@inner
+def forget_places(state, f, first, last):
+    """Of its state's places first .. last-1 filter f knows what it knew at the beginning."""
+    for i in range(first, last):
+        state.mean[f, i] = 0.0
+        for j in range(SIZE):
+            state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
+        std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
+        state.covariance[f, i, i] = std * std
+
+
+@inner
+def copy_knowledge(mean, covariance, to_mean, to_covariance):
+    """mean (u,), covariance (u, u) in;  to_mean, to_covariance out"""
+    for i in range(SIZE):
+        to_mean[i] = mean[i]
+        for j in range(SIZE):
+            to_covariance[i, j] = covariance[i, j]
+
+
+@inner
+def remember(state, slot):
+    """What the first filter knows now."""
+    copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
+
+
+@inner
+def restart_undeclared(state):
+    """Nothing is known."""
+    for f in range(FILTERS):
+        forget_places(state, f, 0, SIZE)
+        state.better[f] = 0.0
+    for k in range(N_FLAGS):
+        state.flag[k] = 0
+    for slot in range(2):
+        remember(state, slot)
+    state.number[LASTED] = 0.0
+
+
+@inner
+def free_deviations(state, f):
+    """a6 and k1 have likely changed: nothing is known of them to filter f."""
+    forget_places(state, f, 0, WIND)
+
+
+@inner
+def begin_block(state):
+    """What was known before it is remembered, once in ONSETS blocks."""
+    if state.flag[AGE] >= ONSETS:
+        state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
+        remember(state, state.flag[NEWER])
+    state.flag[AGE] += 1
+
+
+@inner
+def go_back(state, blocks):
+    """a6 or k1 changed `blocks` (at most ONSETS) ago: the first filter knows what it knew of w and d before, and of a6
+    and k1 nothing."""
+    slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
+    copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
+    free_deviations(state, CONSTANT)
+
+
+@inner
+def take_up_again(state):
+    """Nothing else contradicts the model any more: a6 and k1 are open, and after a gust, of which they learned as it
+    began, w and d too."""
+    if state.flag[DOUBT] == KEEPS_CHANGING:
+        restart_undeclared(state)
+    else:
+        for f in range(FILTERS):
+            free_deviations(state, f)
+        state.flag[DOUBT] = NOTHING
+
+
+@inner
+def learns_noise(state, level):
+    """Whether a sensor turned out noisier by RISEN than it was taken for: what was learned so was learned too surely.
+    level (L,) in"""
+    highest = max(level[0], level[1], level[2], 0.0)
+    risen = highest > state.number[NOISE] + RISEN
+    if risen:
+        state.number[NOISE] = highest
+    return risen
+
+
+@inner
+def forget_constants(covariance, dt):
+    """w and d are less known after dt [s] than before by what NEW_MEMORY forgets, but never less than at first."""
+    grow = exp_of(0.5 * dt / NEW_MEMORY)
+    for k in range(WIND, SIZE):
+        if covariance[k, k] * grow * grow <= UNDECLARED_STD * UNDECLARED_STD:
+            for j in range(SIZE):
+                covariance[k, j] *= grow
+            for j in range(SIZE):
+                covariance[j, k] *= grow
+
+
+@inner
+def distance(mean, covariance):
+    """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
+    w, d = mean[WIND], mean[LEAN]
+    a, b, c = covariance[WIND, WIND], covariance[WIND, LEAN], covariance[LEAN, LEAN]
+    determinant = a * c - b * b
+    return max(c * w * w - 2.0 * b * w * d + a * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
+
+
+@inner
+def reduce_moment(belief, work, triangle, share):
+    """work.triangle (ROW, ROW) out: of the block's (c, c), the columns of a6, k1, acceleration, right-hand side, as if
+    its noise were 1/share of what it is."""
+    c = belief.size.columns
+    first = c - 1 - N_TESTS
+    for i in range(c):
+        work.rows[0, i] = share * triangle[i, N_STATES + belief.term[AT_THETA]]
+        work.rows[1, i] = share * triangle[i, N_STATES + belief.term[AT_BETA]]
+        work.rows[2, i] = share * triangle[i, first + MOMENT_TEST]
+        work.rows[3, i] = share * triangle[i, c - 1]
+    for i in range(ROW):
+        for j in range(ROW):
+            work.triangle[i, j] = 0.0
+    absorb_rows(work.triangle[:], work.rows[:], ROW, c)
+
+
+@inner
+def go_on_from(state, f):
+    """Both filters go on from what filter f knows."""
+    copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
+    for k in range(FILTERS):
+        state.better[k] = 0.0
+
+
+@inner
+def choose_filter(state, better):
+    """The second filter predicted the block better by so many nats: it may be the one to go on from, or not."""
+    state.better[NEW] = max(state.better[NEW] + better, 0.0)
+    state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
+    if state.better[NEW] > ANOTHER:
+        go_on_from(state, NEW)
+    elif state.better[CONSTANT] > ANOTHER:
+        go_on_from(state, CONSTANT)
+
+
+@inner
+def pace(weight):
+    """(random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of a6 and k1 by the
+    tracker's weights of its members.  weight (b,) in"""
+    walk = slope = 0.0
+    for i in range(len(MEMBERS)):
+        walk += weight[i] * MEMBERS[i, WALK] * MEMBERS[i, WALK]
+        slope += weight[i] * MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
+    return math.sqrt(walk), math.sqrt(slope)
+
+
+@inner
+def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt, t, dt):
+    """A block of dt [s] was gathered, which ends at t [s].
+
+    triangle (c, c)  in  square-root information of the block (`filtered.AccumulatorWork`)
+    weight   (b,)    in  of the tracker's members
+    doubt            in  what else contradicts the model (`whiteness.contradicted_by`)
+    """
+    if belief.size.undeclared == 0:
+        return
+    if doubt != NOTHING:
+        state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
+    elif state.flag[DOUBT] != NOTHING:
+        take_up_again(state)
+    if learns_noise(state, fil.level):
+        restart_undeclared(state)
+    if doubt == KEEPS_CHANGING:
+        return
+    begin_block(state)
+    reduce_moment(belief, work, triangle, quietest_share(fil.level))
+    a6, k1 = profile_at(profile, fil.cell, t)
+    walk, slope = pace(weight)
+    better = 0.0
+    for f in range(FILTERS):
+        mean, covariance = state.mean[f], state.covariance[f]
+        move(mean, covariance, SIZE, walk, slope, dt)
+        if f == NEW:
+            forget_constants(covariance, dt)
+        for k in range(WIND, SIZE):
+            covariance[k, k] += UNDECLARED_WALK * UNDECLARED_WALK * dt
+        for i in range(ROW - 1):
+            r, row = work.triangle[i], work.row[:]
+            row[:] = 0.0
+            row[A6], row[K1], row[WIND], row[LEAN] = r[0], r[1], a6 * r[2], k1 * r[2]
+            e, variance = measure(mean, covariance, row, 0, SIZE, r[ROW - 1], work.column[:])
+            density = -0.5 * (log_of(variance) + e * e / variance)
+            better += density if f == NEW else -density
+    choose_filter(state, better)
+    found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
+    if not found < np.inf:
+        restart_undeclared(state)
+        return
+    state.number[LASTED] = state.number[LASTED] + dt if found > THERE else 0.0
+    if state.number[LASTED] > PATIENCE:
+        state.flag[FOUND] = 1
+    elif found < GONE:
+        state.flag[FOUND] = 0
