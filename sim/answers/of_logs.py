@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from launchid_core import Config, Estimate
+from launchid_core import Change, Config, Estimate
 
 from ..asked import integer, real, word
 from ..checked import data_warnings, ideal_note, profile_note, rate_note
@@ -27,6 +27,7 @@ from .residuals import residuals
 
 if TYPE_CHECKING:
     from ..result import Figure
+    from .of_margins import FlightMargins
 
 
 # ---- identify
@@ -42,6 +43,7 @@ class Identification(Answer):
     estimates: list[Estimate]
     report: dict[str, Any]
     library: str
+    changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
@@ -56,6 +58,12 @@ class Identification(Answer):
     def _figure(self) -> "Figure":
         from .figures import identify_figure
         return identify_figure(self.log, self.report, self.nominal)
+
+    def margins(self) -> "FlightMargins":
+        """The stability margins of the loop as identified, with the nominal's controller."""
+        from .of_margins import margins_of
+        return margins_of(self.log, self.nominal, self.config, self.estimates, self.changes,
+                          any("tracked" in window for window in self.report["windows"]))
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """What the windows leave, whether it is white, and what they predict over horizons."""
@@ -94,7 +102,8 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     made = identified(config, log)
     if made.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library, said)
+    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library,
+                          made.estimator.changes() if config.formulation == "filtered" else (), said)
 
 
 # ---- uncertainty

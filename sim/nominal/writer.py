@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..files import write_text
-from ..sections import Controller, Drift, Forecast, Nominal, Profile
+from ..sections import Controller, Drift, Forecast, Nominal, Profile, Required
 from .control import ONLY_ATTITUDE
 from .profiles import DRIFT, FORECAST, VEHICLE, read_columns
 
@@ -39,10 +39,10 @@ def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
         lines += ["", "[wind]", *_number_lines(nominal.wind)]
         if nominal.wind.profile is not None:
             lines.append(_path_line(nominal.wind.profile, path, "wind", FORECAST))
-    for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis",
+    for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis", "margins",
                     "test_input"):
         plain = getattr(nominal, section)
-        if plain is not None:
+        if plain is not None and plain != Required():
             lines += ["", f"[{section}]", *_number_lines(plain)]
         for each in plain.filters if isinstance(plain, Controller) else ():
             lines += ["", "[[controller.filters]]", f"b = {_literal(each.b)}", f"a = {_literal(each.a)}"]

@@ -1,0 +1,72 @@
+"""Answers about margins: of a log, or of what was identified in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from launchid_core import Change, Config, Estimate
+
+from ..checked import data_warnings
+from ..errors import UsageError
+from ..identify import identified, log_config
+from ..log import Log
+from ..nominal import Nominal
+from ..result import Columns
+from ..uncertainty import flight_margins as fm
+from ..uncertainty.flight_margins import Servo, WindowMargins
+from .answer import Answer, flat
+
+if TYPE_CHECKING:
+    from ..result import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class FlightMargins(Answer):
+    """The stability margins of a flight's loop, window by window."""
+
+    log: Log
+    nominal: Nominal
+    config: Config
+    windows: list[WindowMargins]
+    servo: Servo
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        required = self.nominal.margins
+        head = (f"{self.log.path}: margins of the loop of {self.nominal.name} as identified, window "
+                f"{self.config.window:g} s, value (95 % interval); required: {required.gain_db:g} dB, "
+                f"{required.phase_deg:g} degrees" + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else ""))
+        if not self.windows:
+            return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
+                    "window")
+        return "\n".join([head, fm.table(self.report)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> "Figure":
+        from .margin_figures import margins_figure
+        return margins_figure(self.log, self.nominal, self.windows, self.report)
+
+
+def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = False,
+            strict: bool = False) -> FlightMargins:
+    """The margins of a log's loop; `window` in s."""
+    fm.known_servo(nominal)
+    said = data_warnings(log, nominal, strict)
+    config = log_config(log, nominal, str(window), "filtered", True, library="rigid-body")
+    made = identified(config, log)
+    return margins_of(log, nominal, made.config, made.judged.estimates, made.estimator.changes(), tracked, said)
+
+
+def margins_of(log: Log, nominal: Nominal | None, config: Config, estimates: Sequence[Estimate],
+               changes: Sequence[Change], tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
+    """The margins of what was identified; UsageError unless it was with a nominal, in the filtered formulation."""
+    if nominal is None or config.formulation != "filtered" or config.terms != ("theta", "beta"):
+        raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
+                         "rigid-body")
+    servo = fm.known_servo(nominal)
+    windows = fm.flight_margins(nominal, estimates, changes, servo)
+    return FlightMargins(log, nominal, config, windows, servo, fm.report(windows, servo, nominal.margins, tracked),
+                         said)
