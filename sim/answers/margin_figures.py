@@ -51,8 +51,8 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
                      ("window", [(0.5 * (w["t_start"] + w["t_end"]), 0.5 * (w["t_end"] - w["t_start"]), w)
                                  for w in windows])):
         kept = [(t, half, *(np.nan if one[name][key] is None else one[name][key] for key in ("value", "low", "high")))
-                for t, half, one in rows if one["valid"]]
-        if not kept:
+                for t, half, one in rows]   # one that has no margins breaks the line
+        if not any(one["valid"] for *_, one in rows):
             continue
         t, half, value, low, high = np.array(kept, dtype=float).T
         shown += [value, low, high]
@@ -81,7 +81,7 @@ def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
     if len(known) == 0:
         return
     inner, outer = np.quantile(known, [0.04, 0.96])
-    low, high = min(inner, demand), max(outer, demand)
+    low, high = (min(inner, demand), max(outer, demand)) if demand != 0.0 else (inner, outer)
     axis.set_ylim(low - 0.12 * (high - low) - 1e-3, high + 0.12 * (high - low) + 1e-3)
 
 
@@ -99,7 +99,7 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
     nichols.plot([], [], color="0.82", linewidth=4, label="as identified, 95 % region")
     for axis, values in ((gain, band[0]), (phase, band[1])):
         axis.fill_between(omega, values.min(axis=0), values.max(axis=0), color="0.82", label="95 % band")
-        axis.semilogx(omega, values[0], color="0.0", linewidth=1.3, label="as identified")
+        axis.semilogx(omega, values[0], color="0.0", linewidth=1.3, label="as identified", zorder=4)
     if nominal.uncertainty is not None:
         sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])
         box = np.column_stack([believed[:2] * (1.0 + sigma * CORNERS), np.tile(believed[2:], (4, 1))])
@@ -148,4 +148,4 @@ def _required_cross(axis: Any, nominal: Nominal) -> None:
     axis.set_xticks(range(-300, -89, 30))
     axis.set_xlabel("open-loop phase [deg]", fontsize=8)
     axis.set_ylabel("open-loop gain [dB]", fontsize=8)
-    axis.legend(fontsize=7, loc="lower left")
+    axis.legend(fontsize=7, loc="lower right")
