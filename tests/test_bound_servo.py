@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.bound.flights import delayed, flight_bound, flight_information
+from sim.bound.flights import flight_bound, flight_information, switched
 from sim.bound.information import DIFFUSE, WITH_SERVO, window_information
 from sim.bound.matrices import with_prior, without_offset
 from sim.bound.step import FIRST_ORDER, transition
@@ -48,52 +48,58 @@ def test_the_servos_derivatives_are_the_central_differences(damping, h):
         assert np.allclose(slopes[m], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-8)
 
 
-def test_a_later_command_moves_by_its_slope():
-    command = np.array([0.0, 1.0, 3.0, 2.0, 2.0])
-    now, slope = delayed(command, 0.013, 0.01)
-    assert now == pytest.approx([0.0, 0.0, 0.7, 2.4, 2.3])   # 0.7 of the one a period old, 0.3 of the one before
-    later, _ = delayed(command, 0.0131, 0.01)
-    assert (later - now) / 1e-4 == pytest.approx(slope)
-    assert np.array_equal(delayed(command, 0.01, 0.01)[0], [0.0, 0.0, 1.0, 3.0, 2.0])
+def test_a_later_command_switches_inside_a_step():
+    command = np.array([4.0, 1.0, 3.0, 2.0, 2.0])
+    older, newer, switch = switched(command, 0.013, 0.01)
+    assert older.tolist() == [0.0, 0.0, 4.0, 1.0, 3.0] and newer.tolist() == [0.0, 4.0, 1.0, 3.0, 2.0]
+    assert switch == pytest.approx(0.003)
+    assert switched(command, 0.0, 0.01)[1].tolist() == command.tolist() and switched(command, 0.0, 0.01)[2] == 0.0
 
 
 # ---- a plain filter of the same vehicle, by matrix exponentials alone
 
 
+def driven(p: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The transition (6, 6) over a period, and what a command (count, ROWS), delayed, moves the state by (count, ROWS,
+    4): the older one until it is due, then the newer."""
+    whole = int(p[4] / PERIOD)
+    first = p[4] - whole * PERIOD
+    a = generator(*p[:4])
+    before, after = linalg.expm(a * first), linalg.expm(a * (PERIOD - first))
+    past = np.concatenate([np.zeros((len(u), whole + 1)), u], axis=1)
+    older, newer = past[:, :u.shape[1]], past[:, 1:u.shape[1] + 1]
+    moved = older[..., None] * (after[:4, :4] @ before[:4, 4]) + newer[..., None] * after[:4, 4]
+    return after @ before, moved
+
+
 def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Measurements (count, ROWS, 3) and commands (count, ROWS) of loops with a test input."""
     random = np.random.default_rng(seed)
-    f = linalg.expm(generator(*TRUTH[:4]) * PERIOD)
     t = np.arange(ROWS) * PERIOD
     shake = 0.03 * np.sin(2.0 * t) + 0.02 * np.sin(7.0 * t) + 0.01 * np.sin(19.0 * t)
     x, z, u = 1e-3 * random.standard_normal((count, 4)), np.empty((count, ROWS, 3)), np.empty((count, ROWS))
-    late = TRUTH[4] / PERIOD
-    whole, part = int(late), late - int(late)
+    u[:] = 0.0
     for k in range(ROWS):
         z[:, k] = x[:, :3] + random.standard_normal((count, 3)) * np.sqrt(NOISES[:3])
         u[:, k] = 1.2 * z[:, k, 0] + 0.5 * z[:, k, 1] + shake[k]
-        newer = u[:, k - whole] if k >= whole else np.zeros(count)
-        older = u[:, k - whole - 1] if k > whole else np.zeros(count)
-        held = np.column_stack([(1 - part) * newer + part * older, np.zeros(count)])
-        held += random.standard_normal((count, 2)) * np.sqrt(NOISES[3:])
-        x = np.column_stack([x, held]) @ f[:4].T
+        f, moved = driven(TRUTH, u[:, max(k - 3, 0):k + 1])
+        x = x @ f[:4, :4].T + moved[:, -1] + random.standard_normal((count, 2)) * np.sqrt(NOISES[3:]) @ f[:4, 4:].T
     return z, u
 
 
 def likelihood(z: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Log-likelihood (count,) at parameters (5,), the filter's start unknown."""
-    f = linalg.expm(generator(*p[:4]) * PERIOD)
+    f, moved = driven(p, u)
     q = f[:4, 4:] @ np.diag(NOISES[3:]) @ f[:4, 4:].T
     h, noise = np.eye(3, 4), np.diag(NOISES[:3])
     x, cov, total = np.zeros((len(z), 4)), np.diag(DIFFUSE**2), np.zeros(len(z))
-    late = np.stack([delayed(each, p[4], PERIOD)[0] for each in u])
     for k in range(ROWS):
         s = h @ cov @ h.T + noise
         gain = cov @ h.T @ np.linalg.inv(s)
         e = z[:, k] - x[:, :3]
         total -= 0.5 * (np.linalg.slogdet(s)[1] + np.einsum("ci,ij,cj->c", e, np.linalg.inv(s), e))
         rest = np.eye(4) - gain @ h
-        x = (x + e @ gain.T) @ f[:4, :4].T + np.outer(late[:, k], f[:4, 4])
+        x = (x + e @ gain.T) @ f[:4, :4].T + moved[:, k]
         cov = f[:4, :4] @ (rest @ cov @ rest.T + gain @ noise @ gain.T) @ f[:4, :4].T + q
     return total
 
@@ -103,9 +109,10 @@ def informed(z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     information, scores = np.zeros((len(z), 9, 9)), np.zeros((len(z), 9))
     for k in range(len(z)):
         table, score = np.zeros((1, WITH_SERVO, WITH_SERVO)), np.zeros((1, WITH_SERVO))
-        now, late = delayed(u[k], TRUTH[4], PERIOD)
-        window_information(np.arange(ROWS) * PERIOD, z[k], now, np.full(ROWS, TRUTH[0]), np.full(ROWS, TRUTH[1]),
-                           TRUTH[2:4], NOISES, np.zeros(ROWS, np.int64), table, np.zeros(ROWS), late=late, score=score)
+        older, newer, switch = switched(u[k], TRUTH[4], PERIOD)
+        window_information(np.arange(ROWS) * PERIOD, z[k], older, np.full(ROWS, TRUTH[0]), np.full(ROWS, TRUTH[1]),
+                           TRUTH[2:4], NOISES, np.zeros(ROWS, np.int64), table, np.zeros(ROWS), newer=newer,
+                           switch=switch, score=score)
         information[k], scores[k] = table[0], score[0]
     explained = np.linalg.solve(information[:, :4, :4], scores[:, :4, None])[:, :, 0]
     return without_offset(information), scores[:, 4:] - np.einsum("kij,ki->kj", information[:, :4, 4:], explained)

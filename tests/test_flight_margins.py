@@ -11,6 +11,7 @@ import pytest
 from test_lft import delayed, held
 
 import launchid
+from launchid.sources import read_log
 from launchid_core import Change
 from sim.effects import effect
 from sim.errors import InputError, UsageError
@@ -19,6 +20,7 @@ from sim.uncertainty import flight_margins as fm
 from sim.uncertainty.lft import lft_at, loop_gain, sample, spectral_radius
 from sim.uncertainty.loops import Plants, loops, plants_of
 from sim.uncertainty.margin_spread import NAMES, Interval, Known, Spread, margin_spread, margin_table, normal_points
+from sim.uncertainty.servo import servo_of_log
 
 control = pytest.importorskip("control")
 
@@ -100,7 +102,7 @@ def continuous(a6: float, k1: float, kp: float, kd: float) -> np.ndarray:
 
 @pytest.mark.parametrize("a6", [0.5, 2.0, 9.0])
 def test_the_textbook_gains_keep_6_dB_and_30_degrees(a6):
-    """kp = 2 a6/|k1|, kd = sqrt(a6)/|k1|: the gain may halve, and atan(x/2) is left at x^4 + x^2 = 3, x = w/sqrt(a6)."""
+    """kp = 2 a6/|k1|, kd = sqrt(a6)/|k1|: the gain may halve; atan(x/2) is left at x^4 + x^2 = 3, x = w/sqrt(a6)."""
     table = continuous(a6, -7.0, 2 * a6 / 7.0, math.sqrt(a6) / 7.0)
     crossover = math.sqrt((math.sqrt(13.0) - 1.0) / 2.0)
     assert table[0] == pytest.approx(-6.02, abs=0.005)
@@ -326,3 +328,72 @@ def load_nominal_of(nominal: Nominal, folder) -> Nominal:
     path = folder / "again.toml"
     path.write_text("\n".join(nominal_lines(nominal, path)) + "\n")
     return load_nominal(path)
+
+
+# ---- a servo that is not known
+
+
+UNKNOWN = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
+
+
+def unsure(**sections) -> Nominal:
+    return replace(CONSTANT, actuator=replace(CONSTANT.actuator, **UNKNOWN), **sections)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """A flight whose servo has 36 rad/s instead of 50 and 15.2 ms of delay."""
+    true = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=30.0),
+                   actuator=replace(CONSTANT.actuator, natural_frequency=36.0, delay=0.0152))
+    return launchid.simulate(true, seed=5)
+
+
+def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
+    found = launchid.margins(slow, unsure(), tracked=True)
+    std = np.sqrt(np.diag(found.servo.covariance))
+    assert np.all(np.abs(found.servo.mean - [36.0, 0.7, 0.0152]) < 3.5 * std) and np.all(std < [1.0, 0.03, 6e-4])
+    said = found.report["actuator"]["delay"]
+    assert said == {"value": found.servo.mean[2], "std": std[2]}
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
+    held_truth = np.array([[getattr(of.spread, name).low <= x <= getattr(of.spread, name).high
+                            for name, x in zip(NAMES, truth, strict=True)]
+                           for window in found.windows for of in (window.window, window.tracked)])
+    assert held_truth.mean() > 0.85 and len(held_truth) == 12
+    assert "servo as estimated" in found.summary()
+
+
+def test_a_known_servo_that_is_another_one_lies(slow):
+    """Why it is asked for: the phase margin believed is beyond its interval in every window."""
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
+    found = launchid.margins(slow, CONSTANT)
+    assert all(each.window.spread.phase_deg.low > truth[2] for each in found.windows)
+
+
+def test_not_knowing_the_servo_widens_the_intervals(slow):
+    """Beside knowing the very servo that was estimated, of which the values are."""
+    unknown = launchid.margins(slow, unsure())
+    mean = dict(zip(("natural_frequency", "damping_ratio", "delay"), unknown.servo.mean.tolist(), strict=True))
+    sure = launchid.margins(slow, replace(CONSTANT, actuator=replace(CONSTANT.actuator, **mean)))
+    for wide, narrow in zip(unknown.windows, sure.windows, strict=True):
+        for name in ("gain_high_db", "phase_deg", "delay_ms"):
+            a, b = (getattr(each.window.spread, name) for each in (wide, narrow))
+            assert a.value == pytest.approx(b.value, rel=1e-6) and a.high - a.low >= (b.high - b.low) * 0.999
+
+
+def test_what_is_believed_beforehand_counts(slow):
+    """All but sure of the frequency, sure of the rest: the log, which says another, moves it by next to nothing."""
+    sure = replace(CONSTANT, actuator=replace(CONSTANT.actuator, natural_frequency_sigma=1e-4))
+    mean, covariance = servo_of_log(read_log(slow), sure)
+    assert mean == pytest.approx([50.0, 0.7, 0.0], abs=0.1)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([0.005, 0.0, 0.0], rel=0.05)
+
+
+def test_a_servo_cannot_be_known_without_its_command(slow):
+    columns = {name: getattr(slow.flight, name) for name in ("t", "theta", "theta_dot", "beta")}
+    with pytest.raises(InputError, match="beta_cmd is missing"):
+        launchid.margins(columns, unsure())
+
+
+def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow):
+    found = launchid.identify(slow, unsure(), window=5.0).margins()
+    assert found.to_json() == launchid.margins(slow, unsure()).to_json()

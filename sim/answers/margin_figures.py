@@ -17,6 +17,7 @@ DECADES = (-1.0, 0.02)   # of the frequency axis around the crossover: from, and
 POINTS = 400
 RIM = 96                 # loops on the ellipsoid that draw the region
 CORNERS = np.array([(a, k) for a in (-1.0, 1.0) for k in (-1.0, 1.0)])
+PHASES = (-400.0, -80.0)  # deg that the Bode plot shows
 REACH = 40.0             # dB that the Nichols chart shows of either side
 
 
@@ -116,6 +117,7 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
     phase.axhline(-180.0, color="0.4", linewidth=0.7)
     gain.set_ylim(-REACH, REACH)
     gain.set_ylabel("|L| [dB]", fontsize=8)
+    phase.set_ylim(*PHASES)
     phase.set_ylabel("phase of L [deg]", fontsize=8)
     phase.set_xlabel("frequency [rad/s]", fontsize=8)
     gain.legend(fontsize=7, loc="upper right")

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 from launchid_core import Change, Config, Estimate
 
 from ..checked import data_warnings
-from ..errors import UsageError
-from ..identify import identified, log_config
+from ..identify import log_config
 from ..log import Log
 from ..nominal import Nominal
 from ..result import Columns
 from ..uncertainty import flight_margins as fm
-from ..uncertainty.flight_margins import Servo, WindowMargins
+from ..uncertainty.flight_margins import Servo, WindowMargins, known_servo
+from ..uncertainty.servo import identified_with_servo
 from .answer import Answer, flat
 
 if TYPE_CHECKING:
@@ -53,20 +53,22 @@ class FlightMargins(Answer):
 def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = False,
             strict: bool = False) -> FlightMargins:
     """The margins of a log's loop; `window` in s."""
-    fm.known_servo(nominal)
+    known_servo(nominal)
     said = data_warnings(log, nominal, strict)
     config = log_config(log, nominal, str(window), "filtered", True, library="rigid-body")
-    made = identified(config, log)
-    return margins_of(log, nominal, made.config, made.judged.estimates, made.estimator.changes(), tracked, said)
+    return identified_margins(log, nominal, config, tracked, said)
 
 
-def margins_of(log: Log, nominal: Nominal | None, config: Config, estimates: Sequence[Estimate],
-               changes: Sequence[Change], tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
-    """The margins of what was identified; UsageError unless it was with a nominal, in the filtered formulation."""
-    if nominal is None or config.formulation != "filtered" or config.terms != ("theta", "beta"):
-        raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
-                         "rigid-body")
-    servo = fm.known_servo(nominal)
+def identified_margins(log: Log, nominal: Nominal, config: Config, tracked: bool,
+                       said: tuple[str, ...] = ()) -> FlightMargins:
+    """The margins of what a configuration identifies in a log, behind the servo as it is known or estimated."""
+    made, servo = identified_with_servo(log, nominal, config)
+    return margins_of(log, nominal, made.config, made.judged.estimates, made.estimator.changes(), servo, tracked, said)
+
+
+def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
+               servo: Servo, tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
+    """The margins of what was identified."""
     windows = fm.flight_margins(nominal, estimates, changes, servo)
     return FlightMargins(log, nominal, config, windows, servo, fm.report(windows, servo, nominal.margins, tracked),
                          said)

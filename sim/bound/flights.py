@@ -41,17 +41,18 @@ def servo_sigma(nominal: Nominal) -> np.ndarray:
 def acting_command(nominal: Nominal, flight: Flight) -> np.ndarray:
     """Command that acts over the step from each row [rad]: the actuator's delay old, 0 before the first."""
     assert nominal.actuator is not None
-    return delayed(flight.beta_cmd, nominal.actuator.delay, flight.period)[0]
+    if nominal.actuator.delay == 0.0:
+        return flight.beta_cmd
+    older, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    return newer + switch / flight.period * (older - newer)
 
 
-def delayed(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """A held command (n,) [rad], 0 before its first row, `delay` [s] later, as its mean over the step from each row;
-    and the derivative of that [rad/s] for the delay."""
-    late = delay / period
-    whole = math.floor(late)
+def switched(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """A held command (n,) [rad], 0 before its first row, `delay` [s] later: what acts from each row on, what acts then,
+    and from how long [s] after the row on."""
+    whole = math.floor(delay / period)
     past = np.concatenate([np.zeros(whole + 1), command])
-    newer, older = past[1:len(command) + 1], past[:len(command)]
-    return (newer if late == whole else newer + (late - whole) * (older - newer)), (older - newer) / period
+    return past[:len(command)], past[1:len(command) + 1], delay - whole * period
 
 
 def flight_information(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
@@ -74,10 +75,12 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
     assert nominal.actuator is not None
     unknowns = N_UNKNOWN if nominal.actuator.is_known else WITH_SERVO
     information = np.zeros((windows, unknowns, unknowns))
-    command, late = delayed(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    command, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    if nominal.actuator.is_known:
+        command = acting_command(nominal, flight)
     window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), command, middle_a6, middle_k1,
                        servo_of(nominal), noise_variances(nominal, flight.period), index, information, np.zeros(len(t)),
-                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), late)
+                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), newer, switch)
     left = without_offset(information)
     return left if nominal.actuator.is_known else with_prior(left, servo_sigma(nominal))
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..vehicle.kernels import kernel
-from .step import N_STATES, add_noise, fill, transition
+from .step import FIRST_ORDER, N_STATES, add_noise, fill, transition
 from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
 
 N_UNKNOWN = 6      # four initial states, relative a6, relative k1
@@ -39,24 +39,42 @@ def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
 
 
 @kernel
-def predict(x, p, s, dp, u, late, known, f, slopes, value, full, moved, air, noises):
-    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and, beyond
-    the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
+def switch_command(s, x, jump, f, slopes, value, frequency, damping):
+    """What the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
+    to the state x (n,) and the sensitivities s (n, 9).
 
-    u [rad]  command;  late [rad/s]  its derivative for the delay;  known [rad]  angle of attack beside theta
+    f (6, 6), slopes (p, 6, 6)   of `transition` over that part, which the delay shortens
+    """
+    for i in range(N_STATES):
+        x[i] += f[i, 4] * jump
+        for m in range(len(value)):
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * jump
+        s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
+
+
+@kernel
+def drive(s, i, u, known, slopes, value, air):
+    """What command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
+    for m in range(len(value)):
+        s[i, 4 + m] = air[1 + m, i] * known
+        if i < N_STATES:
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * u
+
+
+@kernel
+def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
+    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
+    beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
+
+    u [rad]  command;  known [rad]  angle of attack beside theta
     """
     n, unknowns = len(x), s.shape[1]
     new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, unknowns)), np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         new_x[i] = air[0, i] * known
-        for m in range(len(value)):
-            new_s[i, 4 + m] = air[1 + m, i] * known
+        drive(new_s, i, u, known, slopes, value, air)
         if i < N_STATES:
             new_x[i] += f[i, 4] * u
-            for m in range(len(value)):
-                new_s[i, 4 + m] += value[m] * slopes[m, i, 4] * u
-            if unknowns > DELAY:
-                new_s[i, DELAY] = f[i, 4] * late
         for k in range(n):
             if full[i, k] == 0.0:
                 continue
@@ -151,12 +169,14 @@ def start_window(world, row, x, p, s, dp):
 
 
 @kernel
-def information_in(world, t, z, u, late, a6, k1, actuator, noises, window_of, information, score, k1_information):
+def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, window_of, information, score,
+                   k1_information):
     """`window_information` in a world."""
     n, unknowns = N_STATES + len(world.role), information.shape[1]
     moving = min(unknowns, DELAY) - N_STATES
     x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
     f, slopes, value = np.zeros((6, 6)), np.zeros((moving, 6, 6)), np.zeros(moving)
+    rest, rest_slopes = np.zeros((6, 6)), np.zeros((moving, 6, 6))
     full, moved, air = np.zeros((n, n)), np.zeros((moving, n, n)), np.zeros((1 + moving, n))
     unused, unscored = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     channels = (0, 1, 2)
@@ -189,7 +209,10 @@ def information_in(world, t, z, u, late, a6, k1, actuator, noises, window_of, in
             for m in range(2, moving):
                 value[m] = actuator[m - 2]
             fill(world, f, slopes, value, h, k, full, moved, air)
-            predict(x, p[0], s, dp, u[k], late[k], world.air[k], f, slopes, value, full, moved, air, noises)
+            predict(x, p[0], s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
+            if unknowns > DELAY and h > switch and newer[k] != u[k]:
+                transition(a6[k], k1[k], actuator[0], actuator[1], h - switch, rest, rest_slopes)
+                switch_command(s, x, newer[k] - u[k], rest, rest_slopes, value, actuator[0], actuator[1])
             p[1] = 0.0
             add_noise(world, f, a6[k], h, k, noises, p)
             dp[0] += p[1]
@@ -197,8 +220,8 @@ def information_in(world, t, z, u, late, a6, k1, actuator, noises, window_of, in
 
 def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarray, k1: np.ndarray,
                        actuator: np.ndarray, noises: np.ndarray, window_of: np.ndarray, information: np.ndarray,
-                       k1_information: np.ndarray, world: World | None = None, late: np.ndarray | None = None,
-                       score: np.ndarray | None = None) -> None:
+                       k1_information: np.ndarray, world: World | None = None,
+                       newer: np.ndarray | None = None, switch: float = 0.0, score: np.ndarray | None = None) -> None:
     """Information of each window about (initial state, relative a6, relative k1) and, where the matrices have room for
     them, the servo's (relative frequency, relative damping ratio, delay [s]).
 
@@ -211,10 +234,10 @@ def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarr
     information (w, 6, 6) or (w, 9, 9) out
     k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
     world                 in   what else is not known; None: nothing
-    late (n,) [rad/s]     in   derivative of u for the delay, with the servo
+    newer (n,) [rad]      in   with the servo: the command that acts from `switch` [s] after each row on, u until then
     score (w, unknowns)   out  derivative of the log-likelihood, the gain held; 0 on average at the truth
     """
-    late = np.zeros(len(t)) if late is None else late
+    newer = u if newer is None else newer
     score = np.zeros(information.shape[:2]) if score is None else score
-    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, late, a6, k1, actuator, noises,
-                   window_of, information, score, k1_information)
+    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, newer, switch, a6, k1, actuator,
+                   noises, window_of, information, score, k1_information)

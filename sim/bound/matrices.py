@@ -42,7 +42,7 @@ def with_prior(information: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def bounds_of(information: np.ndarray, window: float) -> Bound:
-    """Bounds from information matrices (w, n, n) of windows end to end, about a6, k1 and what is unknown of the servo."""
+    """Bounds from information matrices (w, n, n), of a6, k1 and what is unknown of the servo, of windows end to end."""
     covariance = np.linalg.inv(information)
     std = np.sqrt(np.einsum("wii->wi", covariance))
     return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]),

@@ -88,6 +88,19 @@ def product(a, b):
 
 
 @kernel
+def push_of(role, a6, k1, mean, levels_known):
+    """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
+    a6 and k1."""
+    if role == WALK or role == TURBULENCE:
+        return a6 * mean, (a6 * mean if levels_known else 0.0), 0.0
+    if role == PATH:
+        return -a6, -a6, 0.0
+    if role == MISALIGNMENT:
+        return k1, 0.0, k1
+    return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
+
+
+@kernel
 def fill(world, f, slopes, value, h, row, full, moved, air):
     """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
 
@@ -109,17 +122,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
     for j in range(len(world.role)):
         role, c = world.role[j], N_STATES + j
         keep = math.exp(-h / world.fade[j])
-        mean = 0.5 * (1.0 + keep)
-        push, by_a6, by_k1 = 0.0, 0.0, 0.0
-        if role == WALK or role == TURBULENCE:
-            push = a6 * mean
-            by_a6 = push if world.levels_known else 0.0
-        elif role == PATH:
-            push = by_a6 = -a6
-        elif role == MISALIGNMENT:
-            push = by_k1 = k1
-        elif role == MOMENT:
-            push = 1.0
+        push, by_a6, by_k1 = push_of(role, a6, k1, 0.5 * (1.0 + keep), world.levels_known)
         for i in range(N_STATES):
             full[i, c] = push * f[i, 5]
             for m in range(len(value)):

@@ -1,13 +1,13 @@
 """The servo of a log: natural frequency, damping ratio and delay by maximum likelihood, beside a6 and k1.
 
-Fisher scoring on the information and the score of the bound's filter (`bound.information`), whose unknowns are, window
-by window, the initial state and relative a6 and k1, and one servo for the whole log, about which the nominal's sigma are
-a normal prior.  The windows' own unknowns are eliminated one window at a time (a Schur complement), the servo is solved
+Fisher scoring on the information and the score of the bound's filter (`bound.information`).  Its unknowns are, window
+by window, the initial state and relative a6 and k1, and one servo for the whole log, for which the nominal's sigmas are a
+normal prior.  The windows' own unknowns are eliminated one window at a time (a Schur complement), the servo is solved
 for, and they are solved for again.
 
-An estimate of a6 and k1 that was made with a servo moves with it: by how much is asked of the on-board estimator itself,
-which is run again with each number of the servo moved by a standard deviation.  So what is not known of the servo is in
-the covariance of a6, k1 and servo, as the inverse of the joint information has it.
+An estimate of a6 and k1 that was made with a servo moves with it: by how much is asked of the on-board estimator
+itself, which is run again with each number of the servo moved by a standard deviation.  So what is not known of the
+servo is in the covariance of a6, k1 and servo, as the inverse of the joint information has it.
 
 On the host: the on-board filter does not estimate the servo yet.  Assumptions: one servo for the whole log; noises as
 declared.
@@ -22,7 +22,7 @@ import numpy as np
 from launchid_core import Config, Estimate
 
 from ..believed import MODELLED, onboard_model
-from ..bound.flights import delayed, noise_variances, servo_sigma
+from ..bound.flights import noise_variances, servo_sigma, switched
 from ..bound.information import WITH_SERVO, window_information
 from ..bound.matrices import without_offset
 from ..bound.world import World, over_steps, world_of
@@ -33,7 +33,7 @@ from ..nominal import Nominal
 from .flight_margins import Servo, known_servo
 
 WINDOW = 5.0         # s, in which a6 and k1 are constant shares of the nominal's
-RIGID = 0.5          # relative, one sigma of those shares before the log: what a window says nothing of stays where it is
+RIGID = 0.5          # relative, one sigma of those shares: what a window says nothing of stays where it is
 MOST_ROUNDS = 25
 CLOSE = 1e-3         # standard deviations: of the last step
 LARGEST_STEP = 0.3   # of the servo's frequency and damping in one round
@@ -47,7 +47,7 @@ class Flown:
 
     def __init__(self, log: Log, nominal: Nominal) -> None:
         if "beta_cmd" not in log.columns or np.count_nonzero(log.in_range("beta_cmd")) < ROWS_LEAST:
-            raise InputError(f"{log.path}: column beta_cmd is missing; the servo of which [actuator] gives a sigma cannot "
+            raise InputError(f"{log.path}: column beta_cmd is missing; a servo of which [actuator] gives a sigma cannot "
                              "be known without its command: log it, or declare the servo known")
         first = int(np.argmax(log.in_range("t")))
         k = np.round((log.t - log.t[first]) / log.period)
@@ -81,8 +81,8 @@ def servo_of_log(log: Log, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
     """
     for effect in nominal.effects:
         if effect.name not in MODELLED:
-            raise InputError(f"{nominal.path}: effect {effect.name!r}: a servo that is not known is not estimated beside "
-                             f"it; expected none, or one of {', '.join(MODELLED)}")
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: a servo that is not known is not estimated "
+                             f"beside it; expected none, or one of {', '.join(MODELLED)}")
     flown, sigma = Flown(log, nominal), servo_sigma(nominal)
     model = onboard_model(nominal)
     believed = np.array([model.natural_frequency, model.damping_ratio, model.delay])
@@ -115,15 +115,15 @@ def servo_of_log(log: Log, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scored(flown: Flown, nominal: Nominal, servo: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information (w, 5, 5) and score (w, 5) about relative a6, k1, frequency, damping and the delay [s], at a servo and
-    shares (w, 2) of a6 and k1 above the nominal's; each window's start is eliminated."""
+    """Information (w, 5, 5) and score (w, 5) about relative a6, k1, frequency, damping and the delay [s], at a servo
+    and shares (w, 2) of a6 and k1 above the nominal's; each window's start is eliminated."""
     windows = len(shares)
     information, score = np.zeros((windows, WITH_SERVO, WITH_SERVO)), np.zeros((windows, WITH_SERVO))
     a6, k1 = nominal.vehicle.at(flown.t + 0.5 * flown.period)
-    command, late = delayed(flown.command, float(servo[2]), flown.period)
-    window_information(flown.t, flown.z, command, a6 * (1.0 + shares[flown.window, 0]),
+    older, newer, switch = switched(flown.command, float(servo[2]), flown.period)
+    window_information(flown.t, flown.z, older, a6 * (1.0 + shares[flown.window, 0]),
                        k1 * (1.0 + shares[flown.window, 1]), servo[:2].copy(), noise_variances(nominal, flown.period),
-                       flown.window, information, np.zeros(len(flown.t)), flown.world, late, score)
+                       flown.window, information, np.zeros(len(flown.t)), flown.world, newer, switch, score)
     start = information[:, :4, :4] + 1e-9 * np.eye(4)
     explained = np.linalg.solve(start, score[:, :4, None])[:, :, 0]
     return without_offset(information), score[:, 4:] - np.einsum("wij,wi->wj", information[:, :4, 4:], explained)
