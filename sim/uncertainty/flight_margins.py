@@ -106,8 +106,10 @@ def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo:
     return judged(nominal, tuple(e.tracked)[1:], servo, servo.by_servo.get((k, "tracked")))
 
 
-def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.ndarray | None = None) -> Judged:
-    """The margins of a6, k1, their standard deviations and correlation behind a servo."""
+def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.ndarray | None = None,
+           gains: tuple[float, float] | None = None) -> Judged:
+    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of the
+    controller's."""
     if not all(map(math.isfinite, rigid)):
         return Judged(UNKNOWN)
     a6, k1, a6_std, k1_std, correlation = rigid
@@ -117,7 +119,7 @@ def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.
     known = Known(np.array([a6, k1, *servo.mean]),
                   np.block([[own + cross @ shift.T, cross], [cross.T, servo.covariance]]))
     assert nominal.controller is not None
-    return Judged(OK, known, margin_spread(known, nominal.controller))
+    return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
 
 
 # ---- the answer
@@ -145,6 +147,13 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
                 found.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": of, "margin": name,
                               "required": required_of(required, name), **interval, "certain": certain})
     return found
+
+
+def miss_words(spread: Spread, name: str, required: Required) -> str:
+    """That a margin may be below what is required, in one plain sentence."""
+    interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
+    return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
+            f"{required_of(required, name):g}")
 
 
 def required_of(required: Required, name: str) -> float:

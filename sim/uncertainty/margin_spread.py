@@ -106,8 +106,8 @@ def margin_spread(known: Known, controller: Controller, kp: float | None = None,
 
     if count == 0:
         value = judge(np.zeros((1, 0)))[0]
-        low, high, phase, delay = (Interval(x, 0.0, x, x) for x in value.tolist())
-        return Spread(low, high, phase, delay, float(loops_at(np.zeros((1, 0))).stable()[0]))
+        gain_low, gain_high, phase, delay = (Interval(x, 0.0, x, x) for x in value.tolist())
+        return Spread(gain_low, gain_high, phase, delay, float(loops_at(np.zeros((1, 0))).stable()[0]))
     inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON, count))
     points = np.concatenate([np.zeros((1, count)), inside, on])
     table = judge(points)

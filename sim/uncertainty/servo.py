@@ -1,8 +1,8 @@
 """The servo of a log: natural frequency, damping ratio and delay by maximum likelihood, beside a6 and k1.
 
 Fisher scoring on the information and the score of the bound's filter (`bound.information`).  Its unknowns are, window
-by window, the initial state and relative a6 and k1, and one servo for the whole log, for which the nominal's sigmas are a
-normal prior.  The windows' own unknowns are eliminated one window at a time (a Schur complement), the servo is solved
+by window, the initial state and relative a6 and k1, and one servo for the whole log, for which the nominal's sigmas are
+a normal prior.  The windows' own unknowns are eliminated one window at a time (a Schur complement), the servo is solved
 for, and they are solved for again.
 
 An estimate of a6 and k1 that was made with a servo moves with it: by how much is asked of the on-board estimator
@@ -47,8 +47,8 @@ class Flown:
 
     def __init__(self, log: Log, nominal: Nominal) -> None:
         if "beta_cmd" not in log.columns or np.count_nonzero(log.in_range("beta_cmd")) < ROWS_LEAST:
-            raise InputError(f"{log.path}: column beta_cmd is missing; a servo of which [actuator] gives a sigma cannot "
-                             "be known without its command: log it, or declare the servo known")
+            raise InputError(f"{log.path}: column beta_cmd is missing; a servo of which [actuator] gives a sigma "
+                             "cannot be known without its command: log it, or declare the servo known")
         first = int(np.argmax(log.in_range("t")))
         k = np.round((log.t - log.t[first]) / log.period)
         good = log.in_range("t") & (k >= 0.0) & (k < 4.0 * len(log.t))
