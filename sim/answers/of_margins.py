@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from launchid_core import Change, Config, Estimate
 
 from ..checked import data_warnings
-from ..identify import log_config
+from ..identify import log_config, next_step, why
 from ..log import Log
 from ..nominal import Nominal
 from ..result import Columns
@@ -40,7 +40,8 @@ class FlightMargins(Answer):
         if not self.windows:
             return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
                     "window")
-        return "\n".join([head, fm.table(self.report)])
+        return "\n".join([head, fm.table(self.report), *(self.report[words] for words in ("why", "next")
+                                                          if words in self.report)])
 
     def columns(self) -> Columns:
         return flat(self.report["windows"])
@@ -70,5 +71,9 @@ def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[E
                servo: Servo, tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
     """The margins of what was identified."""
     windows = fm.flight_margins(nominal, estimates, changes, servo)
-    return FlightMargins(log, nominal, config, windows, servo, fm.report(windows, servo, nominal.margins, tracked),
-                         said)
+    report = fm.report(windows, servo, nominal.margins, tracked)
+    if not any(window["valid"] for window in report["windows"]):
+        report["why"] = why(report["windows"]).replace("is valid", "has margins")
+    if config.model is not None and (asked := next_step(report["windows"], config.model)):
+        report["next"] = asked
+    return FlightMargins(log, nominal, config, windows, servo, report, said)

@@ -108,8 +108,8 @@ def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo:
 
 def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.ndarray | None = None,
            gains: tuple[float, float] | None = None) -> Judged:
-    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of the
-    controller's."""
+    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
+    the controller's."""
     if not all(map(math.isfinite, rigid)):
         return Judged(UNKNOWN)
     a6, k1, a6_std, k1_std, correlation = rigid

@@ -68,14 +68,18 @@ class Spread:
     delay_ms: Interval
     stable: float          # the probability that the loop is
 
+    def ends(self, name: str) -> tuple[float, float]:
+        """The worse and the better end of a margin's interval, more being better."""
+        interval = getattr(self, name)
+        return (-interval.high, -interval.low) if name == "gain_low_db" else (interval.low, interval.high)
+
     def below(self, required: Required) -> dict[str, bool]:
         """Margins whose interval begins below what is required: whether it ends there too."""
         demands = {"gain_low_db": required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
                    "delay_ms": required.delay_ms}
         found = {}
         for name, demand in demands.items():
-            interval = getattr(self, name)
-            least, most = (-interval.high, -interval.low) if name == "gain_low_db" else (interval.low, interval.high)
+            least, most = self.ends(name)
             if least < demand:
                 found[name] = most < demand
         return found

@@ -24,8 +24,9 @@ Limitation: the supervisor looks every SUPERVISION seconds, as a slower task bes
 
 The gate.  Other gains than the legacy ones are adopted only while the loop with them keeps what the nominal's [margins]
 requires with the whole of its 95 % intervals, as the tracked estimate knows a6 and k1, behind the servo as the nominal
-knows it; else the legacy gains stay, or come back.  Why is in `Flown.decisions`.  This is a decision of the host: the
-margins are not computed on board.
+knows it; else the legacy gains stay, or come back, unless they keep even less of every margin that is missed: a gate
+that left those to a vehicle that needs others lost one flight more of 16 (`vega_like`, `both`).  Why is in
+`Flown.decisions`.  This is a decision of the host: the margins are not computed on board.
 """
 
 import dataclasses
@@ -204,10 +205,16 @@ class Gate:
         near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
         if near and t - self.last.t < JUDGED:
             return self.last
-        spread = judged(self.nominal, tuple(tracked)[1:], self.servo, gains=gains).spread
-        reason = "the tracked estimate is not finite" if spread is None else \
-            "; ".join(miss_words(spread, name, self.nominal.margins) for name in spread.below(self.nominal.margins))
-        self.last = Decision(t, not reason, gains, reason)
+        rigid, required = tuple(tracked)[1:], self.nominal.margins
+        spread = judged(self.nominal, rigid, self.servo, gains=gains).spread
+        if spread is None:
+            self.last = Decision(t, False, gains, "the tracked estimate is not finite")
+            return self.last
+        missed = spread.below(required)
+        reason = "; ".join(miss_words(spread, name, required) for name in missed)
+        legacy = judged(self.nominal, rigid, self.servo).spread if missed else None
+        worse = legacy is not None and all(legacy.ends(name)[0] < spread.ends(name)[0] for name in missed)
+        self.last = Decision(t, not missed or worse, gains, reason + ("; the legacy gains keep less" if worse else ""))
         return self.last
 
 
