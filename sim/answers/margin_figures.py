@@ -18,6 +18,7 @@ POINTS = 400
 RIM = 96                 # loops on the ellipsoid that draw the region
 CORNERS = np.array([(a, k) for a in (-1.0, 1.0) for k in (-1.0, 1.0)])
 PHASES = (-400.0, -80.0)  # deg that the Bode plot shows
+MOST_WIDE = 8.0          # times the median interval: a wider one says little, and sets no scale
 REACH = 40.0             # dB that the Nichols chart shows of either side
 
 
@@ -56,7 +57,8 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
         if not any(one["valid"] for *_, one in rows):
             continue
         t, half, value, low, high = np.array(kept, dtype=float).T
-        shown += [value, low, high]
+        known = high - low <= MOST_WIDE * np.nanmedian(high - low)
+        shown += [value[known], low[known], high[known]]
         if of == "tracked":
             axis.fill_between(t, low, high, color="0.8", label="tracked, 95 % interval")
             axis.plot(t, value, color="0.4", linewidth=1.0)
@@ -77,11 +79,11 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
 
 
 def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
-    """From what is required to what most intervals reach: one that says nothing sets no scale."""
+    """From what is required to what most intervals reach."""
     known = shown[np.isfinite(shown)]
     if len(known) == 0:
         return
-    inner, outer = np.quantile(known, [0.04, 0.96])
+    inner, outer = float(np.min(known)), float(np.max(known))
     low, high = (min(inner, demand), max(outer, demand)) if demand != 0.0 else (inner, outer)
     axis.set_ylim(low - 0.12 * (high - low) - 1e-3, high + 0.12 * (high - low) + 1e-3)
 
