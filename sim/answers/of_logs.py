@@ -103,6 +103,10 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
+    if config.formulation == "filtered" and nominal is not None and nominal.actuator is not None \
+            and not nominal.actuator.is_known:
+        said += (f"{nominal.path}: [actuator] gives a sigma: identify takes the servo as known, `launchid margins` "
+                 "estimates it",)
     if config.formulation == "filtered":
         said += profile_note(nominal, level.log_span(log)[1], log.path)
     made = identified(config, log)

@@ -16,7 +16,6 @@ Limitation: crossings are bracketed on a frequency grid; two within one step (5 
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -160,33 +159,6 @@ def _modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) 
         low = points[every, np.maximum(least - 1, 0)]
         high = points[every, np.minimum(least + 1, ZOOM_POINTS - 1)]
     return distance[every, least]
-
-
-def actuator_delay_margin(nominal: Nominal, t: float, delta: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Least transport delay [s], added to the actuator's, that destabilises the loop; 0 if unstable, inf if none.
-
-    Exact for delays inside a period, by eigenvalues, where `Margins.delay` turns the sampled loop by omega tau.
-    """
-    def unstable(extra: float) -> bool:
-        actuator = nominal.actuator
-        assert actuator is not None
-        later = replace(nominal, actuator=replace(actuator, delay=actuator.delay + extra))
-        return bool(spectral_radius(sample(lft_at(later, t), np.array(delta))) >= 1.0)
-
-    lft = lft_at(nominal, t)
-    classical = float(margins(lft, delta).delay[0])
-    if math.isnan(classical):
-        return 0.0
-    if math.isinf(classical):
-        return math.inf
-    step = min(classical, lft.period) / 4.0
-    low = 0.0
-    while not unstable(low + step):
-        low += step
-    high = low + step
-    while high - low > 1e-10 * high:
-        low, high = (low, 0.5 * (low + high)) if unstable(0.5 * (low + high)) else (0.5 * (low + high), high)
-    return high
 
 
 def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),
