@@ -363,6 +363,14 @@ def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
     assert "servo as estimated" in found.summary()
 
 
+def test_a_servo_far_from_the_one_believed_is_reached():
+    """30 rad/s and 70 ms, 1.3 and 3.5 sigmas away: steps cut number by number ended at 7 rad/s and no delay."""
+    true = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=20.0),
+                   actuator=replace(CONSTANT.actuator, natural_frequency=30.0, delay=0.07))
+    mean, covariance = servo_of_log(read_log(launchid.simulate(true, seed=100)), unsure())
+    assert np.all(np.abs(mean - [30.0, 0.7, 0.07]) < 3.5 * np.sqrt(np.diag(covariance)))
+
+
 def test_a_known_servo_that_is_another_one_lies(slow):
     """Why it is asked for: the phase margin believed is beyond its interval in every window."""
     truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]

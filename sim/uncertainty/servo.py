@@ -34,9 +34,9 @@ from .flight_margins import Servo, known_servo
 
 WINDOW = 5.0         # s, in which a6 and k1 are constant shares of the nominal's
 RIGID = 0.5          # relative, one sigma of those shares: what a window says nothing of stays where it is
-MOST_ROUNDS = 25
-CLOSE = 1e-3         # standard deviations: of the last step
-LARGEST_STEP = 0.3   # of the servo's frequency and damping in one round
+MOST_ROUNDS = 40
+CLOSE = 1e-2         # standard deviations: of the last step
+LARGEST_STEP = 0.2   # of the servo's frequency and damping in one round
 LARGEST_DELAY_STEP = 0.01  # s
 LEAST = 0.05         # of the nominal's: below it no servo's frequency or damping is looked for
 ROWS_LEAST = 50
@@ -103,12 +103,16 @@ def servo_of_log(log: Log, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
         covariance = np.linalg.inv(curvature)
         wanted = covariance @ slope
         most = np.where(unknown == 2, LARGEST_DELAY_STEP, LARGEST_STEP)
-        step = np.clip(wanted, -most, most)
+        step = wanted * min(1.0, float(np.min(most / np.maximum(np.abs(wanted), 1e-300))))  # whole: its direction stays
         shares = np.clip(shares + np.linalg.solve(rigid, pull[:, :, None])[:, :, 0] - by @ step, -0.9, 4.0)
+        before = servo.copy()
         servo[unknown] += unit[unknown] * step
         servo = np.maximum(servo, [LEAST * believed[0], LEAST * believed[1], 0.0])
-        if np.all(np.abs(step) <= CLOSE * np.sqrt(np.diag(covariance))):
+        if np.all(np.abs((servo - before) / unit)[unknown] <= CLOSE * np.sqrt(np.diag(covariance))):
             break
+    else:
+        raise InputError(f"{log.path}: no servo near the one that {nominal.path} declares is the log's; expected one "
+                         "within a few of its sigmas, and commands that act")
     whole = np.zeros((3, 3))
     whole[np.ix_(unknown, unknown)] = covariance * np.outer(unit[unknown], unit[unknown])
     return servo, whole
