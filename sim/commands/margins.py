@@ -1,0 +1,34 @@
+"""launchid margins"""
+
+import argparse
+from typing import Any
+
+from ..words import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from .talk import check_outputs, check_plot, read_noting, tell
+
+
+def add(commands: Any) -> None:
+    """Its words."""
+    sub = add_command(commands, "margins", "the stability margins of the flight's loop as identified, with intervals",
+                      "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml",
+                     help=f"what the simulation believes, with [actuator] and [controller]: {NOMINAL_HELP}")
+    sub.add_argument("--window", type=float, default=5.0, metavar="S",
+                     help="length of a window [s] (default %(default)s)")
+    sub.add_argument("--tracked", action="store_true", help="also those of the tracked estimate at each window's end")
+    add_map(sub)
+    add_strict(sub)
+    add_outputs(sub, plot=True)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid margins"""
+    from ..nominal import load_nominal
+    log = read_noting(args.log, of=args.map)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.json, args.plot)
+    check_plot(args.plot)
+    from ..answers.of_margins import margins
+    tell(margins(log, nominal, window=args.window, tracked=args.tracked, strict=args.strict), args.json, args.plot)
