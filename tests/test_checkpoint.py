@@ -25,6 +25,7 @@ WINDY = dataclasses.replace(
     CALM, wind=Wind(walk=0.005, turbulence=0.005),
     offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
                     moment=1e-3))
+FORMER_LAYOUT = bytes.fromhex("96bd1afd7e577a24ae06e6d04e9b42c9")  # of "integral", as long, before memory was one table
 LOST = from_text("control_loss:fraction=0.4,time=6")
 
 
@@ -175,7 +176,8 @@ def with_header(state: bytes, place: int, value) -> bytes:
 
 
 @pytest.mark.parametrize(("place", "value", "said"), [
-    (1, 2, "format 2, expected 1"), (3, b"0.0.1", r"of launchid 0\.0\.1, expected"), (4, b"\1" * 16, "layout")])
+    (1, 2, "format 2, expected 1"), (3, b"0.0.1", r"of launchid 0\.0\.1, expected"), (4, b"\1" * 16, "layout"),
+    (4, FORMER_LAYOUT, "saved state: its layout is another build's")])
 def test_another_version_is_refused(place, value, said):
     estimator = Estimator(CONFIGS["integral"])
     with pytest.raises(ValueError, match=said):

@@ -466,6 +466,22 @@ def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
             assert_found(one, of, rows, counted, f"{name}[{place}]", unused=name in ("ring", "seals", "rows"))
 
 
+@pytest.mark.parametrize("place", [0, 10])
+def test_a_row_of_the_block_that_changes_by_itself_is_seen(place):
+    """At 1 kHz a block is gathered ten samples at a time: its rows wait from one to the next."""
+    of = config("filtered", window=0.5, sample_period=0.001, model=onboard_model(CONSTANT, 0.001))
+    rows = [Sample(0.001 * k, 1e-4 * math.sin(k), 1e-4 * math.cos(k), 1e-4 * math.sin(2 * k), NAN, 0.0)
+            for k in range(200)]
+    one = fly(of, rows[:155]).estimator
+    waiting = persisting(one)["rows"]
+    count = one._parts.state.acc.counts[0]
+    assert count == 3 * 50 and waiting[place, :count].any()
+    flip(waiting, int(np.ravel_multi_index((place, count), waiting.shape)), 3)  # is written before it is read
+    flip(waiting, int(np.ravel_multi_index((place, count - 1), waiting.shape)), 3)
+    answers = [one.update(row) for row in rows[155:]]
+    assert answers.index(Status.RECOVERED) == 4 and answers.count(Status.RECOVERED) == 1
+
+
 def assert_found(one: Estimator, of: Config, rows: tuple[Sample, ...], counted: dict[str, int], name: str,
                  unused: bool) -> None:
     answers = []

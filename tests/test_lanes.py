@@ -1,4 +1,6 @@
-"""Loops in vectors have the bits of the loops as written, whatever the length, the place and the numbers."""
+"""Compiled loops have the bits of the loops as written, whatever the length, the place and the numbers."""
+
+import math
 
 import numba
 import numpy as np
@@ -12,6 +14,7 @@ CASES = {  # loop -> its call
     "scale": (lambda f, y, x, s, c, i, j: f(y, s, i, j)), "weigh": (lambda f, y, x, s, c, i, j: f(y, x, s, i, j)),
     "multiply": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "divide": (lambda f, y, x, s, c, i, j: f(y, s, i, j)),
     "standard": (lambda f, y, x, s, c, i, j: f(y, x, c, s, i, j)),
+    "dot_by_place": (lambda f, y, x, s, c, i, j: f(y, x, i, j)),
     "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}
 
 
@@ -28,7 +31,7 @@ def bits(found):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_loop_in_vectors_has_the_bits_of_the_loop_as_written(name):
+def test_a_compiled_loop_has_the_bits_of_the_loop_as_written(name):
     rng = np.random.default_rng(1)
     compiled, written, call = called(name), getattr(lanes, name), CASES[name]
     with np.errstate(all="ignore"):
@@ -83,11 +86,12 @@ def test_lagged_products_together_have_the_bits_of_one_after_the_other():
             assert answers[0] == answers[1], (n, last)
 
 
-def test_a_column_that_is_not_one_after_another_in_memory_does_not_compile():
-    """Its vectors would be other numbers."""
-    @numba.njit
-    def across(a):
-        return lanes.dot(a[:, 0], a[:, 1], 0, len(a))
-
-    with pytest.raises(TypeError, match="one after another"):
-        across(np.ones((8, 2)))
+@pytest.mark.parametrize("name", ["dot", "dot_by_place"])
+def test_a_sum_of_products_is_the_sum_of_products(name):
+    """Each product once, wherever the column begins and ends: of integers the sum is exact in any order."""
+    rng = np.random.default_rng(4)
+    compiled = called(name)
+    for start in range(9):
+        for stop in range(start, 27):
+            a, b = rng.integers(-99, 99, (2, 30)).astype(float)
+            assert compiled(a, b, start, stop) == math.fsum(a[start:stop] * b[start:stop]), (start, stop)
