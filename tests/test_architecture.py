@@ -15,7 +15,7 @@ CORE = sorted((ROOT / "launchid_core").rglob("*.py"))
 SIM = sorted((ROOT / "sim").rglob("*.py"))
 NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", "subprocess", "pathlib", "io",
                 "threading"}
-NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
+NOT_FLOWN = {"launchid_core/cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/canvas.py", "sim/pictures.py", "sim/plots.py", "sim/uncertainty/figures.py",  # figures
            "sim/charts/figure.py", "sim/diagnosis/report/figures.py",
@@ -99,7 +99,7 @@ def calls(tree: ast.AST) -> Iterator[tuple[str, int]]:
 
 def kernels(path: Path) -> list[ast.FunctionDef]:
     """Functions under @kernel (or any form of numba's decorators)."""
-    marks = {"kernel", "inner", "once", "merged", "shared", "numba.njit", "njit", "numba.jit", "jit"}
+    marks = {"kernel", "inner", "numba.njit", "njit", "numba.jit", "jit"}
     return [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef) and any(
         dotted(d.func if isinstance(d, ast.Call) else d) in marks for d in node.decorator_list)]
 
@@ -138,6 +138,31 @@ def test_core_imports_numpy_numba_the_standard_library_and_itself():
     allowed = {"numpy", "numba", "launchid_core"} | STANDARD
     nowhere(place(path, line, module) for path in CORE for module, _, line in imports(path)
             if top(module) not in allowed or (top(module) in NOT_ON_BOARD and name_of(path) not in NOT_FLOWN))
+
+
+ROOMS = ("algebra", "gate", "regression", "filter", "watch", "order")  # each imports those before it only
+BELOW = {"kernels", "status", "model", "choices", "sample"}  # files of the root that rooms import
+PUBLIC_NUMBA = {"numba", "numba.core.event"}  # the second is numba's documented way to be told of a compilation
+
+
+def test_rooms_of_the_core_import_those_before_them_only():
+    def fault(path: Path, module: str) -> bool:
+        parts, own = module.split("."), path.relative_to(ROOT).parts
+        if parts[0] != "launchid_core" or len(own) < 3 or len(parts) < 2:
+            return False
+        if parts[1] in ROOMS:
+            return ROOMS.index(parts[1]) > ROOMS.index(own[1])
+        return parts[1] not in BELOW and own[1] != "order"
+
+    packages = {"launchid_core", *(f"launchid_core.{room}" for room in ROOMS)}
+    named = ((path, line, f"{module}.{name}" if module in packages else module)
+             for path in CORE for module, names, line in imports(path) for name in names or ("",))
+    nowhere(place(path, line, module) for path, line, module in named if fault(path, module))
+
+
+def test_core_takes_public_names_of_numba_only():
+    nowhere(place(path, line, module, *names) for path in CORE for module, names, line in imports(path)
+            if top(module) == "numba" and not ({module, f"{module}.{names[0]}" if names else module} & PUBLIC_NUMBA))
 
 
 def test_core_kernels_neither_raise_nor_allocate_nor_loop_without_bound():

@@ -72,7 +72,8 @@ def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
     state = estimator._parts.state
-    n, left_out = compiled(rb.copy_window)(estimator._memory.apart["ring"], state.counts, np.full(rb.N_COLUMNS, INF), signal)
+    ring = estimator._memory.apart["ring"]
+    n, left_out = compiled(rb.copy_window)(ring, state.counts, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 
