@@ -146,3 +146,27 @@ def test_the_recorder_sees_what_is_compiled():
     with event.install_recorder("numba:compile") as recorder:
         numba.njit(lambda x: x + 1.0)(1.0)
     assert len(recorder.buffer) >= 1
+
+
+# ---- scratch
+
+
+def spoil(estimator: Estimator) -> None:
+    """Every number of the scratch becomes none, every integer one that is no place."""
+    memory_ = estimator._memory
+    apart = [memory_.apart[name] for name, part, *_ in memory.APART[memory_.struct.name] if part == WORK]
+    for array in (*(array for _, array in memory.named_arrays(memory_.parts.work)), *apart):
+        array[...] = np.nan if array.dtype == np.float64 else -(2**40)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_scratch_may_be_anything_between_samples(name):
+    """Nothing is carried in it: it is not saved, nor sealed, and in C not set by a restore."""
+    samples = list(fly_whole(CALM, 5).samples())[1900:2060]
+    one, two = Estimator(CONFIGS[name]), Estimator(CONFIGS[name])
+    for sample in samples:
+        given = sample._replace(theta_ddot=2.0 * sample.theta - 7.0 * sample.beta)
+        spoil(two)
+        assert one.update(given) is two.update(given)
+    assert one.counts["WINDOW_COMPLETE"] >= 3 and one.save() == two.save()
+    assert repr(one.estimate()) == repr(two.estimate()) and one.changes() == two.changes()
