@@ -146,8 +146,8 @@ def followed(level: float, triangle: np.ndarray, *doubts: int):
     cut = cut_of(config(load_nominal("constant")))
     cut.state.filter.level[:] = level
     for doubt in doubts:
-        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared, triangle,
-               np.array([0.5, 0.5]), doubt, 10.0, 0.1)
+        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared,
+               triangle, np.array([0.5, 0.5]), doubt, 10.0, 0.1)
     return cut.state.undeclared
 
 
