@@ -121,7 +121,8 @@ def signatures(config: Config) -> list[int]:
 @pytest.mark.parametrize(("first", "others"), [
     (filtered(), [filtered(window=2.0), filtered(load_nominal("vega_like")), filtered(WINDY), filtered(TURBULENT),
                   filtered(sample_period=0.0025, model=onboard_model(CALM, 0.0025)), filtered(noise="declared")]),
-    (filtered(library="quadratic"), [filtered(library="linear"), filtered(WINDY, library="theta,beta,theta_dot^2", window=3.0)]),
+    (filtered(library="quadratic"), [filtered(library="linear"),
+                                     filtered(WINDY, library="theta,beta,theta_dot^2", window=3.0)]),
     (Config(library="linear"), [Config(library="quadratic", window=3.0),
                                 Config(library="linear", compression=3, sample_period=0.001),
                                 Config(library=("theta", "beta", "sin(theta)"), theta_saturation=1.0)])],
