@@ -43,7 +43,7 @@ KERNELS = {  # formulation whose source has it -> name -> call; m numbers in eac
         "apply_q_transposed": "apply_q_transposed(at, (Vector){norms, q}, q, (Vector){y, m})",
         "solve_triangle": "solve_triangle(at, q, (Vector){y, m}, (Vector){norms, q})",
         "invert_triangle": "invert_triangle(at, q, (Matrix){other, q, q})"},
-    "filtered": {"absorb_rows": "absorb_rows((Matrix){other, q, q}, at, m)"}}
+    "filtered": {"absorb_rows": "absorb_rows((Matrix){other, q, q}, at, q, m)"}}
 KERNEL_DRIVER = """
 #include <stdio.h>
 #define MOST 65536

@@ -15,7 +15,7 @@ CORE = sorted((ROOT / "launchid_core").rglob("*.py"))
 SIM = sorted((ROOT / "sim").rglob("*.py"))
 NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", "subprocess", "pathlib", "io",
                 "threading"}
-NOT_FLOWN = {"launchid_core/kernel_cache.py"}  # where compiled code is kept: nothing calls it after construction
+NOT_FLOWN = {"launchid_core/cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/canvas.py", "sim/pictures.py", "sim/plots.py", "sim/uncertainty/figures.py",  # figures
            "sim/diagnosis/report/figures.py",
