@@ -1,7 +1,8 @@
 """The decorators of every compiled function in this package, and where numba keeps what it compiled.
 
 ``kernel``   an entry, called from Python; few, and shallow: numba compiles what an entry calls into it
-``inner``    called by kernels
+``asked``    called by Python and by kernels: a function of numbers
+``inner``    called by kernels only; from Python it would crash the process, and a test compiles its own
 
 Choices, each with its reason:
 
@@ -63,4 +64,5 @@ def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function
 
 
 kernel = compiled(_nrt=False, no_cfunc_wrapper=True)
+asked = compiled(_nrt=False, no_cfunc_wrapper=True)
 inner = compiled(kept=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -99,7 +99,7 @@ def calls(tree: ast.AST) -> Iterator[tuple[str, int]]:
 
 def kernels(path: Path) -> list[ast.FunctionDef]:
     """Functions under @kernel (or any form of numba's decorators)."""
-    marks = {"kernel", "inner", "numba.njit", "njit", "numba.jit", "jit"}
+    marks = {"kernel", "asked", "inner", "numba.njit", "njit", "numba.jit", "jit"}
     return [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef) and any(
         dotted(d.func if isinstance(d, ast.Call) else d) in marks for d in node.decorator_list)]
 

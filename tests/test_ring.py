@@ -71,9 +71,8 @@ def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimato
 def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
-    state = estimator._parts.state
-    ring = estimator._memory.apart["ring"]
-    n, left_out = compiled(rb.copy_window)(ring, state.counts, np.full(rb.N_COLUMNS, INF), signal)
+    ring, counts = estimator._memory.apart["ring"], estimator._parts.state.counts
+    n, left_out = compiled(rb.copy_window)(ring, counts, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 

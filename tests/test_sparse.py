@@ -225,8 +225,7 @@ def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, pro
     kept = a[:, active]
     norms = np.linalg.norm(kept, axis=0)
     wanted = np.linalg.inv((kept / norms).T @ (kept / norms))
-    found = np.array([[covariance_entry(size, work, i, j) for j in range(size)]
-                      for i in range(size)]).reshape(size, size)
+    found = np.array([covariance_entry(size, work, i, j) for i in range(size) for j in range(size)]).reshape(size, size)
     assert np.allclose(found * np.outer(norms, norms), wanted, rtol=1e-9, atol=1e-10)
 
 

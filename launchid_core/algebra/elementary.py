@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..kernels import inner
+from ..kernels import asked
 
 LN2_HIGH = 0.6931471803691238        # ln 2 to 32 bits: a whole number below 2^20 times it is exact
 LN2_LOW = 1.9082149292705877e-10     # the rest
@@ -42,25 +42,25 @@ ERFC = np.array([
     -1.2507950530688648e-15, 7.418235256624044e-17, 5.068148904796111e-17])
 
 
-@inner
+@asked
 def fraction_of(x):
     """x / 2^exponent_of(x), of magnitude 0.5 to 1; written in C by hand"""
     return math.frexp(x)[0]
 
 
-@inner
+@asked
 def exponent_of(x):
     """of two; written in C by hand"""
     return math.frexp(x)[1]
 
 
-@inner
+@asked
 def scaled(x, n):
     """x 2^n, rounded once; written in C by hand"""
     return math.ldexp(x, n)
 
 
-@inner
+@asked
 def exp_of(x):
     """exp(x) = 2^n exp(r), x = n ln 2 + r; inf above LARGEST, 0 below SMALLEST, NaN of NaN."""
     if not (SMALLEST <= x <= LARGEST):
@@ -78,7 +78,7 @@ def exp_of(x):
     return scaled(1.0 + (high - (low - z * (even + r * odd))), int(n))  # what is rounded is small beside 1
 
 
-@inner
+@asked
 def log_of(x):
     """log(x) = n ln 2 + 2 artanh(f/(2 + f)), x = 2^n (1 + f); -inf of 0, NaN of negative numbers and NaN."""
     if not (0.0 < x < math.inf):
@@ -102,7 +102,7 @@ def log_of(x):
     return n * LN2_HIGH - ((half - (s * (half + total) + n * LN2_LOW)) - f)
 
 
-@inner
+@asked
 def erfc_of(x):
     """erfc(x) = exp(-x^2) P(t) / (1 + 2x) for x >= 0, 2 - erfc(-x) below."""
     if np.isnan(x):
@@ -122,7 +122,7 @@ def erfc_of(x):
     return value if x >= 0.0 else 2.0 - value
 
 
-@inner
+@asked
 def difference(a, b):
     """a - b as the rounded difference and what rounding took from it, exactly (Knuth 1969)"""
     rounded = a - b
@@ -130,7 +130,7 @@ def difference(a, b):
     return rounded, (a - (rounded - back)) - (b + back)
 
 
-@inner
+@asked
 def wave(a, ahead):
     """sin(a + ahead pi/2), a >= 0 and finite: sin or cos of what is left of the nearest quarter of a turn.
 
@@ -160,13 +160,13 @@ def wave(a, ahead):
     return value if quarter < 2 else -value
 
 
-@inner
+@asked
 def sin_of(x):
     """sin(x); NaN of what is not finite."""
     return math.copysign(1.0, x) * wave(abs(x), 0) if np.isfinite(x) else math.nan
 
 
-@inner
+@asked
 def cos_of(x):
     """cos(x); NaN of what is not finite."""
     return wave(abs(x), 1) if np.isfinite(x) else math.nan

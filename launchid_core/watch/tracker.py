@@ -69,6 +69,7 @@ def move(mean, covariance, states, walk, slope, dt):
 def absorb(mean, covariance, work, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
     row = work.row
+    row[:] = 0.0
     row[A6], row[K1] = h0, h1
     e, variance = measure(mean, covariance, row[:], 0, MEMBER_STATES, z, work.column[:])
     return -0.5 * (log_of(variance) + e * e / variance)
