@@ -1,6 +1,6 @@
 """Where numba keeps what it compiled: a folder of the user's own, named after the sources.
 
-Not part of what flies: it is used while modules are imported and when an `Estimator` is made, never after.
+Not part of what flies: it is used while modules are imported, when an `Estimator` is made, and at the process' end.
 
 The folder of a package is named after a digest of all its sources, this package's and the versions, so an edit in any
 file compiles anew what is asked for, and two checkouts share one place without harm.  It is set as numba's cache folder
@@ -19,6 +19,7 @@ import platform
 import shutil
 import stat
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -31,13 +32,14 @@ SUM = ".sum"       # behind the name of a file: its digest
 OLD = 8            # folders that are kept: as many checkouts and versions may be in use in turn
 GIVEN = config.CACHE_DIR  # by the host
 _used: list[Path] = []    # folders of this process
+_decorating = threading.RLock()
 
 
 def cache_folder() -> Path | None:
     """The user's folder of this project's caches: LAUNCHID_CACHE, or the system's usual place; None without a home."""
     own = os.environ.get("LAUNCHID_CACHE")
     if own:
-        return Path(own)
+        return Path(own).expanduser().absolute()
     usual = {"darwin": ("", "~/Library/Caches"), "win32": ("LOCALAPPDATA", "~/AppData/Local")}
     variable, fallback = usual.get(sys.platform, ("XDG_CACHE_HOME", "~/.cache"))
     try:
@@ -46,13 +48,15 @@ def cache_folder() -> Path | None:
         return None
 
 
-def is_private(path: Path) -> bool:
-    """Whether a folder or file is this user's own and nobody else may write to it (where the system says so)."""
-    if not hasattr(os, "getuid"):
-        return True
+def is_own(path: Path) -> bool:
+    """Whether a folder or file is this user's own, and no link (where the system says so)."""
     about = path.lstat()
-    return about.st_uid == os.getuid() and not about.st_mode & (stat.S_IWGRP | stat.S_IWOTH) \
-        and not stat.S_ISLNK(about.st_mode)
+    return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not stat.S_ISLNK(about.st_mode))
+
+
+def is_private(folder: Path) -> bool:
+    """Whether a folder is this user's own and nobody else may write to it."""
+    return is_own(folder) and not (hasattr(os, "getuid") and folder.lstat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def digest_of(package: str) -> str:
@@ -60,7 +64,8 @@ def digest_of(package: str) -> str:
     words = (numba.__version__, sys.version, platform.machine(), os.environ.get("NUMBA_BOUNDSCHECK", ""))
     digest = hashlib.blake2b(repr(words).encode(), digest_size=12)
     for name in sorted({package, __name__.partition(".")[0]}):
-        for path in sorted(Path(str(sys.modules[name].__file__)).parent.rglob("*.py")):
+        file = Path(str(sys.modules[name].__file__))
+        for path in sorted(file.parent.rglob("*.py")) if hasattr(sys.modules[name], "__path__") else [file]:
             digest.update(f"{name}/{path.name}".encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -68,12 +73,14 @@ def digest_of(package: str) -> str:
 @cache
 def folder_of(package: str) -> Path | None:
     """The folder of a package's kernels, made and looked through; None if there is none that is safe."""
-    place = Path(GIVEN) if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
-    if place is None or config.DISABLE_JIT or package not in sys.modules:
+    place = Path(GIVEN).absolute() if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
+    if place is None or config.DISABLE_JIT or not getattr(sys.modules.get(package), "__file__", None):
         return None
     try:
         folder = place / "kernels" / f"{package}-{digest_of(package)}"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
+        for each in (folder.parent, folder):
+            each.mkdir(mode=0o700, exist_ok=True)
         if not (is_private(folder) and is_private(folder.parent) and os.access(folder, os.W_OK)):
             return None
         _drop_damaged(folder)
@@ -100,7 +107,7 @@ def _drop_damaged(folder: Path) -> None:
     for path in list(_files(folder)):
         beside = path.with_name(path.name + SUM)
         try:
-            sound = is_private(path) and is_private(path.parent) and beside.read_text() == _sum(path)
+            sound = is_own(path) and is_own(path.parent) and beside.read_text() == _sum(path)
         except (OSError, ValueError):
             sound = False
         if not sound:
@@ -111,9 +118,10 @@ def _drop_old(folder: Path) -> None:
     """Of a package's folders the last used ones stay."""
     os.utime(folder)
     package = folder.name.partition("-")[0]
-    others = sorted(folder.parent.glob(f"{package}-*"), key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in others[OLD:]:
-        shutil.rmtree(path, ignore_errors=True)
+    with contextlib.suppress(OSError):  # another process may delete one meanwhile
+        others = sorted(folder.parent.glob(f"{package}-*"), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in others[OLD:]:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def finish() -> None:
@@ -132,8 +140,10 @@ def finish() -> None:
 def kept_apart(function: Callable[..., Any]) -> Iterator[bool]:
     """Meanwhile numba's cache folder is that of the function's package; gives whether there is one."""
     folder = folder_of(function.__module__.partition(".")[0])
-    usual, config.CACHE_DIR = config.CACHE_DIR, str(folder) if folder else config.CACHE_DIR
-    try:
-        yield folder is not None
-    finally:
-        config.CACHE_DIR = usual
+    with _decorating:
+        usual = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = str(folder) if folder else usual
+            yield folder is not None
+        finally:
+            config.CACHE_DIR = usual

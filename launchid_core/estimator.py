@@ -45,10 +45,11 @@ class Estimator:
         self._step = self._calls.update
         self._terms = config.terms
         self._busy = False
-        self.reset()
+        self._calls.restart()
 
     def __getstate__(self) -> dict[str, object]:
-        """For copy and pickle: the choices and what persists; memory is allocated anew."""
+        """For copy and pickle: the choices and what persists; memory is allocated anew.  RuntimeError as `save`."""
+        self._refuse_busy("copy")
         return {"config": self.config, "state": tuple(array.copy() for _, array in self._memory.state_arrays())}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
@@ -57,9 +58,12 @@ class Estimator:
             array[...] = given
 
     def reset(self) -> None:
-        """Forget every sample and estimate and restart the row generator; configuration and memory stay."""
+        """Forget every sample and estimate and restart the row generator; configuration and memory stay.
+
+        RuntimeError while an update runs.
+        """
+        self._refuse_busy("reset")
         self._calls.restart()
-        self._busy = False
 
     def save(self) -> bytes:
         """Everything that persists between samples, to go on from with `restore`; a few tens of kilobytes.
@@ -107,17 +111,21 @@ class Estimator:
         """
         self._refuse_busy("replay")
         table, take, at, estimates = replay.table_of(samples), replay.loop_of(self._memory), 0, []
-        while at < len(table):
-            at, code = take(table, at)
-            if code == rb.RECOVERED:
-                self._begin_anew(Sample(*table[at - 1].tolist()))
-            elif code == rb.ACCEPTED and at < len(table):
-                code = self.update(Sample(*table[at].tolist()))
-                at += 1
-            if code == rb.WINDOW_COMPLETE:
-                estimate = self.estimate()
-                assert estimate is not None
-                estimates.append(estimate)
+        self._busy = True
+        try:
+            while at < len(table):
+                at, code = take(table, at)
+                if code == rb.ACCEPTED and at < len(table):
+                    code = self._step(*table[at].tolist())
+                    at += 1
+                if code == _RECOVERED:
+                    self._begin_anew(Sample(*table[at - 1].tolist()))
+                elif code == rb.WINDOW_COMPLETE:
+                    estimate = self.estimate()
+                    assert estimate is not None
+                    estimates.append(estimate)
+        finally:
+            self._busy = False
         return estimates
 
     def _begin_anew(self, sample: Sample) -> Status:
@@ -242,6 +250,6 @@ def _uncertainty(report: Any) -> Uncertainty:
     for p in range(2):
         delta, delta_std, since, *probability = _numbers(report.level[p])
         band = int(report.band[p]) if report.flag[rp.HAS_LEVEL] else un.NO_BAND
-        levels.append(Level(delta, delta_std, un.UNDECIDED if band == un.NO_BAND else un.BANDS[band],
+        levels.append(Level(delta, delta_std, un.BANDS[band] if 0 <= band < len(un.BANDS) else un.UNDECIDED,
                             tuple(probability), bool(report.raised[p] == 0), since))
     return Uncertainty(bool(report.flag[rp.HAS_LEVEL]), *levels)

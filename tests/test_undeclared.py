@@ -11,6 +11,7 @@ from cut import cut_of
 from sealed import folded, reseal
 
 from launchid_core import Config, EstimateStatus, Estimator, Status
+from launchid_core.algebra import linsolve
 from launchid_core.filter import whiteness as wh
 from launchid_core.gate.guard import CARRIED
 from launchid_core.order.assembly import allocate
@@ -31,8 +32,8 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-take_row, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
-    compiled, (un.take_row, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
+measure, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
+    compiled, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
                un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
 begin_block, go_back = compiled(un.begin_block), compiled(un.go_back)
 
@@ -76,7 +77,9 @@ def test_rows_make_the_posterior_of_least_squares(state):
     random = np.random.default_rng(0)
     mean, covariance = state.mean[0], state.covariance[0]
     prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20, un.SIZE)), random.standard_normal(20)
-    density = sum(take_row(mean, covariance, row, np.empty(un.SIZE), each) for row, each in zip(rows, z, strict=True))
+    measured = [measure(mean, covariance, row, 0, un.SIZE, each, np.empty(un.SIZE))
+                for row, each in zip(rows, z, strict=True)]
+    density = sum(-0.5 * (math.log(variance) + e * e / variance) for e, variance in measured)
     information = prior + rows.T @ rows
     assert covariance == pytest.approx(np.linalg.inv(information), rel=1e-8, abs=1e-12)
     assert mean == pytest.approx(np.linalg.solve(information, rows.T @ z), rel=1e-8)

@@ -145,8 +145,9 @@ def span_of(fixed, state):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
+    count = min(max(state.acc.counts[ROWS], 0), rows.shape[1])  # which may have changed by itself
     carried = fold_words(words)
-    return xor_integer(carried, fold_rows(rows, rows.shape[0], state.acc.counts[ROWS]))
+    return xor_integer(carried, fold_rows(rows, rows.shape[0], count))
 
 
 @kernel

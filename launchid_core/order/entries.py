@@ -1,6 +1,7 @@
 """Which entries an estimator needs, compiled before the first sample, and its three calls with their memory given."""
 
 import inspect
+import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from .assembly import Memory
 from .table import FILTERED
 
 _numba: Any = numba
+_compiling = threading.Lock()  # two estimators may be made in two threads
 NUMBERS = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
            **dict.fromkeys(("stuck", "known"), _numba.boolean)}  # of the entries' arguments; every other is an integer
 
@@ -60,16 +62,20 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    for entry in entries:
-        if not hasattr(entry, "py_func"):  # nothing is compiled
-            continue
-        given = {"block": memory.block, "words": memory.words, **memory.apart}
-        kinds = tuple(_numba.typeof(given[name]) if name in given else NUMBERS.get(name, _numba.int64)
-                      for name in inspect.signature(entry.py_func).parameters)
-        entry.disable_compile(False)
-        entry.compile(kinds)
-        entry.disable_compile(True)
-    cache.finish()
+    given, news = {"block": memory.block, "words": memory.words, **memory.apart}, False
+    with _compiling:
+        for entry in entries:
+            if not hasattr(entry, "py_func"):  # nothing is compiled
+                continue
+            kinds = tuple(_numba.typeof(given[name]) if name in given else NUMBERS.get(name, _numba.int64)
+                          for name in inspect.signature(entry.py_func).parameters)
+            if kinds not in entry.signatures:
+                news = True
+                entry.disable_compile(False)
+                entry.compile(kinds)
+                entry.disable_compile(True)
+        if news:
+            cache.finish()
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:

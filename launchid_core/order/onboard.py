@@ -293,6 +293,7 @@ def report_now(block, profile, air):
     """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
+    rep.cell[0] = 0
     t = clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
     if counts[rb.ROWS] > counts[rb.CLOSED_BACK]:
         t = clock[rb.T_LAST]

@@ -4,7 +4,7 @@ From the table come the structured type that kernels see as a record (`block_typ
 un-jitted kernels see (`members`), what persists, what is sealed, what is saved, and the structs of a C port.
 
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
-of an array is in use stands in `Size`, and the rest stays zero.  What grows with the window, the sample rate or a
+of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample rate or a
 profile's nodes stands apart, in arrays of its own (`Apart`).  In a saved state and in C every array has the extents in
 use alone.
 """
@@ -285,7 +285,7 @@ BANK = struct(
 BANK_WORK = struct(
     "BankWork", "Scratch of the tracker.",
     ("density", F8, (len(MEMBERS),), "log predictive densities of the last block"),
-    ("row", F8, (4,), "of a measurement; the slopes' part stays 0"),
+    ("row", F8, (4,), "of a measurement"),
     ("column", F8, (4,), "covariance that it shows"))
 
 WATCH = struct(
