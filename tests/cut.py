@@ -10,7 +10,7 @@ from launchid_core.order import onboard
 from launchid_core.order.assembly import Memory, allocate
 from launchid_core.order.memory import dtype_of, members
 from launchid_core.order.table import FILTERED, Struct, size_of
-from launchid_core.regression.regression import regression
+from launchid_core.regression import regression
 
 
 class Cut(NamedTuple):

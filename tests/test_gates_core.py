@@ -11,6 +11,7 @@ from compiled import compiled
 from cut import cut_of
 
 from launchid_core import Config, Estimator
+from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
 from launchid_core.gate import ring as rb
@@ -249,7 +250,7 @@ def test_the_onsets_spread_is_never_the_root_of_a_rounding_error():
 
 def alarm(watch, slot: int, kind: int, t_now: float):
     """Raise it; returns the belief after, and the last event."""
-    after = np.zeros(tr.N_BELIEF)
+    after = np.zeros(bl.N_BELIEF)
     raise_alarm(watch, slot, kind, float(watch.factor[slot, kind]), 0.1, t_now, after)
     return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
 

@@ -12,7 +12,7 @@ import pytest
 from compiled import compiled
 
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
-from launchid_core.regression.regression import residual
+from launchid_core.regression import residual
 from sim.answers.of_logs import identify
 from sim.cli import main
 from sim.effects import from_text

@@ -10,7 +10,7 @@ from numba.core import event
 
 from launchid_core import Config, Estimator, Status
 from launchid_core.algebra.library import MAX_TERMS, polynomial
-from launchid_core.order import entries, memory
+from launchid_core.order import entries, memory, table
 from launchid_core.order.assembly import size_of
 from launchid_core.order.table import FIXED, LARGEST, STATE, WORK
 from sim.flight import fly_whole
@@ -100,7 +100,7 @@ def test_the_extents_in_use_never_exceed_the_largest():
 
 
 def test_every_line_of_the_table_is_an_array_of_its_name_and_type():
-    for struct in (memory.REGRESSION, memory.FILTERED):
+    for struct in (table.REGRESSION, table.FILTERED):
         whole = memory.dtype_of(struct)
         assert whole.names == (FIXED, STATE, WORK) and whole.isalignedstruct
         for part in whole.names:
@@ -150,7 +150,7 @@ def test_the_recorder_sees_what_is_compiled():
 def spoil(estimator: Estimator) -> None:
     """Every number of the scratch becomes none, every integer one that is no place."""
     held = estimator._memory
-    apart = [held.apart[name] for name, part, *_ in memory.APART[held.struct.name] if part == WORK]
+    apart = [held.apart[name] for name, part, *_ in table.APART[held.struct.name] if part == WORK]
     for array in (*(array for _, array in memory.named_arrays(held.parts.work)), *apart):
         array[...] = np.nan if array.dtype == np.float64 else -(2**40)
 

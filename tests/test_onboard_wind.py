@@ -33,7 +33,6 @@ from launchid_core.gate.window import STATUS
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
 from launchid_core.watch import changes as ch
-from launchid_core.watch import tracker as tr
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
@@ -554,7 +553,7 @@ def checked(blocks: np.ndarray, check=None, level=None):
         cut = cut_of(config(CALM))
         check = cut.state.check
     statistic = np.zeros(len(blocks))
-    raised = feed_blocks(check, np.zeros(tr.N_BELIEF), np.zeros(5) if level is None else level, blocks, statistic)
+    raised = feed_blocks(check, np.zeros(bl.N_BELIEF), np.zeros(5) if level is None else level, blocks, statistic)
     return check, raised, statistic
 
 
@@ -624,7 +623,7 @@ def test_dropped_blocks_do_not_count():
     for block in loud:  # they wait beside the others, none is taken
         check.mean[:, 0], check.seen[:] = block * math.sqrt(10.0), 10
         check.flag[wh.WAITING] -= int(check.flag[wh.WAITING] == ch.ONSETS)
-        queue_block(check, np.zeros(5), np.zeros(2), np.zeros(tr.N_BELIEF))
+        queue_block(check, np.zeros(5), np.zeros(2), np.zeros(bl.N_BELIEF))
         drop_blocks(check, 1, 0.0)
     assert check.flag[wh.WAITING] == waiting and (check.sums == taken).all()
     checked(blocks[60:], check)
@@ -695,7 +694,7 @@ def test_what_hides_in_the_declared_noise_contradicts_nothing():
     judge_window(check, np.full(5, -2.0), 2.0 * wh.STEADY_WINDOW, 0.0)
     assert not check.flag.any()
     note_innovation(check, 0, 3.0, 0.0, 0.0)
-    queue_block(check, np.full(5, -2.0), np.zeros(2), np.zeros(tr.N_BELIEF))
+    queue_block(check, np.full(5, -2.0), np.zeros(2), np.zeros(bl.N_BELIEF))
     assert check.pending[0, 0] == pytest.approx(3.0 * math.exp(-2.0))
 
 

@@ -4,8 +4,8 @@ From the table come the structured type that kernels see as a record (`block_typ
 un-jitted kernels see (`members`), what persists, what is sealed, what is saved, and the structs of a C port.
 
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
-of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample rate or a
-profile's nodes stands apart, in arrays of its own (`Apart`).  In a saved state and in C every array has the extents in
+of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample
+rate or a profile's nodes stands apart, in arrays of its own (`APART`).  In a saved state and in C every array has the extents in
 use alone.
 """
 
