@@ -85,8 +85,8 @@ def push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot,
     block  (1,) inout  of the estimator (`memory.FILTERED`);  ring (m + 1, 7), seals (m + 1,)  inout
     rows   (c, 3 b)  in  of a block
     """
-    return take_into_ring(block[0].fixed, block[0].state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot,
-                          beta_cmd, gamma)
+    fixed, state = block[0].fixed, block[0].state
+    return take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
 
 
 @kernel

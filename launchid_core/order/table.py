@@ -5,8 +5,8 @@ un-jitted kernels see (`members`), what persists, what is sealed, what is saved,
 
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
 of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample
-rate or a profile's nodes stands apart, in arrays of its own (`APART`).  In a saved state and in C every array has the extents in
-use alone.
+rate or a profile's nodes stands apart, in arrays of its own (`APART`).  In a saved state and in C every array has the
+extents in use alone.
 """
 
 from dataclasses import dataclass

@@ -99,8 +99,8 @@ def push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_
     block  (1,) inout  of the estimator (`memory.REGRESSION`);  ring (m + 1, 7), seals (m + 1,)  inout
     RECOVERED: memory is damaged, the caller has to begin anew with it.
     """
-    return take_sample(block[0].fixed, block[0].state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
-                       gamma)
+    fixed, state = block[0].fixed, block[0].state
+    return take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
 
 
 @kernel
