@@ -6,6 +6,9 @@ from ..algebra.linsolve import absorb_rows
 from ..gate.window import (
     ATTITUDE,
     INTERVAL,
+    LOW_INFORMATION,
+    MODEL,
+    NUMERICS,
     O_A6,
     O_A6_BOUND,
     O_A6_STD,
@@ -14,21 +17,16 @@ from ..gate.window import (
     O_K1,
     O_K1_BOUND,
     O_K1_STD,
+    OK,
+    SEPARATION,
     STATUS,
     knows_nothing,
     knows_one_direction,
 )
 from ..kernels import inner
-from ..status import EstimateStatus
 from .belief import AT_BETA, AT_THETA, profile_at
 from .states import N_SLOPES, N_TESTS
 from .whiteness import IN_WINDOW
-
-OK = int(EstimateStatus.OK)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-NUMERICS = int(EstimateStatus.NUMERICS)
-MODEL = int(EstimateStatus.MODEL)
-SEPARATION = int(EstimateStatus.SEPARATION)
 
 # deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
 STD_A6, STD_K1, CORR = range(3)

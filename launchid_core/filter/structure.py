@@ -71,7 +71,6 @@ def select_terms(q, r, theta, beta, active, coefficient, work):
     r      (q+1, q+1) in   square-root information, right-hand side last, theta's and beta's columns relative
     active (q,) inout      int64, 1 for the terms believed so far; out: believed now
     coefficient (q,) out   of the last solve;  work Learning
-    Returns how many terms changed.
     """
     held, mt, y = work.held[:], work.mt[:], work.y[:]
     for j in range(q):
@@ -88,8 +87,3 @@ def select_terms(q, r, theta, beta, active, coefficient, work):
             break
         active[worst] = 0
         coefficient[worst] = 0.0
-    changed = 0
-    for j in range(q):
-        if active[j] != held[j]:
-            changed += 1
-    return changed

@@ -112,6 +112,12 @@ def close_window(limits, clock, count, back):
 
 
 @inner
+def centre_of(fixed, state):
+    """The closed window's centre [s]."""
+    return state.clock[T_CLOSED] + 0.5 * fixed.limits[WINDOW]
+
+
+@inner
 def is_past(limits, clock, count, t):
     """Whether t lies past the current window's end."""
     return t >= clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - SAME_INSTANT * limits[PERIOD]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..kernels import inner
+from ..status import EstimateStatus
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 ATTITUDE = 1   # the equation that a6 and k1 live in
@@ -14,6 +15,18 @@ N_NUMBERS = 11
 # flag (i8) of an outcome: an EstimateStatus, rows used, gaps inside the window
 STATUS, USED, GAPS_SEEN = range(3)
 N_FLAGS = 3
+
+# a window's EstimateStatus
+OK = int(EstimateStatus.OK)
+SHORT = int(EstimateStatus.SHORT)
+GAP = int(EstimateStatus.GAP)
+RANK = int(EstimateStatus.RANK)
+SATURATED = int(EstimateStatus.SATURATED)
+NUMERICS = int(EstimateStatus.NUMERICS)
+LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
+MODEL = int(EstimateStatus.MODEL)
+SEPARATION = int(EstimateStatus.SEPARATION)
+STUCK = int(EstimateStatus.STUCK)
 
 INTERVAL = 1.96        # standard deviations of a 95 % limit
 UNKNOWN = 1.0          # relative standard deviation of both: a window says nothing of a6 and k1

@@ -161,7 +161,7 @@ def _fill_regression(config: Config, fixed: Any) -> None:
     fixed.codes[:] = term_codes(config.terms)
     fixed.centred[:] = centred_variables(fixed.codes)
     plan = fixed.plan
-    plan[pl.KEEP], plan[pl.SOLVER], plan[pl.ENOUGH] = config.kept_rows, SOLVERS.index(config.solver), enough(config)
+    plan[pl.KEEP], plan[pl.ENOUGH] = config.kept_rows, enough(config)
     plan[pl.TERM_A6], plan[pl.TERM_K1] = place("theta"), place("beta")
     plan[pl.TERM_A6_DOT], plan[pl.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
     plan[pl.MEASURED] = int(config.formulation == "measured")

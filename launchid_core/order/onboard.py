@@ -38,20 +38,24 @@ from ..gate.guard import (
     seal_newest,
 )
 from ..gate.stuck import stands_still
-from ..gate.window import GAPS_SEEN, O_WHITENESS, STATUS, USED, clear_outcome
+from ..gate.window import (
+    GAP,
+    GAPS_SEEN,
+    O_WHITENESS,
+    OK,
+    SHORT,
+    STATUS,
+    STUCK,
+    USED,
+    clear_outcome,
+)
 from ..kernels import inner, kernel
 from ..regression.plan import LEAST_SAMPLES
-from ..status import EstimateStatus
 from ..watch.report import report_air, report_changes, report_level, report_no_level, report_tracked
 from ..watch.tracker import FIRST_STD, MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
 from .block import begin_window, close_block, gather, is_block_whole, seal_carried
-
-OK = int(EstimateStatus.OK)
-SHORT = int(EstimateStatus.SHORT)
-GAP = int(EstimateStatus.GAP)
-STUCK = int(EstimateStatus.STUCK)
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
@@ -125,12 +129,6 @@ def choose_terms(block):
                  work.acc.coefficient[:], work.learning)
 
 
-@inner
-def centre_of(fixed, state):
-    """The closed window's centre [s]."""
-    return state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
-
-
 @kernel
 def solve_closed(block, profile, stuck):
     """The closed window's own estimate into the outcome; `stuck`: a sensor stood still in it."""
@@ -147,7 +145,7 @@ def solve_closed(block, profile, stuck):
     else:
         unexplained = solve_window(fixed.belief, acc, work.acc, state.active[:])
         judge_window(state.check, state.filter.level, unexplained, t)
-        out.flag[STATUS] = report_window(fixed.belief, profile, state, work.acc, centre_of(fixed, state))
+        out.flag[STATUS] = report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
         out.number[O_WHITENESS] = likelihood_of_chance(state.check)
 
 
@@ -155,7 +153,7 @@ def solve_closed(block, profile, stuck):
 def limit_terms(block, profile):
     """Limits of the terms that are not there."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    limit_absent(fixed.belief, profile, state, work.acc, centre_of(fixed, state))
+    limit_absent(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
 
 
 @kernel

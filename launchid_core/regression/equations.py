@@ -13,6 +13,9 @@ from ..algebra.sparse import LASSO, SR3, SSR, factor_whole, solve_lasso, solve_o
 from ..gate.window import (
     ATTITUDE,
     EQUATIONS,
+    GAP,
+    LOW_INFORMATION,
+    NUMERICS,
     O_A6,
     O_A6_DOT,
     O_A6_STD,
@@ -21,11 +24,13 @@ from ..gate.window import (
     O_K1,
     O_K1_DOT,
     O_K1_STD,
+    OK,
+    RANK,
+    SEPARATION,
     knows_nothing,
     knows_one_direction,
 )
 from ..kernels import inner, kernel
-from ..status import EstimateStatus
 from .plan import (
     HELD,
     INTEGRAL,
@@ -51,16 +56,6 @@ from .rows import (
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 RATE = 1                  # theta_dot, as the argument of a term's function
-
-OK = int(EstimateStatus.OK)
-SHORT = int(EstimateStatus.SHORT)
-GAP = int(EstimateStatus.GAP)
-RANK = int(EstimateStatus.RANK)
-SATURATED = int(EstimateStatus.SATURATED)
-NUMERICS = int(EstimateStatus.NUMERICS)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-SEPARATION = int(EstimateStatus.SEPARATION)
-STUCK = int(EstimateStatus.STUCK)
 
 
 @inner

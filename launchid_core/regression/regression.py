@@ -27,12 +27,17 @@ from ..gate.ring import BETA, THETA, THETA_DOT
 from ..gate.stuck import stands_still
 from ..gate.window import (
     EQUATIONS,
+    GAP,
     GAPS_SEEN,
+    LOW_INFORMATION,
+    OK,
+    SATURATED,
+    SHORT,
+    STUCK,
     USED,
     clear_outcome,
 )
 from ..kernels import inner, kernel
-from ..status import EstimateStatus
 from .equations import is_driven, judge_separation, regress
 from .plan import (
     ENOUGH,
@@ -60,20 +65,6 @@ from .rows import (
     pointwise_rows,
     standardise,
 )
-
-RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
-RATE = 1                  # theta_dot, as the argument of a term's function
-
-OK = int(EstimateStatus.OK)
-SHORT = int(EstimateStatus.SHORT)
-GAP = int(EstimateStatus.GAP)
-RANK = int(EstimateStatus.RANK)
-SATURATED = int(EstimateStatus.SATURATED)
-NUMERICS = int(EstimateStatus.NUMERICS)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-SEPARATION = int(EstimateStatus.SEPARATION)
-STUCK = int(EstimateStatus.STUCK)
-
 
 # ---- a sample
 
@@ -153,18 +144,12 @@ def open_window(block, ring, seals, words, rows, marks):
     return rb.WINDOW_COMPLETE, n, kept, status, gaps
 
 
-@inner
-def centre_of(fixed, state):
-    """The closed window's centre [s]."""
-    return state.clock[rb.T_CLOSED] + 0.5 * fixed.limits[rb.WINDOW]
-
-
 @kernel
 def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
     """Library columns (q, kept), targets (3, kept) and drifts (2, kept) of the pointwise form; returns 0, the pieces
     whose means were taken."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    q, t_centre = fixed.size.terms, centre_of(fixed, state)
+    q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
     fill_states(rows, n, t_centre)
     standardise(work, rows, marks, fixed.centred, kept, n)
     pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
@@ -177,7 +162,7 @@ def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
 def fill_integral(block, rows, marks, phi, target, drift, n, kept):
     """As `fill_pointwise`, of the integral form, less their means over each gap-free piece; returns the pieces."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    q, t_centre, held = fixed.size.terms, centre_of(fixed, state), fixed.plan[HELD]
+    q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
     columns = phi[:q * kept].reshape((q, kept))
     states = target[:EQUATIONS * kept].reshape((EQUATIONS, kept))
     drifts = drift[:PAIR * kept].reshape((PAIR, kept))

@@ -27,7 +27,6 @@ DRIFT = 0.02        # relative per sqrt(s): what the deviations may do beside th
 THRESHOLD = 12.0    # nats; see benchmarks/changes.py: at most one false alarm in 10 h
 SETTLE = 20         # blocks after the onset before the size is final: 2 s
 MAX_EVENTS = 16
-KINDS = ("k1", "a6+k1")
 K1_JUMP, BOTH_JUMP = range(2)
 
 # event (f8)
