@@ -32,7 +32,7 @@ SUM = ".sum"       # behind the name of a file: its digest
 OLD = 8            # folders that are kept: as many checkouts and versions may be in use in turn
 GIVEN = config.CACHE_DIR  # by the host
 _used: list[Path] = []    # folders of this process
-_decorating = threading.RLock()
+alone = threading.RLock()  # who decorates or compiles
 
 
 def cache_folder() -> Path | None:
@@ -54,9 +54,9 @@ def is_own(path: Path) -> bool:
     return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not stat.S_ISLNK(about.st_mode))
 
 
-def is_private(folder: Path) -> bool:
-    """Whether a folder is this user's own and nobody else may write to it."""
-    return is_own(folder) and not (hasattr(os, "getuid") and folder.lstat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+def is_private(path: Path) -> bool:
+    """Whether a folder or file is this user's own and nobody else may write to it."""
+    return is_own(path) and not (hasattr(os, "getuid") and path.lstat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def digest_of(package: str) -> str:
@@ -107,7 +107,7 @@ def _drop_damaged(folder: Path) -> None:
     for path in list(_files(folder)):
         beside = path.with_name(path.name + SUM)
         try:
-            sound = is_own(path) and is_own(path.parent) and beside.read_text() == _sum(path)
+            sound = is_private(path) and is_own(path.parent) and beside.read_text() == _sum(path)
         except (OSError, ValueError):
             sound = False
         if not sound:
@@ -132,6 +132,7 @@ def finish() -> None:
                 beside = path.with_name(path.name + SUM)
                 if not beside.exists() or beside.stat().st_mtime_ns < path.stat().st_mtime_ns:
                     part = beside.with_name(f"{beside.name}.{os.getpid()}")
+                    path.chmod(0o600)
                     part.write_text(_sum(path))
                     os.replace(part, beside)
 
@@ -140,7 +141,7 @@ def finish() -> None:
 def kept_apart(function: Callable[..., Any]) -> Iterator[bool]:
     """Meanwhile numba's cache folder is that of the function's package; gives whether there is one."""
     folder = folder_of(function.__module__.partition(".")[0])
-    with _decorating:
+    with alone:
         usual = config.CACHE_DIR
         try:
             config.CACHE_DIR = str(folder) if folder else usual

@@ -24,7 +24,7 @@ def compiled(kernel: Any) -> Callable[..., Any]:
 def as_written(module: ModuleType) -> SimpleNamespace:
     """A module's kernels in Python, each calling the others so; of an `inner` one there is nothing that Python may
     call."""
-    source, importing = Path(str(module.__file__)).read_text(encoding="utf-8"), "from .kernels import inner\n"
+    source, importing = Path(str(module.__file__)).read_text(encoding="utf-8"), "from ..kernels import inner\n"
     assert importing in source
     names: dict[str, Any] = {"__name__": module.__name__, "__package__": module.__package__}
     exec(source.replace(importing, "inner = lambda function: function\n"), names)

@@ -272,10 +272,11 @@ def test_a_step_of_vehicle_air_and_flight_path_is_the_matrix_exponential():
         a[4] = [z_alpha, 0.0, z_beta, 0.0, -z_alpha, z_alpha, z_beta]
         return linalg.expm(a * h)
 
-    f, fa, fk = np.empty((3, 6, 6))
-    transition(A6, K1, FREQUENCY, DAMPING, h, f, fa, fk)
-    full, by_a6, by_k1 = np.zeros((3, 7, 7))
-    fill(world, f, fa, fk, A6, K1, h, 0, full, by_a6, by_k1, np.zeros((3, 7)))
+    f, slopes = np.empty((6, 6)), np.empty((2, 6, 6))
+    transition(A6, K1, FREQUENCY, DAMPING, h, f, slopes)
+    full, moved = np.zeros((7, 7)), np.zeros((2, 7, 7))
+    fill(world, f, slopes, np.array([A6, K1]), h, 0, full, moved, np.zeros((3, 7)))
+    by_a6, by_k1 = moved
     step, second = 1e-3, 1.2 * 0.5 * A6 * abs(z_alpha) * h**2
     assert np.allclose(full, exact(A6, K1), rtol=0.0, atol=second)
     for found, (low, high) in ((by_a6, ((A6 * (1 - step), K1), (A6 * (1 + step), K1))),

@@ -88,14 +88,14 @@ def calls_in(tree: ast.AST, name: str) -> int:
     return sum(isinstance(node, ast.Call) and ast.unparse(node.func) == name for node in ast.walk(tree))
 
 
-@pytest.mark.parametrize("visit", ["stamps.clock", "channels.judged", "relations.relation_faults"])
+@pytest.mark.parametrize("visit", ["stamps.stamp_faults", "channels.judged", "relations.relation_faults"])
 def test_the_data_check_visits_stamps_channels_and_relations_once(visit):
     check = tree_of(DIAGNOSIS / "data" / "check.py")
     assert calls_in(check, visit) == 1
     module = visit.partition(".")[0]
     others = {ast.unparse(node.func) for node in ast.walk(check) if isinstance(node, ast.Call)
               and ast.unparse(node.func).startswith(f"{module}.")} - {visit}
-    assert others <= {"stamps.uniform_times"}  # of the clock's own times
+    assert others <= {f"stamps.{name}" for name in ("usable_rows", "unit_fault", "origin_fault", "uniform_times")}
 
 
 def test_a_log_is_checked_and_put_on_its_grid_once():

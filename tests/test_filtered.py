@@ -147,7 +147,7 @@ def test_information_of_the_noise_levels_is_the_spread_of_their_score():
     """Fisher's identity, over logs drawn from the filter's own model, at the levels that made them."""
     logs, rows = 120, 150
     random = np.random.default_rng(4)
-    std = np.sqrt(parts()[0].variance)
+    std = np.sqrt(parts().fixed.belief.variance)
     f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
     x, z = np.zeros((logs, 4)), np.full((rows, logs, 7), math.nan)
     for k in range(rows):
@@ -159,9 +159,10 @@ def test_information_of_the_noise_levels_is_the_spread_of_their_score():
         x[:, :2] += np.outer(std[4] * random.standard_normal(logs), [0.5 * PERIOD**2, PERIOD])
     scores, information = [], []
     for log in range(logs):
-        belief, fil, work, acc, check = parts()
+        cut = parts()
+        acc = cut.state.acc
         for k in range(rows):
-            take_sample(belief, fil, work, acc, check, z[k, log], 0.015)
+            take(cut, z[k, log])
             acc.counts[fl.ROWS] = 0
         scores.append(acc.score.copy())
         information.append(acc.information.copy())

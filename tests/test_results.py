@@ -41,6 +41,7 @@ def reversed_log(folder: Path) -> dict[str, Any]:
 RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {  # how it is made, a word of its first line
     "identify": (lambda f: launchid.identify(f / "log.csv", f / "n.toml", window=3, tracked=True), "window 3 s"),
     "uncertainty": (lambda f: launchid.uncertainty(f / "log.csv", f / "n.toml", window=3), "delta of a"),
+    "margins": (lambda f: launchid.margins(f / "log.csv", f / "n.toml", window=4), "margins"),
     "diagnose": (lambda f: launchid.diagnose(reversed_log(f), f / "n.toml"), "BAD DATA"),
     "fit_lft": (lambda f: launchid.fit_lft([f / "log.csv"], f / "n.toml"), "range"),
     "simulate": (lambda f: launchid.simulate(f / "n.toml", seed=1), "1200 rows"),

@@ -1,7 +1,6 @@
 """Which entries an estimator needs, compiled before the first sample, and its three calls with their memory given."""
 
 import inspect
-import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,7 +17,6 @@ from .assembly import Memory
 from .table import FILTERED
 
 _numba: Any = numba
-_compiling = threading.Lock()  # two estimators may be made in two threads
 NUMBERS = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
            **dict.fromkeys(("stuck", "known"), _numba.boolean)}  # of the entries' arguments; every other is an integer
 
@@ -63,7 +61,7 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
     given, news = {"block": memory.block, "words": memory.words, **memory.apart}, False
-    with _compiling:
+    with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
             if not hasattr(entry, "py_func"):  # nothing is compiled
                 continue
