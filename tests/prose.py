@@ -68,7 +68,8 @@ def main(root: Path) -> None:
     print("| page | lines | only for developers | private words |\n|---|---|---|---|")
     sums = [0, 0, 0]
     for path in pages(root):
-        row = [len(path.read_text(encoding="utf-8").splitlines()), len(places(path, HISTORY)), len(places(path, PRIVATE))]
+        lines = path.read_text(encoding="utf-8").splitlines()
+        row = [len(lines), len(places(path, HISTORY)), len(places(path, PRIVATE))]
         print(f"| {path.name} | {row[0]} | {row[1]} | {row[2]} |")
         if path.name not in WITHOUT_HISTORY:
             sums = [a + b for a, b in zip(sums, row, strict=True)]
