@@ -47,7 +47,8 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
     nominal      what the simulation believes; None: nothing is believed
     window       [s], or "all": the whole log is one
-    tracked      also the estimate tracked from window to window, and sudden changes (needs a nominal)
+    tracked      also the estimate from all data so far, followed from block to block, and sudden changes
+                 (needs a nominal)
     library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
     formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
     solver       stls | sr3 | ssr | lasso

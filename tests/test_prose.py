@@ -81,6 +81,15 @@ def test_every_figure_of_the_readme_stands_in_the_section_it_names(measured, lin
     assert [figure for figure in FIGURE.findall(measured) if figure not in known] == []
 
 
+def test_every_figure_of_the_readme_s_prose_stands_in_results_or_limits():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    prose = text.split("![")[0] + text.split("## Limits")[1].split("\n## ")[0]
+    known = {figure for name in ("results.md", "limits.md")
+             for figure in FIGURE.findall((ROOT / "docs" / name).read_text(encoding="utf-8"))}
+    figures = FIGURE.findall(prose)
+    assert len(figures) >= 6 and [figure for figure in figures if figure not in known] == []
+
+
 def test_results_say_their_version_and_every_section_its_command():
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     assert re.search(r"\bVersion \d+\.\d+\.\d+\b.*\b20\d\d\b", "\n".join(text.splitlines()[:6]))
