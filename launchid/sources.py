@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class DataWarning(UserWarning):
-    """A warning that a command prints on stderr: of a log's units, signs and stamps, or of a nominal that ends early."""
+    """A warning that a command prints on stderr: of units, signs and stamps, or of a nominal that ends early."""
 
 
 @runtime_checkable
