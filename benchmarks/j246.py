@@ -32,7 +32,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from foreign import j246_cases
 from foreign.j246_cases import CASES, SIX, Case
-from real_suite import sizes
 
 from sim.diagnosis.report.answer import report
 from sim.diagnosis.verdict import diagnose
@@ -108,6 +107,17 @@ def line(row: dict[str, Any]) -> str:
     return (f"{row['case']:16} {row['seed']:5} {mark:6} {row['seconds']:5.0f} s  {result['verdict']:11} "
             f"wanted {wanted}: {said}" + (f"  [error {100 * row['error']:.1f} %]" if row["error"] is not None else "")
             + (f"  [remainder {remainder['share']:.2f} {remainder['where']}]" if remainder else ""))
+
+
+def sizes(cause: dict[str, Any]) -> str:
+    """A cause with its parameters."""
+    said = []
+    for name, of in cause["parameters"].items():
+        value, std = of["value"], of["std"]
+        text = value if isinstance(value, str) else "?" if value is None else f"{value:.4g}"
+        said.append(f"{name} {text}" + (f" +- {std:.2g}" if std is not None else ""))
+    alike = cause["indistinguishable_from"]
+    return f"{cause['cause']} ({', '.join(said)}" + (f"; or {', '.join(alike)}" if alike else "") + ")"
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:

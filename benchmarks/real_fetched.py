@@ -3,7 +3,7 @@
     python benchmarks/real_fetched.py RAW OUT
 
 RAW holds, of these public repositories, the files of SOURCES that are wanted; OUT gets a log (CSV) for each, for
-`real_suite.py OUT`.  Nothing is filtered or resampled; what was not measured is left out.
+`diagnosis_set.py --folder OUT`.  Nothing is filtered or resampled; what was not measured is left out.
 """
 
 import argparse

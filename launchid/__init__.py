@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 
     from sim.answers.of_campaigns import Campaign
     from sim.answers.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
+    from sim.answers.of_margins import FlightMargins
     from sim.answers.of_nominals import Effects, Exported, Flown, Planned
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
-           "campaign", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "plan", "read_log", "simulate",
-           "uncertainty"]
+           "campaign", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "plan", "read_log",
+           "simulate", "uncertainty"]
 
 
 @from_python
@@ -69,6 +70,17 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
     """Says where in its range each parameter is, window by window of `window` [s], and when it left it."""
     from sim.answers import of_logs
     return of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict)
+
+
+@from_python
+def margins(log: LogSource, nominal: NominalSource, *, window: float = 5.0, tracked: bool = False,
+            strict: bool = False) -> FlightMargins:
+    """The stability margins of the flight's loop as identified, with 95 % intervals, window by window of `window` [s].
+
+    tracked  also those of the tracked estimate at each window's end
+    """
+    from sim.answers import of_margins
+    return of_margins.margins(read_log(log), load_nominal(nominal), window=window, tracked=tracked, strict=strict)
 
 
 @from_python

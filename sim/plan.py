@@ -82,7 +82,7 @@ def design_shares(base: np.ndarray, gains: np.ndarray, power: float) -> np.ndarr
     shares = np.full(len(gains), 1.0 / len(gains))
     for _ in range(DESIGN_PASSES):
         covariance = np.linalg.inv(base + power * np.einsum("h,hij->ij", shares, gains))
-        worst = int(np.argmax(np.diag(covariance)))
+        worst = int(np.argmax(np.diag(covariance)[:2]))
         slope = np.einsum("i,hij,j->h", covariance[worst], gains, covariance[worst])
         shares = shares * np.maximum(slope, 0.0)
         shares /= np.sum(shares)

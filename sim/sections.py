@@ -107,6 +107,14 @@ class Actuator:
     deflection_limit: float = math.inf  # rad, on the controller's output
     delay: float = 0.0                # s
     time_constant: float = 0.0        # T, s; 0: second order
+    natural_frequency_sigma: float = 0.0  # relative, one sigma of what is not known of it before the flight; 0: known
+    damping_ratio_sigma: float = 0.0  # the same
+    delay_sigma: float = 0.0          # s, one sigma
+
+    @property
+    def is_known(self) -> bool:
+        """Nothing of it is left to be estimated."""
+        return self.natural_frequency_sigma == self.damping_ratio_sigma == self.delay_sigma == 0.0
 
     @property
     def is_first_order(self) -> bool:
@@ -230,6 +238,15 @@ class Diagnosis:
     begins: str = ANYWHERE            # or AT_REST: a log from t = 0 on begins at attitude 0, standing still
 
 
+@dataclass(frozen=True)
+class Required:
+    """What the loop must keep ([margins]); 0: nothing."""
+
+    gain_db: float = 6.0              # by which the gain may fall, and rise
+    phase_deg: float = 30.0
+    delay_ms: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Nominal(Result):
     """One nominal file.  Sections a command does not need may be absent (None); `require` asks for them.
@@ -248,6 +265,7 @@ class Nominal(Result):
     guidance: Guidance | None = None
     simulation: Simulation | None = None
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    margins: Required = field(default_factory=Required)
     test_input: Multisine | None = None
     drift: Drift | None = None
     wind: Wind | None = None

@@ -20,7 +20,7 @@ STANDARD = set(sys.stdlib_module_names)
 DRAWING = {"sim/canvas.py", "sim/pictures.py", "sim/plots.py", "sim/uncertainty/figures.py",  # figures
            "sim/charts/figure.py", "sim/diagnosis/report/figures.py",
            "sim/diagnosis/report/canvas.py", "sim/diagnosis/report/misfit.py",
-           "sim/result.py", "sim/answers/figures.py", "sim/requirement/figures.py",
+           "sim/result.py", "sim/answers/figures.py", "sim/answers/margin_figures.py", "sim/requirement/figures.py",
            "sim/experiments/report.py"}  # progress bar
 FORMATS = {"sim/convert/readers.py", "sim/convert/messages.py"}  # of other people's logs
 CLUSTER = {"sim/requirement/executor.py"}  # beyond one machine

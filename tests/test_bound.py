@@ -31,9 +31,9 @@ def system(a6: float, k1: float, frequency: float, damping: float) -> np.ndarray
 
 
 def computed(a6, k1, frequency, damping, h) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    f, fa, fk = np.full((3, 6, 6), np.nan)
-    transition(a6, k1, frequency, damping, h, f, fa, fk)
-    return f, fa, fk
+    f, slopes = np.full((6, 6), np.nan), np.full((2, 6, 6), np.nan)
+    transition(a6, k1, frequency, damping, h, f, slopes)
+    return f, slopes[0], slopes[1]
 
 
 @given(**plants)

@@ -248,8 +248,8 @@ def test_median_bounds_of_the_built_in_vehicles_in_per_cent(name, window, air, a
 
 
 def test_a_first_order_servo_s_transition_is_the_matrix_exponential():
-    f, fa, fk = np.full((3, 6, 6), np.nan)
-    transition(2.0, -7.0, 25.0, FIRST_ORDER, 0.01, f, fa, fk)
+    f = np.full((6, 6), np.nan)
+    transition(2.0, -7.0, 25.0, FIRST_ORDER, 0.01, f, np.zeros((2, 6, 6)))
     a = np.zeros((6, 6))
     a[0, 1] = a[1, 5] = 1.0
     a[1, 0], a[1, 2], a[2, 2], a[2, 4] = 2.0, -7.0, -25.0, 25.0

@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hidden import LISTED, OTHER, PLAIN, draw_spec, fly, hide, write_csv
+from hidden import draw_spec, fly, hide, write_csv
 
 from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
 from sim.diagnosis.controller.command import record
@@ -14,13 +14,11 @@ from sim.diagnosis.judge.extend import extended
 from sim.diagnosis.model.linear import state_matrix
 from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, vehicle
-from sim.diagnosis.report.answer import report
 from sim.diagnosis.search.fit import fit, slopes_at
 from sim.diagnosis.search.profile import as_simulated
 from sim.diagnosis.search.scan import scan
-from sim.diagnosis.verdict import diagnose
 from sim.effects import effect, pack, values
-from sim.log import Log, read_log
+from sim.log import read_log
 from sim.nominal import load_nominal
 
 CERTAIN = {"moment_step", "nozzle_inertia", "control_slope", "lateral_drift"}
@@ -120,44 +118,3 @@ def test_a_nominal_s_own_chance_moves_no_prediction(tmp_path):
     rough = dataclasses.replace(of, nominal=windy)
     still, blown = (vehicle(each, Point()) for each in (of, rough))
     assert blown.wind.size == 0 and np.array_equal(still.a6, blown.a6)
-
-
-# ---- named
-
-
-def told(folder, nominal="constant", **drawn):
-    columns, label = fly(draw_spec(5, nominal=nominal, rate=100.0, **drawn))
-    write_csv(folder / "log.csv", columns)
-    log: Log = read_log(folder / "log.csv")
-    return report(diagnose(log, load_nominal(nominal))), label
-
-
-def is_named(result, label):
-    """The one cause, with every number within five standard deviations of the truth."""
-    (true,), causes = label.causes, result["causes"]
-    assert [each["cause"] for each in causes] == [true["cause"]], (result["verdict"], causes, result["doubts"])
-    for name, value in true["parameters"].items():
-        found = causes[0]["parameters"][name]
-        assert abs(found["value"] - value) < 5.0 * found["std"], (name, value, found)
-
-
-@pytest.mark.parametrize(("cause", "parameters"), [
-    ("nozzle_inertia", {"coefficient": -0.004}),
-    pytest.param("moment_step", {"acceleration": 0.01, "time": 14.0}, marks=pytest.mark.campaign),
-    pytest.param("control_slope", {"slope": -0.02}, marks=pytest.mark.campaign),
-    pytest.param("lateral_drift", {"z_alpha": 0.04, "z_beta": 0.02}, marks=pytest.mark.campaign)])
-def test_it_is_named(tmp_path, cause, parameters):
-    result, label = told(tmp_path, effects=(hide(cause, parameters),), duration=30.0)
-    is_named(result, label)
-    assert result["where"] == "plant" and result["gain"]["nats"] > 0.0
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("nominal", ["constant", "vega_like"])
-@pytest.mark.parametrize("variant", [PLAIN, OTHER])
-@pytest.mark.parametrize("cause", sorted(CERTAIN))
-def test_it_is_named_on_both_vehicles_in_both_forms(tmp_path, cause, variant, nominal):
-    assert cause in LISTED
-    result, label = told(tmp_path, nominal, cause=cause, factor=4.0, variant=variant)
-    named = [{each["cause"], *each["indistinguishable_from"]} for each in result["causes"]]
-    assert any(cause in each for each in named), (result["verdict"], named, result["doubts"], label)

@@ -24,6 +24,7 @@ from sim.nominal import (
     Guidance,
     Multisine,
     Offsets,
+    Required,
     Sensors,
     Simulation,
     Wind,
@@ -208,8 +209,8 @@ def test_every_cause_and_parameter_is_in_the_formats():
         assert named == [parameter.name for parameter in cause.parameters]
 
 
-@pytest.mark.parametrize("section", [Actuator, Controller, Diagnosis, Drift, Guidance, Multisine, Offsets, Sensors,
-                                     Simulation, Wind])
+@pytest.mark.parametrize("section", [Actuator, Controller, Diagnosis, Drift, Guidance, Multisine, Offsets, Required,
+                                     Sensors, Simulation, Wind])
 def test_every_key_of_a_nominal_is_in_the_formats(section):
     named = set(code_of(ROOT / "docs" / "formats.md"))
     assert {field.name for field in fields(section)} - {"path"} <= named

@@ -9,7 +9,7 @@ from test_lft import delayed, held, plant
 
 from sim.nominal import BUILT_IN, Nominal, constant_profile, load_nominal
 from sim.uncertainty.lft import close, lft_at, sample, spectral_radius, split_delay
-from sim.uncertainty.margins import actuator_delay_margin, margins, margins_over_time, worst_margins
+from sim.uncertainty.margins import margins, margins_over_time, worst_margins
 
 FLIGHTS = [("constant", 0.0, 0.0), ("vega_like", 50.0, 0.0), ("vega_like", 90.0, 0.0), ("greensite_cr826", 76.0, 0.0),
            ("constant", 0.0, 0.03), ("constant", 0.0, 0.014)]
@@ -23,6 +23,30 @@ def scaled(nominal: Nominal, t: float, factor: float) -> Nominal:
 
 def radius(nominal: Nominal, t: float = 0.0, delta=(0.0, 0.0)) -> float:
     return float(spectral_radius(sample(lft_at(nominal, t), np.array(delta))))
+
+
+def actuator_delay_margin(nominal: Nominal, t: float) -> float:
+    """Least transport delay [s], added to the actuator's, that destabilises the loop; 0 if unstable, inf if none.
+
+    Exact for delays inside a period, by eigenvalues, where `Margins.delay` turns the sampled loop by omega tau.
+    """
+    def unstable(extra: float) -> bool:
+        return radius(delayed(nominal, nominal.actuator.delay + extra), t) >= 1.0
+
+    lft = lft_at(nominal, t)
+    classical = float(margins(lft).delay[0])
+    if np.isnan(classical):
+        return 0.0
+    if np.isinf(classical):
+        return np.inf
+    step = min(classical, lft.period) / 4.0
+    low = 0.0
+    while not unstable(low + step):
+        low += step
+    high = low + step
+    while high - low > 1e-10 * high:
+        low, high = (low, 0.5 * (low + high)) if unstable(0.5 * (low + high)) else (0.5 * (low + high), high)
+    return high
 
 
 # ---- the law: the loop is stable up to its margin and not beyond

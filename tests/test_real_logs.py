@@ -3,15 +3,12 @@
 Pendulums: theta_ddot = -a sin(theta) + b torque - friction, a = 20.3..21.4 1/s^2 by the device's own data sheet.
 """
 
-import importlib
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sim.cli import main
-from sim.effects import CATALOGUE
 from sim.log import MEASURED, measured_logs, read_log
 from sim.nominal import STANDS, load_nominal
 
@@ -104,62 +101,3 @@ def test_every_log_has_its_source_and_its_licence_beside_it():
 def test_the_logs_are_those_that_were_measured_to_the_byte():
     for path in SHARED.glob("*.csv"):
         assert path.read_bytes() == (MEASURED / path.name).read_bytes()
-
-
-# ---- what is known of them (benchmarks/real_suite.py)
-
-
-@pytest.fixture
-def suite(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "benchmarks"))
-    return importlib.import_module("real_suite")
-
-
-def test_every_log_of_the_package_has_a_nominal_and_what_is_known_of_it(suite):
-    found = {name: known for name, _, known in suite.logs(MEASURED, [], False)}
-    assert set(found) == set(measured_logs())
-    assert all(known.nominal in STANDS and known.main and set(sum(known.main, ())) <= set(CATALOGUE)
-               and set(known.beside) <= set(CATALOGUE) | {"moment_step", "wind_walk", "turbulence"}
-               for known in found.values())
-    assert "bam_xl330_kp400_lift_and_drop" not in {name for name, *_ in suite.logs(MEASURED, [], True)}  # a judge
-
-
-def test_the_placebo_moves_the_input_and_nothing_else_by_30_to_50_percent(suite):
-    log = read_log("dfki_pendulum_dircol")
-    moved = suite.moved(log, "dfki_pendulum_dircol")
-    at = next(k for k in range(len(log.t)) if np.array_equal(np.roll(log.beta, k), moved.beta))
-    assert 0.3 <= at / len(log.t) <= 0.5 and np.array_equal(np.roll(log.beta_cmd, at), moved.beta_cmd)
-    assert moved.theta is log.theta and moved.theta_dot is log.theta_dot
-
-
-def test_an_input_taken_as_a_command_is_the_same_input(suite):
-    log = read_log("bam_xl330_kp200_sin_time_square")
-    command = suite.as_command(log)
-    assert np.isnan(command.beta).all() and command.beta_cmd is log.beta and "beta_cmd" in command.columns
-    assert suite.as_input(command).beta is log.beta
-
-
-def test_names_are_right_beside_or_wrong(suite):
-    def named(cause: str, term: str | None = None, alike: tuple[str, ...] = ()):
-        parameters = {} if term is None else {"term": {"value": term, "std": None, "unit": "term"}}
-        return {"cause": cause, "where": "plant", "parameters": parameters, "indistinguishable_from": list(alike)}
-
-    known = suite.KNOWN["dfki_pendulum_ddp"]
-    result = {"verdict": "dominant", "causes": [named("missing_term", "sin(theta)"), named("friction")]}
-    assert suite.found(result, known) == "all" and suite.wrong_names(result, known) == []
-    other = {"verdict": "dominant", "causes": [named("missing_term", "theta*beta"), named("slosh")]}
-    assert suite.wrong_names(other, known) == ["missing_term", "slosh"]
-    assert suite.found({"verdict": "unexplained", "causes": []}, known) == "none"
-    assert suite.of_input(other) == ["missing_term"]
-    robot = suite.KNOWN["mcar_8_3_1"]  # two defects
-    assert suite.found({"verdict": "dominant", "causes": [named("attitude_bias")]}, robot) == "some"
-    assert suite.found({"verdict": "dominant", "causes": [named("friction", None, ("steady_wind",)),
-                                                          named("actuator_delay")]}, robot) == "all"
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("name", sorted(log for log in measured_logs() if log != "bam_xl330_kp400_lift_and_drop"))
-def test_the_main_defect_of_every_open_log_is_named_and_nothing_else(suite, name):
-    [(_, path, known)] = suite.logs(MEASURED, [name], True)
-    result = suite.diagnosed(read_log(path, ("t",)), known)
-    assert (suite.found(result, known), suite.wrong_names(result, known)) == ("all", [])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from launchid_core import Config, Estimate
+from launchid_core import Change, Config, Estimate
 
 from ..asked import integer, real, word
 from ..checked import data_warnings, faults, foreign, ideal_note, profile_note, warned
@@ -27,6 +27,7 @@ from .residuals import residuals
 
 if TYPE_CHECKING:
     from ..result import Figure
+    from .of_margins import FlightMargins
 
 
 # ---- identify
@@ -42,6 +43,7 @@ class Identification(Answer):
     estimates: list[Estimate]
     report: dict[str, Any]
     library: str
+    changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
@@ -58,6 +60,18 @@ class Identification(Answer):
         terms = {term for estimate in self.estimates for term in estimate.terms}
         asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
         return identify_figure(self.log, self.report, self.nominal, asked)
+
+    def margins(self) -> "FlightMargins":
+        """The stability margins of the loop as identified, with the nominal's controller."""
+        from .of_margins import identified_margins, known_servo, margins_of
+        c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
+        if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
+            raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
+                             "rigid-body")
+        servo = known_servo(self.nominal)
+        if self.nominal.actuator is not None and not self.nominal.actuator.is_known:
+            return identified_margins(self.log, self.nominal, c, is_tracked)
+        return margins_of(self.log, self.nominal, c, self.estimates, self.changes, servo, is_tracked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """What the windows leave, whether it is white, and what they predict over horizons."""
@@ -93,12 +107,17 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
+    if config.formulation == "filtered" and nominal is not None and nominal.actuator is not None \
+            and not nominal.actuator.is_known:
+        said += (f"{nominal.path}: [actuator] gives a sigma: identify takes the servo as known, `launchid margins` "
+                 "estimates it",)
     if config.formulation == "filtered" and not foreign(found):
         said += profile_note(nominal, level.log_span(log)[1], log.path)
     made = identified(config, log, foreign(found), any(fault.kind == "motion" for fault in found))
     if made.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library, said)
+    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library,
+                          made.estimator.changes() if config.formulation == "filtered" else (), said)
 
 
 # ---- uncertainty

@@ -4,7 +4,9 @@ Unknown: a constant relative deviation of a6 and of k1 from the nominal's profil
 over the window, the vehicle's state at its start (diffuse), and what [wind] and
 [offsets] leave open: the wind's walk and turbulence, misalignment, moment and
 sensor offsets, at the window's start no better known than before the flight.
-Known: the command, the actuator, the flight path, and the levels of the noises
+Of the actuator, what [actuator] gives a sigma of is unknown beside them: natural
+frequency, damping ratio, delay.
+Known: the command, the rest of the actuator, the flight path, and the levels of the noises
 (sensor noise as measurement noise; command noise and unmodelled acceleration as
 process noise, held over a sample), of wind and of offsets.
 

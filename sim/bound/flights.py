@@ -6,8 +6,8 @@ import numpy as np
 
 from ..flight import Factor, Flight, fly_whole, parameters
 from ..nominal import Nominal
-from .information import N_UNKNOWN, window_information
-from .matrices import Bound, bounds_of, without_offset
+from .information import N_UNKNOWN, WITH_SERVO, window_information
+from .matrices import Bound, bounds_of, with_prior, without_offset
 from .step import FIRST_ORDER
 from .world import world_of
 
@@ -31,22 +31,35 @@ def servo_of(nominal: Nominal) -> np.ndarray:
     return np.array([actuator.natural_frequency, actuator.damping_ratio])
 
 
+def servo_sigma(nominal: Nominal) -> np.ndarray:
+    """(3,) one sigma of what is not known before the flight: relative frequency, relative damping ratio, delay [s]."""
+    actuator = nominal.actuator
+    assert actuator is not None
+    return np.array([actuator.natural_frequency_sigma, actuator.damping_ratio_sigma, actuator.delay_sigma])
+
+
 def acting_command(nominal: Nominal, flight: Flight) -> np.ndarray:
     """Command that acts over the step from each row [rad]: the actuator's delay old, 0 before the first."""
     assert nominal.actuator is not None
     if nominal.actuator.delay == 0.0:
         return flight.beta_cmd
-    late = nominal.actuator.delay / flight.period
-    whole = math.floor(late)
-    past = np.concatenate([np.zeros(whole + 1), flight.beta_cmd])
-    newer, older = past[1:len(flight.t) + 1], past[:len(flight.t)]
-    return newer + (late - whole) * (older - newer)
+    older, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    return newer + switch / flight.period * (older - newer)
+
+
+def switched(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """A held command (n,) [rad], 0 before its first row, `delay` [s] later: what acts from each row on, what acts then,
+    and from how long [s] after the row on."""
+    whole = math.floor(delay / period)
+    past = np.concatenate([np.zeros(whole + 1), command])
+    return past[:len(command)], past[1:len(command) + 1], delay - whole * period
 
 
 def flight_information(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
                        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                        levels_known: bool = False) -> np.ndarray:
-    """Information (w, 2, 2) about (relative a6, relative k1) in each window of one flight (`flight` suite).
+    """Information (w, 2, 2) about (relative a6, relative k1) in each window of one flight (`flight` suite); about more
+    where [actuator] declares that more is unknown, see `with_prior`.
 
     nominal  what flies, how noisy it is, and in what air;  window [s];  period [s] of the log, None: sensors.period
     a6_factor, k1_factor  true parameters over the nominal's
@@ -59,12 +72,17 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
     index = np.floor(t / window + 1e-9).astype(np.int64)
     windows = math.floor((t[-1] + 1.5 * flight.period) / window)
     index[index >= windows] = -1
-    information = np.zeros((windows, N_UNKNOWN, N_UNKNOWN))
-    window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]),
-                       acting_command(nominal, flight), middle_a6, middle_k1, servo_of(nominal),
-                       noise_variances(nominal, flight.period), index, information, np.zeros(len(t)),
-                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known))
-    return without_offset(information)
+    assert nominal.actuator is not None
+    unknowns = N_UNKNOWN if nominal.actuator.is_known else WITH_SERVO
+    information = np.zeros((windows, unknowns, unknowns))
+    command, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    if nominal.actuator.is_known:
+        command = acting_command(nominal, flight)
+    window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), command, middle_a6, middle_k1,
+                       servo_of(nominal), noise_variances(nominal, flight.period), index, information, np.zeros(len(t)),
+                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), newer, switch)
+    left = without_offset(information)
+    return left if nominal.actuator.is_known else with_prior(left, servo_sigma(nominal))
 
 
 def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,

@@ -3,22 +3,24 @@
 import numpy as np
 
 from ..vehicle.kernels import kernel
-from .step import N_STATES, add_noise, fill, transition
+from .step import FIRST_ORDER, N_STATES, add_noise, fill, transition
 from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
 
 N_UNKNOWN = 6      # four initial states, relative a6, relative k1
+WITH_SERVO = 9     # and the servo's relative frequency, relative damping ratio, delay [s]
+DELAY = 8          # its place among them: it is in the command alone, and so in no covariance
 DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
 
 
 @kernel
-def predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises):
-    """Time update of dp (2, n, n), the derivatives of the covariance p (n, n) for relative a6 and k1.
+def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
+    """Time update of dp (p, n, n), the derivatives of the covariance p (n, n) for relative a6, k1 and servo.
 
     Products are written out: numba's need scipy, which an installation need not have.
     """
     n = len(p)
-    for m in range(2):
-        slope, share, by = (full_a, a6, fa) if m == 0 else (full_k, k1, fk)
+    for m in range(len(dp)):
+        slope, share, by = moved[m], value[m], slopes[m]
         left, new = np.zeros((n, n)), np.zeros((n, n))
         for i in range(n):
             for k in range(n):
@@ -37,29 +39,49 @@ def predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises):
 
 
 @kernel
-def predict(x, p, s, dp, u, known, f, fa, fk, a6, k1, full, full_a, full_k, air, noises):
-    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, 6) of the one and, beyond the
-    vehicle alone, dp (2, n, n) of the other; the world's noise is not in it.
+def switch_command(s, x, jump, f, slopes, value, frequency, damping):
+    """What the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
+    to the state x (n,) and the sensitivities s (n, 9).
+
+    f (6, 6), slopes (p, 6, 6)   of `transition` over that part, which the delay shortens
+    """
+    for i in range(N_STATES):
+        x[i] += f[i, 4] * jump
+        for m in range(len(value)):
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * jump
+        s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
+
+
+@kernel
+def drive(s, i, u, known, slopes, value, air):
+    """What command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
+    for m in range(len(value)):
+        s[i, 4 + m] = air[1 + m, i] * known
+        if i < N_STATES:
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * u
+
+
+@kernel
+def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
+    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
+    beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
 
     u [rad]  command;  known [rad]  angle of attack beside theta
     """
-    n = len(x)
-    new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, N_UNKNOWN)), np.zeros((n, n)), np.zeros((n, n))
+    n, unknowns = len(x), s.shape[1]
+    new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, unknowns)), np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
         new_x[i] = air[0, i] * known
-        new_s[i, 4] = air[1, i] * known
-        new_s[i, 5] = air[2, i] * known
+        drive(new_s, i, u, known, slopes, value, air)
         if i < N_STATES:
             new_x[i] += f[i, 4] * u
-            new_s[i, 4] += a6 * fa[i, 4] * u
-            new_s[i, 5] += k1 * fk[i, 4] * u
         for k in range(n):
             if full[i, k] == 0.0:
                 continue
             new_x[i] += full[i, k] * x[k]
-            new_s[i, 4] += full_a[i, k] * x[k]
-            new_s[i, 5] += full_k[i, k] * x[k]
-            for j in range(N_UNKNOWN):
+            for m in range(len(value)):
+                new_s[i, 4 + m] += moved[m, i, k] * x[k]
+            for j in range(unknowns):
                 new_s[i, j] += full[i, k] * s[k, j]
             for j in range(n):
                 fp[i, j] += full[i, k] * p[k, j]
@@ -71,7 +93,7 @@ def predict(x, p, s, dp, u, known, f, fa, fk, a6, k1, full, full_a, full_k, air,
                 new_p[i, j] += fp[i, k] * full[j, k]
     if n > N_STATES:
         new_p = 0.5 * (new_p + new_p.T)  # what is not symmetric no measurement sees, and it grows as the vehicle does
-        predict_slopes(p, dp, f, fa, fk, a6, k1, full, full_a, full_k, noises)
+        predict_slopes(p, dp, f, slopes, value, full, moved, noises)
     x[:] = new_x
     p[:, :] = new_p
     s[:, :] = new_s
@@ -79,10 +101,10 @@ def predict(x, p, s, dp, u, known, f, fa, fk, a6, k1, full, full_a, full_k, air,
 
 @kernel
 def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
-    """Measurement update of dp (2, n, n), the gain's derivatives into s, and what the variance tells."""
+    """Measurement update of dp (p, n, n), the gain's derivatives into s, and what the variance tells."""
     n = len(gain)
-    share = np.zeros(2)
-    for m in range(2):
+    share = np.zeros(len(dp))
+    for m in range(len(dp)):
         slope = dp[m, channel].copy()
         if partner >= 0:
             slope += dp[m, partner]
@@ -92,14 +114,14 @@ def correct_slopes(s, dp, channel, partner, gain, variance, innovation, informat
             s[i, 4 + m] += (slope[i] - gain[i] * by) / variance * innovation
             for j in range(n):
                 dp[m, i, j] += by * gain[i] * gain[j] - slope[i] * gain[j] - gain[i] * slope[j]
-    for i in range(2):
-        for j in range(2):
+    for i in range(len(dp)):
+        for j in range(len(dp)):
             information[4 + i, 4 + j] += 0.5 * share[i] * share[j]
 
 
 @kernel
-def correct(x, p, s, dp, channel, partner, z, r, information):
-    """Scalar measurement update; adds the innovation's information about the six unknowns.
+def correct(x, p, s, dp, channel, partner, z, r, information, score):
+    """Scalar measurement update; adds the innovation's information about the unknowns, and its score (unknowns,).
 
     partner  the state that is this sensor's offset, -1 for none
     """
@@ -114,14 +136,15 @@ def correct(x, p, s, dp, channel, partner, z, r, information):
         variance += column[partner]
     innovation = z - expected
     gain = column / variance
-    for i in range(N_UNKNOWN):
-        for j in range(N_UNKNOWN):
+    for i in range(len(row)):
+        score[i] += row[i] * innovation / variance
+        for j in range(len(row)):
             information[i, j] += row[i] * row[j] / variance
     if n > N_STATES:
         correct_slopes(s, dp, channel, partner, gain, variance, innovation, information)
     for i in range(n):
         x[i] += gain[i] * innovation
-        for j in range(N_UNKNOWN):
+        for j in range(len(row)):
             s[i, j] -= gain[i] * row[j]
         for j in range(n):
             p[i, j] -= gain[i] * column[j]
@@ -146,13 +169,16 @@ def start_window(world, row, x, p, s, dp):
 
 
 @kernel
-def information_in(world, t, z, u, a6, k1, actuator, noises, window_of, information, k1_information):
+def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, window_of, information, score,
+                   k1_information):
     """`window_information` in a world."""
-    n = N_STATES + len(world.role)
-    x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, N_UNKNOWN)), np.zeros((2, n, n))
-    f, fa, fk = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    full, full_a, full_k, air = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((3, n))
-    unused = np.zeros((N_UNKNOWN, N_UNKNOWN))
+    n, unknowns = N_STATES + len(world.role), information.shape[1]
+    moving = min(unknowns, DELAY) - N_STATES
+    x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
+    f, slopes, value = np.zeros((6, 6)), np.zeros((moving, 6, 6)), np.zeros(moving)
+    rest, rest_slopes = np.zeros((6, 6)), np.zeros((moving, 6, 6))
+    full, moved, air = np.zeros((n, n)), np.zeros((moving, n, n)), np.zeros((1 + moving, n))
+    unused, unscored = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     channels = (0, 1, 2)
     partner = np.full(3, -1)
     for j in range(len(world.role)):
@@ -173,13 +199,20 @@ def information_in(world, t, z, u, a6, k1, actuator, noises, window_of, informat
         for channel in channels:
             if np.isfinite(z[k, channel]):
                 correct(x, p[0], s, dp, channel, partner[channel], z[k, channel], noises[channel],
-                        information[current] if current >= 0 else unused)
+                        information[current] if current >= 0 else unused,
+                        score[current] if current >= 0 else unscored)
         k1_information[k] = information[current, 5, 5] if current >= 0 else 0.0
         if k + 1 < len(t):
             h = t[k + 1] - t[k]
-            transition(a6[k], k1[k], actuator[0], actuator[1], h, f, fa, fk)
-            fill(world, f, fa, fk, a6[k], k1[k], h, k, full, full_a, full_k, air)
-            predict(x, p[0], s, dp, u[k], world.air[k], f, fa, fk, a6[k], k1[k], full, full_a, full_k, air, noises)
+            transition(a6[k], k1[k], actuator[0], actuator[1], h, f, slopes)
+            value[0], value[1] = a6[k], k1[k]
+            for m in range(2, moving):
+                value[m] = actuator[m - 2]
+            fill(world, f, slopes, value, h, k, full, moved, air)
+            predict(x, p[0], s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
+            if unknowns > DELAY and h > switch and newer[k] != u[k]:
+                transition(a6[k], k1[k], actuator[0], actuator[1], h - switch, rest, rest_slopes)
+                switch_command(s, x, newer[k] - u[k], rest, rest_slopes, value, actuator[0], actuator[1])
             p[1] = 0.0
             add_noise(world, f, a6[k], h, k, noises, p)
             dp[0] += p[1]
@@ -187,8 +220,10 @@ def information_in(world, t, z, u, a6, k1, actuator, noises, window_of, informat
 
 def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarray, k1: np.ndarray,
                        actuator: np.ndarray, noises: np.ndarray, window_of: np.ndarray, information: np.ndarray,
-                       k1_information: np.ndarray, world: World | None = None) -> None:
-    """Information of each window about (initial state, relative a6, relative k1).
+                       k1_information: np.ndarray, world: World | None = None,
+                       newer: np.ndarray | None = None, switch: float = 0.0, score: np.ndarray | None = None) -> None:
+    """Information of each window about (initial state, relative a6, relative k1) and, where the matrices have room for
+    them, the servo's (relative frequency, relative damping ratio, delay [s]).
 
     t, u (n,)   [s, rad]  in
     z (n, 3)              in   theta, theta_dot, beta
@@ -196,9 +231,13 @@ def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarr
     actuator (2,)         in   natural frequency [rad/s], damping ratio; of first order 1/time constant, FIRST_ORDER
     noises (5,)           in   variances: theta, theta_dot, beta, command, acceleration (held over a sample)
     window_of (n,)        in   int64 window of each row, -1 for none
-    information (w, 6, 6) out
+    information (w, 6, 6) or (w, 9, 9) out
     k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
     world                 in   what else is not known; None: nothing
+    newer (n,) [rad]      in   with the servo: the command that acts from `switch` [s] after each row on, u until then
+    score (w, unknowns)   out  derivative of the log-likelihood, the gain held; 0 on average at the truth
     """
-    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, a6, k1, actuator, noises, window_of,
-                   information, k1_information)
+    newer = u if newer is None else newer
+    score = np.zeros(information.shape[:2]) if score is None else score
+    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, newer, switch, a6, k1, actuator,
+                   noises, window_of, information, score, k1_information)

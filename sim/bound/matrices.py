@@ -13,10 +13,11 @@ class Bound:
     a6: np.ndarray           # relative standard deviation
     k1: np.ndarray
     correlation: np.ndarray
+    servo: np.ndarray        # (windows, unknown ones): relative frequency, relative damping ratio, delay [s]
 
 
 def without_offset(information: np.ndarray) -> np.ndarray:
-    """(w, 2, 2) from (w, 6, 6): the unknown initial state removed by a Schur complement.
+    """(w, n - 4, n - 4) from (w, n, n): the unknown initial state removed by a Schur complement.
 
     A state of which no measurement says anything (the nozzle's rate behind a first-order servo) drops out.
     """
@@ -31,8 +32,18 @@ def without_offset(information: np.ndarray) -> np.ndarray:
     return information[:, 4:, 4:] - explained
 
 
+def with_prior(information: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """(w, 2 + u, 2 + u) from (w, 5, 5) about a6, k1 and servo: what is known of it before the flight, one sigma (3,),
+    added; the u numbers of which all is known, 0, left out."""
+    unknown = np.flatnonzero(sigma > 0.0)
+    kept = np.concatenate([[0, 1], 2 + unknown])
+    prior = np.diag(np.concatenate([np.zeros(2), sigma[unknown] ** -2.0]))
+    return information[:, kept][:, :, kept] + prior
+
+
 def bounds_of(information: np.ndarray, window: float) -> Bound:
-    """Bounds from information matrices (w, 2, 2) of windows end to end."""
+    """Bounds from information matrices (w, n, n), of a6, k1 and what is unknown of the servo, of windows end to end."""
     covariance = np.linalg.inv(information)
     std = np.sqrt(np.einsum("wii->wi", covariance))
-    return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]))
+    return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]),
+                 std[:, 2:])

@@ -1,4 +1,4 @@
-"""A step of the vehicle and its world: the transition, its derivatives for a6 and k1, the noise."""
+"""A step of the vehicle and its world: the transition, its derivatives for what is not known, the noise."""
 
 import math
 
@@ -12,13 +12,34 @@ N_STATES = 4       # theta, theta_dot, beta, beta_dot
 N_AUGMENTED = 6    # and the held command and acceleration
 TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
 RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
+A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
 
 @kernel
-def transition(a6, k1, frequency, damping, h, f, fa, fk):
-    """exp(A h) of the augmented system and its derivatives for da6, dk1: of a part of h, squared up (Moler and Van Loan
-    2003, method 3).  f, fa, fk (6, 6) out."""
+def generator_slope(which, frequency, damping, term, out):
+    """Adds dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
+
+    term, out (6, 6)
+    """
+    for j in range(N_AUGMENTED):
+        if which == A6:
+            out[1, j] += term[0, j]
+        elif which == K1:
+            out[1, j] += term[2, j]
+        elif damping == FIRST_ORDER:
+            if which == FREQUENCY:
+                out[2, j] += term[4, j] - term[2, j]
+        elif which == FREQUENCY:
+            out[3, j] += 2.0 * (frequency * (term[4, j] - term[2, j]) - damping * term[3, j])
+        else:
+            out[3, j] -= 2.0 * frequency * term[3, j]
+
+
+@kernel
+def transition(a6, k1, frequency, damping, h, f, slopes):
+    """exp(A h) of the augmented system and its derivatives: of a part of h, squared up (Moler and Van Loan 2003, method
+    3).  f (6, 6), slopes (p, 6, 6) out, of the first p of a6, k1, frequency, damping."""
     n = N_AUGMENTED
     a = np.zeros((n, n))
     a[0, 1] = 1.0
@@ -35,29 +56,21 @@ def transition(a6, k1, frequency, damping, h, f, fa, fk):
         a[3, 4] = frequency * frequency
     squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / RESOLVED)))
     h /= 2.0**squarings
-    term, term_a, term_k = np.eye(n), np.zeros((n, n)), np.zeros((n, n))
+    term, moved = np.eye(n), np.zeros(slopes.shape)
     f[:, :] = np.eye(n)
-    fa[:, :] = 0.0
-    fk[:, :] = 0.0
+    slopes[:, :, :] = 0.0
     for order in range(1, TAYLOR_ORDER + 1):
-        new, new_a, new_k = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-        for i in range(n):
-            for j in range(n):
-                for k in range(n):
-                    if a[i, k] != 0.0:
-                        new[i, j] += a[i, k] * term[k, j]
-                        new_a[i, j] += a[i, k] * term_a[k, j]
-                        new_k[i, j] += a[i, k] * term_k[k, j]
-        for j in range(n):
-            new_a[1, j] += term[0, j]
-            new_k[1, j] += term[2, j]
-        term, term_a, term_k = new * (h / order), new_a * (h / order), new_k * (h / order)
+        new = product(a, term) * (h / order)
+        for m in range(len(slopes)):
+            slope = product(a, moved[m])
+            generator_slope(m, frequency, damping, term, slope)
+            moved[m] = slope * (h / order)
+            slopes[m] += moved[m]
+        term = new
         f += term
-        fa += term_a
-        fk += term_k
     for _ in range(squarings):
-        fa[:, :] = product(fa, f) + product(f, fa)
-        fk[:, :] = product(fk, f) + product(f, fk)
+        for m in range(len(slopes)):
+            slopes[m] = product(slopes[m], f) + product(f, slopes[m])
         f[:, :] = product(f, f)
 
 
@@ -75,38 +88,47 @@ def product(a, b):
 
 
 @kernel
-def fill(world, f, fa, fk, a6, k1, h, row, full, full_a, full_k, air):
-    """The vehicle's and the world's transition over a step, and its derivatives for relative a6 and k1.
+def push_of(role, a6, k1, mean, levels_known):
+    """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
+    a6 and k1."""
+    if role == WALK or role == TURBULENCE:
+        return a6 * mean, (a6 * mean if levels_known else 0.0), 0.0
+    if role == PATH:
+        return -a6, -a6, 0.0
+    if role == MISALIGNMENT:
+        return k1, 0.0, k1
+    return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
 
-    f, fa, fk (6, 6) in     of `transition`
-    full, full_a, full_k (n, n) out
-    air (3, n)       out    what the known angle of attack does, and its two derivatives
+
+@kernel
+def fill(world, f, slopes, value, h, row, full, moved, air):
+    """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
+
+    f (6, 6), slopes (p, 6, 6) in   of `transition`;  value (p,) in   a6, k1, ...
+    full (n, n), moved (p, n, n) out
+    air (1 + p, n)   out    what the known angle of attack does, and its derivatives
     """
+    a6, k1 = value[A6], value[K1]
     for i in range(N_STATES):
         for j in range(N_STATES):
-            full[i, j], full_a[i, j], full_k[i, j] = f[i, j], a6 * fa[i, j], k1 * fk[i, j]
+            full[i, j] = f[i, j]
+            for m in range(len(value)):
+                moved[m, i, j] = value[m] * slopes[m, i, j]
         air[0, i] = a6 * f[i, 5]
-        air[1, i] = a6 * f[i, 5] + a6 * a6 * fa[i, 5]
-        air[2, i] = k1 * a6 * fk[i, 5]
+        for m in range(len(value)):
+            air[1 + m, i] = value[m] * a6 * slopes[m, i, 5]
+        air[1 + A6, i] += a6 * f[i, 5]
     z_alpha, z_beta = world.drift[0, row], world.drift[1, row]
     for j in range(len(world.role)):
         role, c = world.role[j], N_STATES + j
         keep = math.exp(-h / world.fade[j])
-        mean = 0.5 * (1.0 + keep)
-        push, by_a6, by_k1 = 0.0, 0.0, 0.0
-        if role == WALK or role == TURBULENCE:
-            push = a6 * mean
-            by_a6 = push if world.levels_known else 0.0
-        elif role == PATH:
-            push = by_a6 = -a6
-        elif role == MISALIGNMENT:
-            push = by_k1 = k1
-        elif role == MOMENT:
-            push = 1.0
+        push, by_a6, by_k1 = push_of(role, a6, k1, 0.5 * (1.0 + keep), world.levels_known)
         for i in range(N_STATES):
             full[i, c] = push * f[i, 5]
-            full_a[i, c] = by_a6 * f[i, 5] + push * a6 * fa[i, 5]
-            full_k[i, c] = by_k1 * f[i, 5] + push * k1 * fk[i, 5]
+            for m in range(len(value)):
+                moved[m, i, c] = push * value[m] * slopes[m, i, 5]
+            moved[A6, i, c] += by_a6 * f[i, 5]
+            moved[K1, i, c] += by_k1 * f[i, 5]
         full[c, c] = keep
         if role == PATH:
             full[c, 0], full[c, 1] = h * z_alpha, 0.5 * h * h * z_alpha

@@ -1,17 +1,36 @@
 """What is not known but the vehicle: wind, offsets and flight path, as states beside its own."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..flight import Flight
 from ..nominal import Nominal
 
 # what a further state is
 WALK, TURBULENCE, PATH, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(8)
 OFFSETS = {"thrust_misalignment": MISALIGNMENT, "moment": MOMENT, "attitude_bias": ATTITUDE_BIAS,
            "gyro_bias": GYRO_BIAS, "nozzle_sensor_bias": NOZZLE_BIAS}
+
+
+class Path(Protocol):
+    """What of a flight, or of a log, the world asks for."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """[s]"""
+
+    @property
+    def period(self) -> float:
+        """[s]"""
+
+    @property
+    def wind(self) -> np.ndarray:
+        """[rad], as a sensor of the air's angle of attack has it"""
+
+    @property
+    def true_gamma(self) -> np.ndarray:
+        """[rad]"""
 
 
 class World(NamedTuple):
@@ -35,7 +54,7 @@ def calm(n: int) -> World:
                  np.zeros(n), 0.0, False, False)
 
 
-def world_of(nominal: Nominal, flight: Flight, restarts: bool = True, path_known: bool = True,
+def world_of(nominal: Nominal, flight: Path, restarts: bool = True, path_known: bool = True,
              levels_known: bool = False) -> World:
     """What [wind], [offsets] and [drift] leave open, over a flight's rows; arguments as `flight_information`."""
     t, h = flight.t, flight.period

@@ -12,6 +12,7 @@ from . import (
     export_c,
     fit_lft,
     identify,
+    margins,
     nominal,
     plan,
     reproduce,
@@ -20,5 +21,5 @@ from . import (
     watch,
 )
 
-COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, uncertainty, fit_lft, export_c, campaign, convert,
-            watch, effects)
+COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, margins, uncertainty, fit_lft, export_c, campaign,
+            convert, watch, effects)

@@ -18,6 +18,7 @@ from ..sections import (
     Nominal,
     Offsets,
     Profile,
+    Required,
     Section,
     Sensors,
     Simulation,
@@ -29,7 +30,7 @@ from .rewriter import rewrite_nominal
 from .writer import nominal_lines, write_nominal
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
-           "Offsets", "Profile", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
+           "Offsets", "Profile", "Required", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
            "load_nominal", "locate", "nominal_lines", "read_profile", "rewrite_nominal", "write_nominal"]
 
 DATA = Path(__file__).parents[1] / "data"

@@ -23,6 +23,10 @@ def actuator_of(file: Table) -> Actuator | None:
     if "time_constant" in table and second & set(table):
         raise InputError(f"{file.path}: [actuator] has time_constant and {min(second & set(table))}; expected "
                          "natural_frequency and damping_ratio, or time_constant")
+    for key in ("natural_frequency_sigma", "damping_ratio_sigma"):
+        if "time_constant" in table and key in table:
+            raise InputError(f"{file.path}: [actuator] has time_constant and {key}; expected natural_frequency and "
+                             "damping_ratio, of which alone it can be asked")
     for key in sorted(second - set(table)) if "time_constant" not in table else ():
         raise InputError(f"{file.path}: key 'actuator.{key}' is missing; expected natural_frequency and "
                          "damping_ratio, or time_constant")

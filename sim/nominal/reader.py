@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import reads
-from ..sections import Controller, Diagnosis, Nominal, Offsets, Sensors, Simulation
+from ..sections import Controller, Diagnosis, Nominal, Offsets, Required, Sensors, Simulation
 from .control import actuator_of, controller_of, guidance_of, test_input_of
 from .plant import drift_of, effects_of, uncertainty_of, vehicle_of, wind_of
 from .table import Table
@@ -38,7 +38,7 @@ def parsed(path: Path, text: str) -> Nominal:
 def nominal_of(file: Table) -> Nominal:
     """All sections, checked; InputError naming the place of whatever is wrong."""
     known = {"name", "vehicle", "uncertainty", "actuator", "controller", "guidance", "sensors", "simulation",
-             "diagnosis", "test_input", "drift", "wind", "offsets", "effects"}
+             "diagnosis", "margins", "test_input", "drift", "wind", "offsets", "effects"}
     for key in file.table:
         if key not in known:
             raise InputError(f"{file.path}: unknown key '{key}'; expected one of {', '.join(sorted(known))}")
@@ -59,7 +59,8 @@ def nominal_of(file: Table) -> Nominal:
     return Nominal(
         name=name, vehicle=vehicle, terms=terms, sensors=sensors, uncertainty=uncertainty_of(file),
         actuator=actuator_of(file), controller=controller, guidance=guidance_of(file, controller),
-        simulation=simulation, diagnosis=diagnosis or Diagnosis(), test_input=test_input_of(file),
+        simulation=simulation, diagnosis=diagnosis or Diagnosis(),
+        margins=file.section("margins", Required) or Required(), test_input=test_input_of(file),
         drift=drift_of(file), wind=wind_of(file),
         offsets=file.section("offsets", Offsets), effects=effects_of(file), path=str(file.path))
 

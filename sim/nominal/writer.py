@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..files import write_text
-from ..sections import Controller, Diagnosis, Drift, Forecast, Nominal, Profile
+from ..sections import Controller, Diagnosis, Drift, Forecast, Nominal, Profile, Required
 from .control import ONLY_ATTITUDE
 from .profiles import DRIFT, FORECAST, VEHICLE, read_columns
 
@@ -46,10 +46,10 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
         content["wind"] = _numbers(nominal.wind)
         if nominal.wind.profile is not None:
             content["wind"]["profile"] = _path(nominal.wind.profile, path, "wind", FORECAST)
-    for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis",
+    for section in ("offsets", "actuator", "controller", "guidance", "sensors", "simulation", "diagnosis", "margins",
                     "test_input"):
         plain = getattr(nominal, section)
-        if plain is not None and plain != Diagnosis():
+        if plain is not None and plain not in (Diagnosis(), Required()):
             content[section] = _numbers(plain)
         if isinstance(plain, Controller) and plain.filters:
             content[section]["filters"] = [{"b": list(each.b), "a": list(each.a)} for each in plain.filters]

@@ -93,6 +93,10 @@ class Sampled(NamedTuple):
         """The loops at these places of the first axis."""
         return self._replace(a=self.a[index], b=self.b[index], b_reference=self.b_reference[index])
 
+    def gain(self, omega: np.ndarray) -> np.ndarray:
+        """`loop_gain` of these loops."""
+        return loop_gain(self, omega)
+
 
 def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
     """(a6, k1) of a profile at t [s]; InputError beyond its ends (a single node is a constant and has none)."""

@@ -1,6 +1,7 @@
 """Classical margins of the discrete loop, cut at the controller's output, at one delta, many, or the worst of a box.
 
-The loop gain L(z) is the sampled one (`lft.loop_gain`), so the hold, the sampling and the delay are in it exactly.
+The loop gain L(z) is the sampled one (`lft.loop_gain`, `loops.Loops.gain`), so the hold, the sampling and the delay are
+in it exactly.
 The closed loop has a root on the unit circle at gain factor g exactly where 1 + g L = 0.
 
 Two gain margins.  The plant is unstable (a6 > 0): cut the feedback and the launcher falls over, so the gain may
@@ -15,19 +16,19 @@ Limitation: crossings are bracketed on a frequency grid; two within one step (5 
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..nominal import Nominal
-from .lft import Lft, Sampled, lft_at, loop_gain, sample, spectral_radius
+from .lft import Lft, Sampled, lft_at, sample, spectral_radius
+from .loops import Loops
 
 LOWEST = 1e-5          # of half the sampling rate: where the frequency grid starts
 LOG_POINTS = 240       # 5 % apart
 PHASE_STEP = 0.3       # rad a linear step may turn the delay, the hold and the filter
 LAGS = 3.0             # periods of lag beside the delay
-BISECTIONS = 38        # of a bracket 5 % wide: to 2e-13 of its frequency
+SECANTS = 10           # of a bracket 5 % wide, where L is all but straight: to rounding
 ZOOMS, ZOOM_POINTS = 6, 17   # of the modulus margin's minimum
 BOX_POINTS, BOX_ZOOMS = 5, 2  # of the worst case over a box
 
@@ -63,104 +64,101 @@ def frequency_grid(period: float, delay: float) -> np.ndarray:
     return np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
 
 
-def crossings(loop: Sampled, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
+def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where f(L) changes sign along the grid, bisected on the exact response.
+    """Where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps its bracket
+    (Dowell and Jarratt, BIT 11, 1971).
 
     loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing
     Returns which loop (k,), omega (k,), L there (k,).
     """
-    above = f(gain) > 0.0
+    value = f(gain)
+    above = value > 0.0
     which, place = np.nonzero(above[:, 1:] != above[:, :-1])
-    low, high, side = omega[place], omega[place + 1], above[which, place]
-    loops = loop.take(which)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        left = (f(loop_gain(loops, middle[:, None])[:, 0]) > 0.0) == side
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
-    return which, low, loop_gain(loops, low[:, None])[:, 0]
+    if len(which) == 0:
+        return which, np.zeros(0), np.zeros(0, complex)
+    low, high, f_low, f_high = omega[place], omega[place + 1], value[which, place], value[which, place + 1]
+    loops, least = loop.take(which), np.minimum(np.abs(f_low), np.abs(f_high))
+    at, f_at, kept = low, f_low, np.zeros(len(which))  # which end the last point replaced
+    for _ in range(SECANTS):
+        apart = f_low - f_high
+        at = low + f_low / np.where(apart == 0.0, np.inf, apart) * (high - low)
+        f_at = f(loops.gain(at[:, None])[:, 0])
+        is_low = (f_at > 0.0) == (f_low > 0.0)
+        f_low = np.where(is_low, f_at, np.where(kept == -1.0, 0.5 * f_low, f_low))
+        f_high = np.where(is_low, np.where(kept == 1.0, 0.5 * f_high, f_high), f_at)
+        low, high, kept = np.where(is_low, at, low), np.where(is_low, high, at), np.where(is_low, 1.0, -1.0)
+    met = np.abs(f_at) <= least  # else the sign changed through infinity, at a pole on the circle
+    return which[met], at[met], loops.gain(at[:, None])[met, 0]
 
 
 def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> Margins:
     """Margins of the loop at each delta (m, 2) or (2,), any real."""
     delta = np.atleast_2d(np.asarray(delta, dtype=float))
+    a6, k1 = lft.parameters(delta)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        static = -a6 / (lft.kp * k1)
     loop = sample(lft, delta)
-    omega = frequency_grid(lft.period, lft.delay)
-    gain = loop_gain(loop, omega)
-    low, high = _gain_margins(lft, delta, loop, omega, gain)
-    phase, delay = _phase_margins(loop, omega, gain)
+    return loop_margins(loop, frequency_grid(lft.period, lft.delay), static, spectral_radius(loop) < 1.0)
+
+
+def margins_of(loops: Loops) -> Margins:
+    """Margins of m loops."""
+    grid = frequency_grid(loops.period, float(np.max(loops.whole) + 1) * loops.period)
+    return loop_margins(loops, grid, loops.static, loops.stable())
+
+
+def loop_margins(loop: Sampled | Loops, omega: np.ndarray, static: np.ndarray, stable: np.ndarray) -> Margins:
+    """Margins of m loops from their responses.
+
+    omega (p,) [rad/s] the grid;  static, stable (m,)  the critical factor at z = 1, and whether it is stable closed
+    """
+    gain = loop.gain(omega)
+    low, high = gain_margins(loop, omega, gain, static)
+    phase, delay = phase_margins(loop, omega, gain)
     modulus = _modulus_margin(loop, omega, gain)
-    stable = spectral_radius(loop) < 1.0
     return Margins(stable, *(np.where(stable, x, np.nan) for x in (low, high, phase, delay, modulus)))
 
 
-def _gain_margins(lft: Lft, delta: np.ndarray, loop: Sampled, omega: np.ndarray,
-                  gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
+                  static: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Next critical gain factors below and above 1 (m,): those at z = 1, z = -1 and between."""
-    a6, k1 = lft.parameters(delta)
     inside = slice(0, -1)    # the last frequency is z = -1, where L is real
     which, _, at = crossings(loop, np.imag, omega[inside], gain[:, inside])
     with np.errstate(divide="ignore", invalid="ignore"):
-        static, alternating = -a6 / (lft.kp * k1), -1.0 / gain[:, -1].real
-    every = np.arange(len(delta))
+        alternating, between = -1.0 / gain[:, -1].real, -1.0 / at.real
+    every = np.arange(len(gain))
     which = np.concatenate([every, every, which])
-    factor = np.concatenate([static, alternating, -1.0 / at.real])
-    low, high = np.zeros(len(delta)), np.full(len(delta), np.inf)
+    factor = np.concatenate([static, alternating, between])
+    low, high = np.zeros(len(gain)), np.full(len(gain), np.inf)
     falls, rises = factor < 1.0, factor > 1.0  # what is negative is below `low` as it stands
     np.maximum.at(low, which[falls], factor[falls])
     np.minimum.at(high, which[rises], factor[rises])
     return low, high
 
 
-def _phase_margins(loop: Sampled, omega: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least |phase| [rad] and least lag/omega [s] (m,) over the gain crossovers."""
-    which, at_omega, at = crossings(loop, lambda x: np.abs(x) - 1.0, omega, gain)
+    which, at_omega, at = crossings(loop, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
     phase, delay = np.full(len(gain), np.inf), np.full(len(gain), np.inf)
     np.minimum.at(phase, which, np.abs(np.angle(-at)))
     np.minimum.at(delay, which, np.mod(np.angle(-at), 2.0 * math.pi) / at_omega)
     return phase, delay
 
 
-def _modulus_margin(loop: Sampled, omega: np.ndarray, gain: np.ndarray) -> np.ndarray:
+def _modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> np.ndarray:
     """Least |1 + L| (m,): around the grid's least, zoomed in."""
     least = np.argmin(np.abs(1.0 + gain), axis=1)
     low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
     every = np.arange(len(gain))
     for _ in range(ZOOMS):
         points = np.linspace(low, high, ZOOM_POINTS, axis=-1)
-        distance = np.abs(1.0 + loop_gain(loop, points))
+        distance = np.abs(1.0 + loop.gain(points))
         least = np.argmin(distance, axis=1)
         low = points[every, np.maximum(least - 1, 0)]
         high = points[every, np.minimum(least + 1, ZOOM_POINTS - 1)]
     return distance[every, least]
-
-
-def actuator_delay_margin(nominal: Nominal, t: float, delta: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Least transport delay [s], added to the actuator's, that destabilises the loop; 0 if unstable, inf if none.
-
-    Exact for delays inside a period, by eigenvalues, where `Margins.delay` turns the sampled loop by omega tau.
-    """
-    def unstable(extra: float) -> bool:
-        actuator = nominal.actuator
-        assert actuator is not None
-        later = replace(nominal, actuator=replace(actuator, delay=actuator.delay + extra))
-        return bool(spectral_radius(sample(lft_at(later, t), np.array(delta))) >= 1.0)
-
-    lft = lft_at(nominal, t)
-    classical = float(margins(lft, delta).delay[0])
-    if math.isnan(classical):
-        return 0.0
-    if math.isinf(classical):
-        return math.inf
-    step = min(classical, lft.period) / 4.0
-    low = 0.0
-    while not unstable(low + step):
-        low += step
-    high = low + step
-    while high - low > 1e-10 * high:
-        low, high = (low, 0.5 * (low + high)) if unstable(0.5 * (low + high)) else (0.5 * (low + high), high)
-    return high
 
 
 def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),

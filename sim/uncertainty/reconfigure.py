@@ -21,6 +21,12 @@ rate.
 
 Assumptions: kp, kd > 0 and k1 < 0, as in all nominals; a nominal without [vehicle.terms] (`onboard_model`'s).
 Limitation: the supervisor looks every SUPERVISION seconds, as a slower task beside the controller would.
+
+The gate.  Other gains than the legacy ones are adopted only while the loop with them keeps what the nominal's [margins]
+requires with the whole of its 95 % intervals, as the tracked estimate knows a6 and k1, behind the servo as the nominal
+knows it; else the legacy gains stay, or come back, unless they keep even less of every margin that is missed: a gate
+that left those to a vehicle that needs others lost one flight more of 16 (`vega_like`, `both`).  Why is in
+`Flown.decisions`.  This is a decision of the host: the margins are not computed on board.
 """
 
 import dataclasses
@@ -30,15 +36,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimator, Sample, Status, Tracked
+from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, Tracked
 
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS, Factor, prepare
 from ..identify import onboard_model
 from ..nominal import Nominal
 from ..vehicle import step as st
+from .flight_margins import judged, known_servo, miss_words
 
 WINDOW = 0.2          # s of the estimator: how often the tracked estimate is read
+JUDGED = 1.0          # s for which a judgement of the margins holds, if the gains asked for stay within
+MOVED = 0.01          # of those that were judged
 FEWEST = 5            # samples in it
 HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
 LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
@@ -169,11 +178,53 @@ class Scheduler:
         return self.gains
 
 
+class Decision(NamedTuple):
+    """From t [s] on: whether gains (kp, kd [s]) were adopted, and why not."""
+
+    t: float
+    adopted: bool
+    gains: tuple[float, float]
+    reason: str
+
+
+class Gate:
+    """Whether the margins that are required hold with other gains."""
+
+    def __init__(self, nominal: Nominal) -> None:
+        self.nominal = nominal
+        self.servo = known_servo(nominal)
+        servo = nominal.actuator
+        assert servo is not None
+        sigma = np.array([servo.natural_frequency_sigma * servo.natural_frequency,
+                          servo.damping_ratio_sigma * servo.damping_ratio, servo.delay_sigma])
+        self.servo = self.servo._replace(covariance=np.diag(sigma**2))
+        self.last = Decision(-math.inf, True, (math.nan, math.nan), "")
+
+    def judge(self, t: float, tracked: Tracked, gains: tuple[float, float]) -> Decision:
+        """The decision about these gains at t [s]; that before, where hardly anything has moved since."""
+        near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
+        if near and t - self.last.t < JUDGED:
+            return self.last
+        rigid, required = tuple(tracked)[1:], self.nominal.margins
+        spread = judged(self.nominal, rigid, self.servo, gains=gains).spread
+        if spread is None:
+            self.last = Decision(t, False, gains, "the tracked estimate is not finite")
+            return self.last
+        missed = spread.below(required)
+        reason = "; ".join(miss_words(spread, name, required) for name in missed)
+        legacy = judged(self.nominal, rigid, self.servo).spread if missed else None
+        worse = legacy is not None and all(legacy.ends(name)[0] < spread.ends(name)[0] for name in missed)
+        self.last = Decision(t, not missed or worse, gains, reason + ("; the legacy gains keep less" if worse else ""))
+        return self.last
+
+
 class Supervisor(Scheduler):
-    """What flies: what the estimator says of the samples is believed at once."""
+    """What flies: what the estimator says of the samples is believed at once, if the gate lets its gains pass."""
 
     def __init__(self, nominal: Nominal, sample_period: float) -> None:
         super().__init__(nominal)
+        self.gate = Gate(nominal)
+        self.decisions: list[Decision] = []
         self.estimator = Estimator(Config(window=max(WINDOW, FEWEST * sample_period), sample_period=sample_period,
                                           formulation="filtered", model=onboard_model(nominal)))
 
@@ -185,7 +236,17 @@ class Supervisor(Scheduler):
                 assert estimate is not None
                 changes = self.estimator.changes()
                 held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL
-                self.belief = self.rule.believe(estimate.t_end, estimate.tracked) or held
+                self.belief = self.passed(estimate, self.rule.believe(estimate.t_end, estimate.tracked) or held)
+
+    def passed(self, estimate: Estimate, belief: Belief) -> Belief:
+        """The belief, or the nominal's where the gate refuses the gains that it asks for; what changes is noted."""
+        gains = self.rule.gains(estimate.t_end, belief)
+        if gains == self.rule.legacy or estimate.tracked is None:
+            return belief
+        decision = self.gate.judge(estimate.t_end, estimate.tracked, gains)
+        if not self.decisions or decision.adopted != self.decisions[-1].adopted:
+            self.decisions.append(decision)
+        return belief if decision.adopted else NOMINAL
 
 
 class Knowing(Scheduler):
@@ -210,6 +271,7 @@ class Flown:
     period: float     # s, of the rows
     lost: bool
     changes: tuple[Change, ...] = ()
+    decisions: tuple[Decision, ...] = ()  # of the gate
 
     def column(self, name: str) -> np.ndarray:
         """A column of the log, SI."""
@@ -232,7 +294,7 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     supervisor = Supervisor(nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
     flown = _fly(vehicle, steps, supervisor)
-    return dataclasses.replace(flown, changes=supervisor.estimator.changes())
+    return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
 
 
 def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:

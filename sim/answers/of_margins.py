@@ -1,0 +1,79 @@
+"""Answers about margins: of a log, or of what was identified in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from launchid_core import Change, Config, Estimate
+
+from ..checked import data_warnings
+from ..identify import log_config, next_step, why
+from ..log import Log
+from ..nominal import Nominal
+from ..result import Columns
+from ..uncertainty import flight_margins as fm
+from ..uncertainty.flight_margins import Servo, WindowMargins, known_servo
+from ..uncertainty.servo import identified_with_servo
+from .answer import Answer, flat
+
+if TYPE_CHECKING:
+    from ..result import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class FlightMargins(Answer):
+    """The stability margins of a flight's loop, window by window."""
+
+    log: Log
+    nominal: Nominal
+    config: Config
+    windows: list[WindowMargins]
+    servo: Servo
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        required = self.nominal.margins
+        head = (f"{self.log.path}: margins of the loop of {self.nominal.name} as identified, window "
+                f"{self.config.window:g} s, value (95 % interval); required: {required.gain_db:g} dB, "
+                f"{required.phase_deg:g} degrees" + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else ""))
+        if not self.windows:
+            return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
+                    "window")
+        return "\n".join([head, fm.table(self.report), *(self.report[words] for words in ("why", "next")
+                                                          if words in self.report)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> "Figure":
+        from .margin_figures import margins_figure
+        return margins_figure(self.log, self.nominal, self.windows, self.report)
+
+
+def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = False,
+            strict: bool = False) -> FlightMargins:
+    """The margins of a log's loop; `window` in s."""
+    known_servo(nominal)
+    said = data_warnings(log, nominal, strict)
+    config = log_config(log, nominal, str(window), "filtered", True, library="rigid-body")
+    return identified_margins(log, nominal, config, tracked, said)
+
+
+def identified_margins(log: Log, nominal: Nominal, config: Config, tracked: bool,
+                       said: tuple[str, ...] = ()) -> FlightMargins:
+    """The margins of what a configuration identifies in a log, behind the servo as it is known or estimated."""
+    made, servo = identified_with_servo(log, nominal, config)
+    return margins_of(log, nominal, made.config, made.judged.estimates, made.estimator.changes(), servo, tracked, said)
+
+
+def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
+               servo: Servo, tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
+    """The margins of what was identified."""
+    windows = fm.flight_margins(nominal, estimates, changes, servo)
+    report = fm.report(windows, servo, nominal.margins, tracked)
+    if not any(window["valid"] for window in report["windows"]):
+        report["why"] = why(report["windows"]).replace("is valid", "has margins")
+    if config.model is not None and (asked := next_step(report["windows"], config.model)):
+        report["next"] = asked
+    return FlightMargins(log, nominal, config, windows, servo, report, said)

@@ -1,0 +1,35 @@
+"""launchid margins"""
+
+import argparse
+from typing import Any
+
+from ..words import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from .talk import check_outputs, check_plot, read_noting, tell
+
+
+def add(commands: Any) -> None:
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
+                      "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png")
+    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml",
+                     help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
+    sub.add_argument("--window", type=float, default=5.0, metavar="S",
+                     help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--tracked", action="store_true",
+                     help="give those of the tracked estimate too, at each window's end")
+    add_map(sub)
+    add_strict(sub)
+    add_outputs(sub, plot=True)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """launchid margins"""
+    from ..nominal import load_nominal
+    log = read_noting(args.log, of=args.map)
+    nominal = load_nominal(args.nominal)
+    check_outputs(args.json, args.plot)
+    check_plot(args.plot)
+    from ..answers.of_margins import margins
+    tell(margins(log, nominal, window=args.window, tracked=args.tracked, strict=args.strict), args.json, args.plot)

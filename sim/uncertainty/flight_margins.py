@@ -1,0 +1,229 @@
+"""The margins of a flight: of every window, and of the tracked estimate at its end, from what was identified.
+
+Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen at the window's centre, tracked
+at its end, behind the servo.  A window that the estimator refuses has no margins, neither has one in which a6 or k1
+changed suddenly, nor the tracked estimate until the change is settled: no frozen loop is that flight's.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from launchid_core import Change, Estimate
+
+from ..believed import onboard_model
+from ..effects import values
+from ..errors import InputError
+from ..nominal import Nominal
+from ..sections import Required
+from ..understood import refuse_foreign_loop
+from .margin_spread import NAMES, Known, Spread, json_number, margin_spread
+
+OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
+SETTLED = 2.0    # s after a sudden change, when its size is final
+NOTHING = {"value": None, "std": None, "low": None, "high": None}
+OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
+WORDS = {"gain_low_db": "low gain margin", "gain_high_db": "high gain margin", "phase_deg": "phase margin",
+         "delay_ms": "delay margin"}
+UNITS = {"gain_low_db": "dB", "gain_high_db": "dB", "phase_deg": "degrees", "delay_ms": "ms"}
+SERVO = ("natural_frequency", "damping_ratio", "delay")
+
+
+class Servo(NamedTuple):
+    """What is known of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
+
+    by_servo   {(window, "window" or "tracked"): (2, 3)} by how much a unit of each moves the a6 and k1 that were
+               identified with it; empty where it is known
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    by_servo: dict[tuple[int, str], np.ndarray]
+
+
+class Judged(NamedTuple):
+    """The margins of one estimate, and why it has none."""
+
+    status: str
+    known: Known | None = None
+    spread: Spread | None = None
+
+    @property
+    def valid(self) -> bool:
+        return self.spread is not None
+
+
+class WindowMargins(NamedTuple):
+    """The margins of one window, and those that the tracked estimate has at its end."""
+
+    t_start: float
+    t_end: float
+    window: Judged
+    tracked: Judged
+
+
+def known_servo(nominal: Nominal) -> Servo:
+    """The servo that a nominal is sure of; InputError for a loop that is no rigid body, second-order servo and PD."""
+    nominal.require("actuator", "controller")
+    refuse_foreign_loop(nominal, "the frozen loop")
+    for effect in nominal.effects:
+        if effect.name in OTHER_LOOP and not is_neutral(values(effect)):
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; expected a "
+                             "nominal without it")
+    model = onboard_model(nominal)
+    return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.zeros((3, 3)), {})
+
+
+def is_neutral(parameters: dict[str, Any]) -> bool:
+    """Whether an effect of OTHER_LOOP changes nothing."""
+    return parameters.get("scale", 1.0) == 1.0 and parameters.get("coefficient", 0.0) == 0.0
+
+
+def flight_margins(nominal: Nominal, estimates: Sequence[Estimate], changes: Sequence[Change],
+                   servo: Servo) -> list[WindowMargins]:
+    """The margins of every window of a flight, with the controller of its nominal."""
+    return [WindowMargins(e.t_start, e.t_end, _of_window(nominal, e, changes, servo, k),
+                          _of_tracked(nominal, e, changes, servo, k)) for k, e in enumerate(estimates)]
+
+
+def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo, k: int) -> Judged:
+    if not e.valid:
+        return Judged(e.status.name)
+    if any(e.t_start < change.t < e.t_end for change in changes):
+        return Judged(CHANGE)
+    return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo, servo.by_servo.get((k, "window")))
+
+
+def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo, k: int) -> Judged:
+    if e.status.name == "MODEL":
+        return Judged(e.status.name)
+    if e.tracked is None or not e.tracked.valid:
+        return Judged(UNKNOWN)
+    if any(change.t <= e.t_end < change.t + SETTLED for change in changes):
+        return Judged(CHANGE)
+    return judged(nominal, tuple(e.tracked)[1:], servo, servo.by_servo.get((k, "tracked")))
+
+
+def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.ndarray | None = None,
+           gains: tuple[float, float] | None = None) -> Judged:
+    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
+    the controller's."""
+    if not all(map(math.isfinite, rigid)):
+        return Judged(UNKNOWN)
+    a6, k1, a6_std, k1_std, correlation = rigid
+    shift = np.zeros((2, 3)) if by_servo is None else by_servo
+    cross = shift @ servo.covariance
+    own = np.array([[a6_std**2, correlation * a6_std * k1_std], [correlation * a6_std * k1_std, k1_std**2]])
+    known = Known(np.array([a6, k1, *servo.mean]),
+                  np.block([[own + cross @ shift.T, cross], [cross.T, servo.covariance]]))
+    assert nominal.controller is not None
+    return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
+
+
+# ---- the answer
+
+
+def margins_json(judgement: Judged) -> dict[str, Any]:
+    """One estimate's margins in the contract's words."""
+    spread = judgement.spread
+    said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
+    for name in NAMES:
+        said[name] = dict(NOTHING) if spread is None else {
+            key: json_number(value) for key, value in getattr(spread, name)._asdict().items()}
+    return said | {"stable": {"probability": None if spread is None else spread.stable}}
+
+
+def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked: bool) -> list[dict[str, Any]]:
+    """The windows whose interval reaches below what is required: `certain` where all of it does."""
+    found: list[dict[str, Any]] = []
+    for each in windows:
+        for of, judgement in (("window", each.window), *((("tracked", each.tracked),) if is_tracked else ())):
+            if judgement.spread is None:
+                continue
+            for name, certain in judgement.spread.below(required).items():
+                interval = {key: json_number(x) for key, x in getattr(judgement.spread, name)._asdict().items()}
+                found.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": of, "margin": name,
+                              "required": required_of(required, name), **interval, "certain": certain})
+    return found
+
+
+def miss_words(spread: Spread, name: str, required: Required) -> str:
+    """That a margin may be below what is required, in one plain sentence."""
+    interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
+    return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
+            f"{required_of(required, name):g}")
+
+
+def required_of(required: Required, name: str) -> float:
+    """What one of NAMES must be, in its own sign."""
+    return {"gain_low_db": -required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
+            "delay_ms": required.delay_ms}[name]
+
+
+def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool) -> dict[str, Any]:
+    """The margins JSON."""
+    reached = below_json(windows, required, is_tracked)
+    std = np.sqrt(np.diag(servo.covariance))
+    return {"windows": [{"t_start": each.t_start, "t_end": each.t_end, **margins_json(each.window),
+                         **({"tracked": margins_json(each.tracked)} if is_tracked else {})} for each in windows],
+            "actuator": {name: {"value": float(servo.mean[k]), "std": float(std[k])} for k, name in enumerate(SERVO)},
+            "below": [{key: x for key, x in each.items() if key != "certain"} for each in reached if each["certain"]],
+            "may_be_below": [{key: x for key, x in each.items() if key != "certain"} for each in reached
+                             if not each["certain"]]}
+
+
+def interval_words(of: dict[str, float | None], unit: str = "") -> str:
+    """`37.51 (36.38..38.57)`: a value and its 95 % interval."""
+    if of["value"] is None and of["low"] is None and of["high"] is None:
+        return "-"
+    decimals = 1 if unit == "ms" else 2
+    bottom, top = ("-inf" if of["high"] is not None else "inf"), "inf"
+    value, low, high = (other if of[key] is None else f"{of[key]:.{decimals}f}"
+                        for key, other in (("value", bottom), ("low", "-inf"), ("high", top)))
+    return f"{value} ({low}..{high})"
+
+
+def table(said: dict[str, Any]) -> str:
+    """The windows as a table for a terminal, and what is below the required margins."""
+    heads = [f"{WORDS[name]} [{UNITS[name]}]" for name in NAMES]
+    lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
+             + f" {'P(stable)':>10}"]
+    for window in said["windows"]:
+        for of, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
+            cells = " ".join(f"{interval_words(one[name], UNITS[name]):>26}" for name in NAMES)
+            stable = one["stable"]["probability"]
+            lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {of:<8} {one['status']:<15} {cells} "
+                         f"{'-' if stable is None else f'{stable:.4f}':>10}")
+    lines += servo_lines(said["actuator"])
+    lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
+    if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
+        lines.append("every margin keeps what [margins] requires, with its whole interval")
+    return "\n".join(lines)
+
+
+def servo_lines(actuator: dict[str, Any]) -> list[str]:
+    """The servo, where it was estimated."""
+    if not any(each["std"] for each in actuator.values()):
+        return []
+    w, damping, delay = (actuator[name] for name in SERVO)
+    return [f"servo as estimated (+- one standard deviation): {w['value']:.2f} +- {w['std']:.2f} rad/s, damping ratio "
+            f"{damping['value']:.3f} +- {damping['std']:.3f}, delay {1e3 * delay['value']:.2f} +- "
+            f"{1e3 * delay['std']:.2f} ms"]
+
+
+def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
+    """One line for each margin that is below what is required, with its windows and the worst of them."""
+    lines = []
+    for name in NAMES:
+        for of in ("window", "tracked"):
+            rows = [each for each in reached if each["margin"] == name and each["estimate"] == of]
+            if not rows:
+                continue
+            worst = (max if name == "gain_low_db" else min)(
+                rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
+            lines.append(f"{WORDS[name]} ({of}) {verb} below {abs(rows[0]['required']):g} {UNITS[name]} in {len(rows)} "
+                         f"window{'s' * (len(rows) > 1)}, worst {interval_words(worst, UNITS[name])} in "
+                         f"{worst['t_start']:g}..{worst['t_end']:g} s")
+    return lines
