@@ -48,7 +48,8 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
     nominal      what the simulation believes; None: nothing is believed
     window       [s], or "all": the whole log is one
-    tracked      also the estimate tracked from window to window, and sudden changes (needs a nominal)
+    tracked      also the estimate from all data so far, followed from block to block, and sudden changes
+                 (needs a nominal)
     library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
     formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
     solver       stls | sr3 | ssr | lasso
@@ -66,7 +67,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 @from_python
 def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
                 strict: bool = False) -> UncertaintyLevel:
-    """Where in its range each parameter is, window by window of `window` [s], and whether it left it."""
+    """Says where in its range each parameter is, window by window of `window` [s], and when it left it."""
     from sim.answers import of_logs
     return of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict)
 
@@ -85,7 +86,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = 5.0, trac
 @from_python
 def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
              noise: str = "bounded", strict: bool = False) -> Diagnosed:
-    """What the simulation gets wrong on a log, why, and what fixing it gains.
+    """Names what the simulation gets wrong on a log, and what fixing it gains.
 
     holdout    a second log, to judge the extended model on; None: parts of the first
     bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one

@@ -1,4 +1,4 @@
-"""What may stand for a log and for a nominal, and how a warning reaches who asked."""
+"""Objects that may stand for a log or a nominal, and how a warning reaches the caller."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class DataWarning(UserWarning):
-    """What a command would say on stderr: of the log's units, signs and stamps, or of a nominal that ends early."""
+    """A warning that a command prints on stderr: of units, signs and stamps, or of a nominal that ends early."""
 
 
 @runtime_checkable

@@ -1,3 +1,3 @@
 """The version, in a module of its own: what is saved bears it."""
 
-VERSION = "0.1.0"
+VERSION = "0.3.0"

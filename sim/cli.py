@@ -24,9 +24,9 @@ USAGE_STATUS, INPUT_STATUS = 2, 3
 
 def parser() -> Parser:
     """The command's words."""
-    top = Parser(prog="launchid", description="On-board identification of launcher dynamics: experiments and logs.",
-                 epilog="launchid COMMAND --help says more of one. Files, units, exit status: docs/formats.md; "
-                        "exit status 0 done, 2 wrong usage, 3 bad input.")
+    top = Parser(prog="launchid", description="Identify a launch vehicle's a6 and k1, in flight and from logs.",
+                 epilog="launchid COMMAND --help lists the options of one command. Files and units: docs/formats.md. "
+                        "Exit status: 0 done, 2 wrong usage, 3 bad input.")
     top.add_argument("--version", action="version", version=f"launchid {__version__}", help="print the version")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in COMMANDS:

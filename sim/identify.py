@@ -28,9 +28,9 @@ __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number
 
 OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
-FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "segments begun anew",
-                "LEVEL_CLAMP": "noise levels' steps cut short", "CHANGE_WITHDRAWN": "sudden changes withdrawn",
-                "STUCK": "windows with a sensor that stood still",
+FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "restarts of the filter",
+                "LEVEL_CLAMP": "noise-level steps limited (normal at the start)",
+                "CHANGE_WITHDRAWN": "sudden changes withdrawn", "STUCK": "windows with a sensor that stood still",
                 "WRAP": "jumps of theta by a whole turn undone"}
 
 
@@ -285,5 +285,5 @@ def table(result: dict[str, Any]) -> str:
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
     done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
     if done:
-        lines.append(f"the estimator of its own accord: {done}")
+        lines.append(f"filter: {done}")
     return "\n".join(lines)

@@ -8,9 +8,9 @@ from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
 from .errors import UsageError
 
 WITHIN = ("bounded", "declared", "free")   # how far a diagnosis lets noise levels be from the declared
-NOMINAL_HELP = "a file, or constant | vega_like | greensite_cr826"
-LOG_HELP = ("a CSV log with t, theta, beta [s, rad, rad] and what else was measured; a pipe, - for standard input, or "
-            "the name of a measured log of the package such as dfki_pendulum_dircol")
+NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826"
+LOG_HELP = ("read this CSV log: columns t, theta, beta [s, rad, rad] and what else was measured; a file, a pipe, - for "
+            "standard input, or the name of a measured log of the package such as dfki_pendulum_dircol")
 
 
 class Parser(argparse.ArgumentParser):
@@ -21,54 +21,56 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
-    """A command with its words of help and one example."""
+    """Adds a command with its help and one example; returns its parser."""
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
     return sub
 
 
 def add_map(sub: argparse.ArgumentParser) -> None:
-    """What makes other people's files logs."""
+    """Adds --map, which makes other people's files logs."""
     sub.add_argument("--map", metavar="MAP.toml",
-                     help="what the log's columns are called, and their units, where it is a ULog, MCAP, MAT, HDF5, "
-                          "Parquet or other CSV file; see convert (default: none)")
+                     help="read the log with this map of names and units: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet "
+                          "or other text file; see docs/convert.md (default: none, the log is CSV in SI units)")
 
 
 def add_strict(sub: argparse.ArgumentParser) -> None:
-    """Whether the data check's warning is a refusal."""
+    """Adds --strict, which makes the data check's warning a refusal."""
     sub.add_argument("--strict", action="store_true",
-                     help="what the data check finds (units, signs, stamps) is exit status 3, not a warning")
+                     help="refuse a log in which the data check finds something (units, signs, stamps): exit status 3 "
+                          "instead of a warning")
 
 
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
-    """Where the answer goes beside the terminal."""
-    sub.add_argument("--json", metavar="PATH|-", help="write the answer as JSON too; -: JSON alone, on stdout "
-                                                      "(default: none)")
+    """Adds --json and, with `plot`, --plot: where the answer goes beside the terminal."""
+    sub.add_argument("--json", metavar="PATH|-", help="also write the answer as JSON to this file; -: print the "
+                                                      "JSON alone, on stdout (default: none)")
     if plot:
-        sub.add_argument("--plot", metavar="PATH", help="draw it into a .png, .svg or .pdf; needs launchid[plots] "
-                                                        "(default: none)")
+        sub.add_argument("--plot", metavar="PATH", help="draw the answer into this .png, .svg or .pdf; needs "
+                                                        "launchid[plots] (default: none)")
 
 
 def add_choices(sub: argparse.ArgumentParser) -> None:
-    """The words of an estimator's choices that a log or a nominal does not make."""
+    """Adds the options of an estimator that neither a log nor a nominal decides."""
     sub.add_argument("--compression", type=int, default=1, metavar="N",
-                     help="keep one of N rows of a window, at random (default %(default)s: all)")
+                     help="use one of N rows of a window, drawn at random (default %(default)s: all)")
     sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
-                     help="candidate terms: rigid-body | linear | quadratic | quadratic+sin | lpv, or a comma list "
-                          "such as 'theta,beta,sin(theta)' (default %(default)s)")
+                     help="choose the candidate terms of the equation: rigid-body | linear | quadratic | quadratic+sin "
+                          "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default %(default)s)")
     sub.add_argument("--formulation", choices=FORMULATIONS,
-                     help="where theta_ddot comes from (default: filtered with a nominal, else measured if the log "
-                          "has it, else integral)")
+                     help="choose how theta_ddot is obtained: from its column, by differencing theta_dot, by "
+                          "integrating the equation, or by a Kalman filter with the nominal (default: filtered with a "
+                          "nominal, else measured if the log has theta_ddot, else integral)")
     sub.add_argument("--solver", default="stls", choices=SOLVERS,
-                     help="of the sparse regression (default %(default)s)")
+                     help="choose the solver of the sparse regression (default %(default)s)")
     sub.add_argument("--threshold", type=float, metavar="X",
-                     help="a term whose coefficient is smaller, in its own unit, is left out (default: one that "
-                          "explains less than 0.5 %% of the acceleration by itself, in any unit; inside lpv none)")
+                     help="leave out a term whose coefficient is smaller than this, in its own unit (default: leave "
+                          "out one that explains less than 0.5 %% of the acceleration by itself; inside lpv none)")
     sub.add_argument("--seed", type=int, default=0, metavar="N",
-                     help="of the rows that compression keeps, from 0 on (default %(default)s)")
+                     help="seed the draw of the rows that --compression uses, 0 or above (default %(default)s)")
     sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
-                     help="filtered: the nominal's noise levels are a prior (estimated) or exact (declared) "
-                          "(default %(default)s)")
+                     help="filtered: estimate the noise levels, from the nominal's on (estimated), or keep them as the "
+                          "nominal has them (declared) (default %(default)s)")
 
 
 def choices(args: argparse.Namespace) -> dict[str, Any]:

@@ -10,30 +10,31 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "campaign", "fly many drawn vehicles, and prove a requirement",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "campaign", "fly many randomly drawn vehicles, and prove a requirement",
                       "launchid campaign vega_like --flights 10000 --requirement 'lost<0.00135@0.9' --out proof")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")
     sub.add_argument("--flights", type=int, metavar="N",
-                     help="how many at most, one a seed (default: none, required unless --merge)")
+                     help="fly at most this many, one a seed (default: none, required unless --merge)")
     sub.add_argument("--out", required=True, metavar="DIR",
-                     help="folder for flights.csv, verdict.json and, with launchid[plots], campaign.png; of a campaign "
-                          "that was interrupted: it goes on there")
+                     help="write flights.csv, verdict.json and, with launchid[plots], campaign.png into this folder; "
+                          "an interrupted campaign in it is continued")
     sub.add_argument("--requirement", action="append", default=[], metavar="TEXT",
-                     help="what is to be proved: lost<PROBABILITY@CONFIDENCE, or METRIC<VALUE:SHARE@CONFIDENCE with "
+                     help="prove this: lost<PROBABILITY@CONFIDENCE, or METRIC<VALUE:SHARE@CONFIDENCE with "
                           "METRIC one of max_theta_error | max_theta_dot | max_alpha | max_beta | max_beta_rate; "
-                          "repeatable (default: none)")
+                          "may be given several times (default: none)")
     sub.add_argument("--stop", default="decided", choices=["decided", "never"],
-                     help="decided: at the first flight that decides every requirement, with a test that allows it; "
-                          "never: N is a plan, all are flown and then judged by order statistics (default %(default)s)")
+                     help="stop at the first flight that decides every requirement, by a sequential test (decided), or "
+                          "fly all N and judge them by order statistics (never) (default %(default)s)")
     sub.add_argument("--seed", type=int, default=0, metavar="N",
-                     help="of the first flight, from 0 on; the next has the next (default %(default)s)")
+                     help="set the seed of the first flight, 0 or above; each next flight has the next seed (default "
+                          "%(default)s)")
     sub.add_argument("--executor", default="local", metavar="local|dask:ADDRESS",
-                     help="where it is flown: processes here, or the workers of a dask scheduler such as "
+                     help="fly in processes of this machine (local), or on the workers of a dask scheduler such as "
                           "dask:tcp://node1:8786, which needs launchid[cluster] (default %(default)s)")
-    sub.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    sub.add_argument("--workers", type=int, metavar="N", help="use this many processes (default: one a core)")
     sub.add_argument("--merge", nargs="+", default=[], metavar="DIR",
-                     help="fly nothing: judge the flights of these campaigns' folders, such as a job array's "
+                     help="fly nothing, and judge the flights of these campaigns' folders, such as a job array's "
                           "(default: none)")
     sub.set_defaults(run=run)
 

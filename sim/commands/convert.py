@@ -10,13 +10,13 @@ from .talk import check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "convert", "a flight's file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) as a log",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "convert", "turn a file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) into a log",
                       "launchid convert flight.ulg --map px4.toml --out log.csv")
-    sub.add_argument("flight", metavar="FLIGHT", help="the file; its format is told by its first bytes")
+    sub.add_argument("flight", metavar="FLIGHT", help="read this file; its first bytes decide the format")
     add_map(sub)
-    sub.add_argument("--out", metavar="LOG.csv", help="the log to write (default: none, with --list)")
-    sub.add_argument("--list", action="store_true", help="say what the file holds instead: names for the map")
+    sub.add_argument("--out", metavar="LOG.csv", help="write the log to this file (default: none, with --list)")
+    sub.add_argument("--list", action="store_true", help="list the channels of the file instead: the names for the map")
     sub.set_defaults(run=run)
 
 

@@ -9,22 +9,24 @@ from .talk import at_least, check_folders, check_outputs, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "diagnose", "what the simulation gets wrong on a log, why, and what fixing it gains",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
                       "launchid diagnose v.csv vega_like --report report")
-    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"compare the log with {NOMINAL_HELP}")
     sub.add_argument("--holdout", metavar="LOG2.csv",
-                     help="a second log, to judge the extended model on (default: parts of the first, left out)")
+                     help="judge the extended nominal on this second log (default: on parts of the first that are held "
+                          "out)")
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
-                     help="measure the threshold on N clean flights of the nominal along this log, cached; "
-                          "0: the built-in one (default %(default)s)")
+                     help="measure the detection threshold on N clean flights of the nominal along this log; 0: use "
+                          "the built-in one, 12 nats (default %(default)s)")
     sub.add_argument("--noise", default="bounded", choices=WITHIN,
-                     help="how far noise may be from the declared: within 0.3 to 3 times (wind up to 2 times, and as "
-                          "calm as it was), not at all, or however it is (default %(default)s)")
+                     help="choose how noise levels are fitted. bounded: within 0.3 to 3 times the nominal's (wind 0 "
+                          "to 2 times); declared: fixed at the nominal's; free: without limits (default %(default)s)")
     sub.add_argument("--report", metavar="DIR",
-                     help="folder for report.html, verdict.json, extension.toml, figures (default: none)")
+                     help="write report.html, verdict.json, extension.toml and the figures into this folder (default: "
+                          "none)")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub)

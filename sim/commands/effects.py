@@ -8,8 +8,8 @@ from .talk import check_outputs, tell
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "effects", "the causes that can be flown and diagnosed, with their parameters",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "effects", "list the effects that can be flown and diagnosed, with their parameters",
                       "launchid effects --json -")
     add_outputs(sub)
     sub.set_defaults(run=run)

@@ -9,17 +9,18 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "export-c", "the estimator in C, for a flight computer: the same bits",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "export-c", "write the estimator in C99 for a flight computer, with the same bits",
                       "launchid export-c constant --out port --window 5")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"what the simulation believes: {NOMINAL_HELP}")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
     sub.add_argument("--out", required=True, metavar="DIR",
-                     help="folder for launchid.c, launchid.h, replay vectors, README.md and the rest")
+                     help="write launchid.c, launchid.h, replay vectors, README.md and the rest into this folder")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
-                     help="length of a window [s] (default %(default)s)")
-    sub.add_argument("--period", type=float, metavar="S", help="between samples [s] (default: the nominal's)")
+                     help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
+                                                                         "the nominal's)")
     sub.add_argument("--float32", action="store_true",
-                     help="single precision: not the same bits; refused where its error matters")
+                     help="use single precision: not the same bits; refused where its error matters")
     add_choices(sub)
     sub.set_defaults(run=run)
 

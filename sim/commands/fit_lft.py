@@ -10,17 +10,19 @@ from .talk import check_outputs, read_noting, warn
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "fit-lft", "the range sigma of a6 and k1, fitted from flights",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "fit-lft", "fit the ranges sigma of a6 and k1 to flights",
                       "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
-    sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml", help="one log a flight, the nominal last")
-    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [uncertainty] to write")
+    sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml",
+                     help="read one log a flight; the nominal comes last")
+    sub.add_argument("--out", required=True, metavar="NEW.toml",
+                     help="write the nominal with its [uncertainty] to this file")
     sub.add_argument("--share", type=float, default=0.95, metavar="X",
-                     help="of vehicles that the range holds, between 0 and 1 (default %(default)s)")
+                     help="let the range hold this share of vehicles, between 0 and 1 (default %(default)s)")
     sub.add_argument("--confidence", type=float, default=0.95, metavar="X",
-                     help="that it holds them, between 0 and 1 (default %(default)s)")
+                     help="hold them with this confidence, between 0 and 1 (default %(default)s)")
     sub.add_argument("--profile", action="store_true",
-                     help="sigma over flight time, where the flights tell it, as a CSV beside NEW.toml")
+                     help="fit sigma over flight time, where the flights determine it, into a CSV beside NEW.toml")
     add_map(sub)
     add_strict(sub)
     sub.set_defaults(run=run)

@@ -8,23 +8,24 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "identify", "a6, k1 and the active terms of a log, window by window",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("--nominal", metavar="NOMINAL.toml",
-                     help=f"what the simulation believes: {NOMINAL_HELP} (default: none, nothing is believed)")
+                     help=f"identify with {NOMINAL_HELP} (default: none, the log alone)")
     sub.add_argument("--window", default="1", metavar="S|all",
-                     help="length of a window [s], or all: the whole log is one (default %(default)s)")
+                     help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
     add_choices(sub)
     sub.add_argument("--tracked", action="store_true",
-                     help="also the estimate tracked from window to window, and sudden changes (needs --nominal)")
+                     help="also print the tracked estimate (all data so far, followed from block to block, at each "
+                          "window's end) and sudden changes; needs --nominal")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
     sub.add_argument("--resid", metavar="PATH",
-                     help="draw what the windows leave, whether it is white, and their predictions 0.1, 0.5 and 1 s "
-                          "ahead, with their fits, into a .png, .svg or .pdf (default: none)")
+                     help="draw the residuals of the windows, their whiteness, and predictions 0.1, 0.5 and 1 s ahead "
+                          "into this .png, .svg or .pdf (default: none)")
     sub.set_defaults(run=run)
 
 

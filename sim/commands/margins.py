@@ -8,15 +8,16 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "margins", "the stability margins of the flight's loop as identified, with intervals",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
-                     help=f"what the simulation believes, with [actuator] and [controller]: {NOMINAL_HELP}")
+                     help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
     sub.add_argument("--window", type=float, default=5.0, metavar="S",
-                     help="length of a window [s] (default %(default)s)")
-    sub.add_argument("--tracked", action="store_true", help="also those of the tracked estimate at each window's end")
+                     help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--tracked", action="store_true",
+                     help="give those of the tracked estimate too, at each window's end")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)

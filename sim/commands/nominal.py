@@ -12,12 +12,12 @@ from .talk import check_outputs, read_noting
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "nominal", "the first nominal of a vehicle, out of its log alone",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "nominal", "write the first nominal of a vehicle from its log alone",
                       "launchid nominal dfki_pendulum_ddp --out mine.toml")
-    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; here one of theta and theta_dot, and one of beta and "
+    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
-    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal to write")
+    sub.add_argument("--out", required=True, metavar="NEW.toml", help="write the nominal to this file")
     add_map(sub)
     add_outputs(sub)
     sub.set_defaults(run=run)

@@ -9,14 +9,15 @@ from .talk import check_outputs
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "plan", "the smallest test input that reaches an accuracy",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "plan", "design the smallest test input that reaches an accuracy",
                       "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"design it for {NOMINAL_HELP}")
     sub.add_argument("--accuracy", type=float, required=True, metavar="X",
-                     help="relative standard deviation of a6 and k1 that is to be reached, above 0 and below 1")
-    sub.add_argument("--window", type=float, required=True, metavar="S", help="length of a window [s]")
-    sub.add_argument("--out", required=True, metavar="NEW.toml", help="the nominal with its [test_input] to write")
+                     help="reach this relative standard deviation of a6 and k1, above 0 and below 1")
+    sub.add_argument("--window", type=float, required=True, metavar="S", help="set the length of a window [s]")
+    sub.add_argument("--out", required=True, metavar="NEW.toml",
+                     help="write the nominal with its [test_input] to this file")
     sub.set_defaults(run=run)
 
 

@@ -9,16 +9,16 @@ from .talk import at_least, check_folders
 
 
 def add(commands: Any) -> None:
-    """Its words."""
+    """Adds the command and its options to the parser."""
     from ..experiments import CASES, CONFIDENCE
-    sub = add_command(commands, "reproduce", "the paper's experiments: figures, table, verdict",
+    sub = add_command(commands, "reproduce", "repeat the paper's experiments: figures, table, pass or fail",
                       "launchid reproduce --case windowed --seeds 3 --out results")
     sub.add_argument("--case", default="all", choices=[*CASES, CONFIDENCE, "all"],
-                     help="one experiment, or all of them (default %(default)s)")
+                     help="run one experiment, or all of them (default %(default)s)")
     sub.add_argument("--seeds", type=int, default=20, metavar="N",
-                     help="flights per case (default %(default)s, the paper's)")
+                     help="fly this many flights per case (default %(default)s, the paper's)")
     sub.add_argument("--out", default="results", metavar="DIR",
-                     help="folder for figures and tables (default %(default)s)")
+                     help="write figures and tables into this folder (default %(default)s)")
     sub.set_defaults(run=run)
 
 

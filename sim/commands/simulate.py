@@ -9,19 +9,22 @@ from .talk import at_least, check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Its words."""
+    """Adds the command and its options to the parser."""
     sub = add_command(commands, "simulate", "fly a nominal and write its log",
                       "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=NOMINAL_HELP)
-    sub.add_argument("--out", required=True, metavar="LOG.csv", help="the log to write")
+    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")
+    sub.add_argument("--out", required=True, metavar="LOG.csv", help="write the log to this file")
     sub.add_argument("--seed", type=int, default=0, metavar="N",
-                     help="of all noise, from 0 on; the same seed gives the same bytes (default %(default)s)")
+                     help="seed all random draws, 0 or above; the same seed gives the same bytes (default %(default)s)")
     sub.add_argument("--suite", default="flight", choices=["flight", "ideal"],
-                     help="flight: the nominal's sensors; ideal: the truth, with theta_ddot (default %(default)s)")
+                     help="log what the nominal's sensors measure (flight), or the truth with theta_ddot (ideal) "
+                          "(default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S",
-                     help="between rows [s], a multiple of the simulation's step (default: the suite's own)")
+                     help="set the time between rows [s], a multiple of the simulation's step (default: the nominal's "
+                          "sensor period; ideal: the step)")
     sub.add_argument("--effect", action="append", default=[], metavar="NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]",
-                     help="fly a cause of the catalogue too, see launchid effects; repeatable (default: none)")
+                     help="add an effect of the catalogue, see launchid effects; may be given several times (default: "
+                          "none)")
     sub.set_defaults(run=run)
 
 

@@ -1,4 +1,4 @@
-"""What the commands share: reading a log aloud, refusing outputs early, telling an answer."""
+"""Parts that the commands share: reading a log aloud, refusing outputs early, printing an answer."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def warn(made: "Answer") -> None:
-    """Its warnings, on stderr."""
+    """Prints the warnings of an answer on stderr."""
     for line in made.warnings:
         say(line)
 

@@ -8,14 +8,14 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "uncertainty", "where in its range each parameter is, and whether it left it",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "uncertainty", "say where in its range each parameter is, and when it left it",
                       "launchid uncertainty v.csv vega_like --plot level.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
-                     help=f"what the simulation believes, with [uncertainty]: {NOMINAL_HELP}")
+                     help=f"compare the log with the [uncertainty] of {NOMINAL_HELP}")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
-                     help="length of a window [s] (default %(default)s)")
+                     help="set the length of a window [s] (default %(default)s)")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)

@@ -11,29 +11,30 @@ from .talk import check_outputs, refuse_foreign, tell, warn
 
 
 def add(commands: Any) -> None:
-    """Its words."""
-    sub = add_command(commands, "watch", "follow a growing log, or samples off a socket, on a page of this machine",
+    """Adds the command and its options to the parser."""
+    sub = add_command(commands, "watch", "identify live: follow a growing log or a socket, on a page of this machine",
                       "launchid watch flight.csv --nominal vega_like --http 8642")
     sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",
-                     help="a CSV log that grows, a pipe, - for standard input, or rows sent to a port of 127.0.0.1 "
-                          "(0: any free one)")
-    sub.add_argument("--nominal", metavar="NOMINAL.toml", required=True, help=f"what is believed: {NOMINAL_HELP}")
+                     help="follow a CSV log that grows, a pipe, - for standard input, or rows sent to a port of "
+                          "127.0.0.1 (0: any free one)")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", required=True, help=f"identify with {NOMINAL_HELP}")
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
-                     help="length of a window [s] (default %(default)s)")
+                     help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S",
-                     help="between samples [s] (default: the median step of the first 64 rows)")
+                     help="set the time between samples [s] (default: the median step of the first 64 rows)")
     sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
-                     help="the nominal's noise levels are a prior (estimated) or exact (declared) (default "
-                          "%(default)s)")
+                     help="estimate the noise levels, from the nominal's on (estimated), or keep them as the nominal "
+                          "has them (declared) (default %(default)s)")
     sub.add_argument("--http", type=int, default=0, metavar="PORT",
-                     help="of the page on 127.0.0.1 (default %(default)s: any free one, which is said)")
+                     help="serve the page on this port of 127.0.0.1 (default %(default)s: any free one; stderr says "
+                          "which)")
     sub.add_argument("--once", action="store_true",
-                     help="end with the file's last row, the TCP sender, or an empty datagram (default: with "
+                     help="end with the file's last row, the TCP sender, or an empty datagram (default: end with "
                           "Ctrl-C alone)")
     add_map(sub)
     add_strict(sub)
-    sub.add_argument("--json", metavar="PATH|-", help="write the answer at the end as JSON too, as identify's; -: JSON "
-                                                      "alone, on stdout (default: none)")
+    sub.add_argument("--json", metavar="PATH|-", help="write the answer at the end as JSON to this file, as identify "
+                                                      "does; -: print the JSON alone, on stdout (default: none)")
     sub.set_defaults(run=run)
 
 

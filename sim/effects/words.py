@@ -28,9 +28,9 @@ MEANING = {
     "actuator_bandwidth": "natural frequency (or 1/time constant) -> scale*it; `lag` = 1: as slow by a first-order lag "
                           "before the servo instead",
     "actuator_gain": "u -> scale*u",
-    "actuator_rate_limit": "abs(b') <= rate; `wind_up`: the rate asked for may run ahead of the limit by so much of it "
+    "actuator_rate_limit": "abs(b') <= rate; `wind_up`: the commanded rate may exceed the limit by this share of it "
                            "(a first-order servo has none)",
-    "actuator_backlash": "play on u, half_width each way",
+    "actuator_backlash": "backlash of half_width each way on u",
     "actuator_bias": "u -> u + angle",
     "attitude_bias": "on z_theta, seen by the controller too",
     "attitude_delay": "on z_theta, seen by the controller too",
