@@ -1,4 +1,4 @@
-"""Where numba keeps what it compiled: a folder of the user's own, named after the sources.
+"""The folder in which numba keeps compiled code: one of the user's own, named after the sources.
 
 Not part of what flies: it is used while modules are imported, when an `Estimator` is made, and at the process' end.
 
@@ -94,7 +94,7 @@ def folder_of(package: str) -> Path | None:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """What numba wrote there."""
+    """The files that numba wrote into a folder."""
     return (path for path in folder.rglob("*.nb[ci]") if path.is_file())
 
 
@@ -115,7 +115,7 @@ def _drop_damaged(folder: Path) -> None:
 
 
 def _drop_old(folder: Path) -> None:
-    """Of a package's folders the last used ones stay."""
+    """Delete a package's folders but for the OLD used last."""
     os.utime(folder)
     package = folder.name.partition("-")[0]
     with contextlib.suppress(OSError):  # another process may delete one meanwhile

@@ -48,7 +48,8 @@ class Estimator:
         self._calls.restart()
 
     def __getstate__(self) -> dict[str, object]:
-        """For copy and pickle: the choices and what persists; memory is allocated anew.  RuntimeError as `save`."""
+        """The state for copy and pickle: configuration and persistent arrays; memory is allocated anew.  RuntimeError
+        as `save`."""
         self._refuse_busy("copy")
         return {"config": self.config, "state": tuple(array.copy() for _, array in self._memory.state_arrays())}
 
@@ -192,7 +193,7 @@ class Estimator:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often `update` gave each status, by name: the sum of those is the number of calls.
+        """The number of times that `update` gave each status, by name: their sum is the number of calls.
 
         STUCK: windows with a sensor that stood still; WRAP: jumps of theta across +-pi that were undone.
 
@@ -214,20 +215,20 @@ class Estimator:
 
 
 def _no_sample(given: object) -> str:
-    """What `update` was given instead of a sample, in one line."""
+    """One line that says what `update` was given instead of a sample."""
     names = ", ".join(Sample._fields)
     count = f" of {len(given)}" if isinstance(given, tuple | list) else ""
     return f"update: expected a Sample, {len(Sample._fields)} floats ({names}); got {type(given).__name__}{count}"
 
 
 def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
-    """Of the terms that are not active, by name."""
+    """The limits of the terms that are not active, by name."""
     limits = absent.tolist()
     return MappingProxyType({term: limit for term, limit in zip(terms, limits, strict=True) if not math.isnan(limit)})
 
 
 def _numbers(values: np.ndarray) -> list[float]:
-    """As Python's; the one NAN for what is none, so that equal answers compare equal."""
+    """The values as Python's floats; each NaN is the one object NAN, so that equal answers compare equal."""
     return [NAN if math.isnan(x) else x for x in values.tolist()]
 
 

@@ -21,5 +21,5 @@ class Announcement:
 
 
 def announce() -> None:
-    """From now on."""
+    """Announce compilations on stderr from now on."""
     compile_listeners.append(Announcement())

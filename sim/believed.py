@@ -1,4 +1,4 @@
-"""What the filtered formulation believes, out of a nominal."""
+"""The filtered formulation's model, from a nominal."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
 
 
 def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """What the filtered formulation believes, from a nominal's [vehicle], [actuator], [sensors], [controller],
+    """The filtered formulation's model, from a nominal's [vehicle], [actuator], [sensors], [controller],
     [simulation], [wind], [offsets], [drift] and [[effects]].
 
     period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
@@ -111,7 +111,7 @@ def _known(nominal: Nominal) -> dict[str, Any]:
 
 
 def _air(nominal: Nominal) -> dict[str, Any]:
-    """What is known of wind and drift beforehand."""
+    """The arguments of `Model` that say what is known of wind and drift beforehand."""
     found: dict[str, tuple[float, ...]] = {}
     forecasts = [] if nominal.wind is None or nominal.wind.profile is None else [nominal.wind.profile]
     winds = [values(effect) for effect in nominal.effects if effect.name in ("steady_wind", "gust")]

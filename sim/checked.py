@@ -24,7 +24,7 @@ MASKED = "; these rows are left out"          # by the diagnosis; an estimator j
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """What the data check finds; without a nominal what the columns tell of each other.
+    """The faults that the data check finds; without a nominal those that the columns show of each other.
 
     InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
     """
@@ -42,7 +42,8 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
-    """That theta_dot is another motion than the slope of theta, or a multiple of it: for a diagnosis an effect of a
+    """Faults of a theta_dot that is another motion than the slope of theta, or a multiple of it: for a diagnosis an
+    effect of a
     sensor, which no estimator asks for."""
     t, columns = related(log, data.usable, data.masks)
     period = float(t[1] - t[0]) if columns else 0.0
@@ -59,7 +60,7 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
 
 
 def warned(log: Log, found: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """What the data check found in one line, nothing if that is nothing.
+    """The data check's warning in one line; () if it found nothing.
 
     InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
     """
@@ -77,13 +78,13 @@ def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_column
 
 
 def foreign(found: tuple[Fault, ...]) -> str:
-    """Of which other quantity than their names say whole columns are, in words; "": none.  No advice but to correct
+    """The columns that are of another quantity than their names say, in words; "": none.  No advice but to correct
     them has a meaning then."""
     return "; ".join(fault.message for fault in found if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
-    """That a vehicle's profile ends before what is flown or identified with it does, at `last` [s]."""
+    """A note where a vehicle's profile ends before what is flown or identified with it does, at `last` [s]."""
     if nominal is None or len(nominal.vehicle.t) == 1 or not nominal.vehicle.t[-1] < last - 1e-9:
         return ()
     return (f"{nominal.vehicle.path or nominal.path}: the profile ends at {nominal.vehicle.t[-1]:g} s, {what} at "
@@ -91,7 +92,7 @@ def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, 
 
 
 def ideal_note(log: Log) -> tuple[str, ...]:
-    """That a log is the truth without sensors, if it is: theta_dot is the integral of theta_ddot, and theta that of
+    """A note where a log is the truth without sensors: theta_dot is the integral of theta_ddot, and theta that of
     theta_dot, to far less than any sensor's noise.
 
     Limitation: at rows as far apart as the controller's period the trapezium is not as exact, and nothing is said.

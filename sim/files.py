@@ -38,7 +38,7 @@ _inputs: ContextVar[set[_Identity] | None] = ContextVar("inputs", default=None)
 
 @contextlib.contextmanager
 def inputs_spared() -> Iterator[None]:
-    """Within this, a file that was named to `reads` is no output."""
+    """A context in which a file that was named to `reads` is refused as an output."""
     token = _inputs.set(set())
     try:
         yield
@@ -56,7 +56,7 @@ def reads(path: str | Path | int) -> None:
 
 
 def is_read(path: str | Path) -> bool:
-    """Was this file named to `reads`."""
+    """Whether this file was named to `reads`."""
     return _is_input(os.stat(path))
 
 
@@ -65,7 +65,7 @@ def _is_input(found: os.stat_result) -> bool:
 
 
 def as_path(path: object) -> Path:
-    """What Python hands over as a path; UsageError if it can be none."""
+    """The path that Python hands over; UsageError if it can be none."""
     if not isinstance(path, (str, os.PathLike)) or not isinstance(os.fspath(path), str):
         raise UsageError(f"expected a path; found {type(path).__name__}")
     if "\0" in os.fspath(path):
@@ -74,7 +74,7 @@ def as_path(path: object) -> Path:
 
 
 def check_output(path: str | Path) -> os.stat_result | None:
-    """What stands at an output's path, None if nothing; InputError if it cannot be written there."""
+    """The status of the file at an output's path, None if there is none; InputError if it cannot be written there."""
     try:
         found = os.stat(as_path(path))
     except FileNotFoundError:

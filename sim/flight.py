@@ -212,7 +212,7 @@ def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.nd
 
 
 def _columns(suite: str) -> dict[str, int]:
-    """Which column of a row the suite's sensor reads."""
+    """The columns of a row that the suite's sensors read, by name."""
     read = "exact_" if suite == "ideal" else ""
     return {name: st.COLUMNS.index(read + name) for name in ("theta", "theta_dot", "beta")}
 

@@ -35,7 +35,8 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "rest
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else
+    """The formulation as asked, or filtered with a nominal that it has a model of, else measured if the log has
+    theta_ddot, else
     integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
@@ -197,7 +198,7 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
 
 
 def why(windows: list[dict[str, Any]]) -> str:
-    """Why no window is valid, in one plain sentence."""
+    """One sentence that says why no window is valid."""
     if not windows:
         return "no window of this log is valid: none is complete"
     counts = collections.Counter(window["status"] for window in windows)
@@ -206,7 +207,7 @@ def why(windows: list[dict[str, Any]]) -> str:
 
 
 def next_step(windows: list[dict[str, Any]], model: Model) -> str:
-    """What to do where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
+    """The advice where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
     cause; "" where none does."""
     refused = sum(window["status"] == "MODEL" for window in windows)
     if not refused:
@@ -220,13 +221,13 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
 
 
 def lack_json(lack: Lack) -> dict[str, Any]:
-    """What an answer lacks, in the JSON."""
+    """The lack of an answer in the JSON."""
     return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
             "size": None if lack.size is None else number(lack.size)}
 
 
 def lack_words(lack: Lack, library: str) -> str:
-    """What an answer lacks, what it would gain, and what to do, in one line; library  with all terms that it lacks."""
+    """One line on the lack of an answer: what it would gain, and what to do; library  with all terms that it lacks."""
     after, before = 100.0 * lack.after, 100.0 * lack.before
     shares = lack.shares
     if lack.what == "interpolated":
@@ -248,7 +249,7 @@ def lack_words(lack: Lack, library: str) -> str:
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
-    """When a term of theta_ddot enters or leaves, from window to window; nothing while they stay."""
+    """Lines that say when a term of theta_ddot enters or leaves, from window to window; none while they stay."""
     lines = []
     valid = [w for w in windows if w["valid"]]
     for before, after in itertools.pairwise(valid):

@@ -1,4 +1,4 @@
-"""By how much beta leads what it causes, out of a log alone."""
+"""The time by which beta leads what it causes, from a log alone."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ COARSE = 12          # steps of the first search either way, in each of which th
 
 
 class Lead(NamedTuple):
-    """By how much beta leads what it causes [s], and its standard deviation.
+    """The time by which beta leads what it causes [s], and its standard deviation.
 
     is_vain  a beta of another time explains nearly as much: of a search for the best shift that is no proof
     """
@@ -41,7 +41,7 @@ class Lead(NamedTuple):
 
 
 def delay(log: Log, config: Config) -> Lead | None:
-    """By how much the beta of a log leads; None where beta explains nothing."""
+    """The time by which the beta of a log leads; None where beta explains nothing."""
     rows = usable(log)
     rows = None if rows is None else thinned(rows)
     return None if rows is None else lead_of(rows, config.terms)
@@ -64,7 +64,8 @@ class Stretch(NamedTuple):
 
 
 def lead_of(rows: Rows, terms: tuple[str, ...]) -> Lead | None:
-    """By how much beta leads what it causes through the terms, as of `delay`: the shift at which it explains most."""
+    """The time by which beta leads what it causes through the terms, as in `delay`: the shift at which it explains
+    most."""
     inputs = tuple(term for term in terms if "beta" in term)
     if not inputs:
         return None

@@ -1,4 +1,4 @@
-"""Does something that a window's answer lacks predict rows left out better, by more than its standard error?
+"""The question whether something that a window's answer lacks predicts rows left out better, by more than its error.
 
 The question is put for the terms of LACKING, for a beta that acts later or sooner, for a beta of another time (the
 placebo: a k1 that it gives as well is none), and for no term at all.  All in the weak form (`weak_form`): increments of
@@ -60,7 +60,7 @@ class Lack:
 
     @property
     def shares(self) -> str:
-        """What is predicted with it and without it, in words."""
+        """The shares that are predicted with it and without it, in words."""
         return (f"with it {100.0 * self.after:.3g} % of the rows left out are predicted, without "
                 f"{100.0 * self.before:.3g} %")
 
@@ -235,7 +235,8 @@ def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: n
 
 
 def lacks(q: Question, delayed: float | None) -> list[Lack]:
-    """What predicts the blocks left out better than the answer, and than the answer with what stands before it here.
+    """The lacks that predict the blocks left out better than the answer, and than the answer with the lacks before
+    them.
 
     That a6 and k1 bend in time is no lack, for the standard deviations hold it; where they do, it is put in first.
     """

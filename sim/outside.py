@@ -38,7 +38,7 @@ def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
 
 
 def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
-    """Those of them that are causes of the catalogue; `moment_of` has the other."""
+    """The drawn offsets that are causes of the catalogue, as effects; `moment_of` has the other."""
     return tuple(effect(name, **{"rate" if name == "gyro_bias" else "angle": value})
                  for name, value in drawn.items() if name != "moment")
 

@@ -1,4 +1,4 @@
-"""What there is to ask for, from what answers: the catalogue of effects, and every command with its options.
+"""The reference of what there is: the catalogue of effects, and every command with its options.
 
 `docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
 of `sim.cli.parser`.

@@ -1,4 +1,4 @@
-"""What every result, log and nominal can do for who looks at it: text, a picture, a table, a page of a notebook."""
+"""The base class of results, logs and nominals: text, a picture, a table, a page of a notebook."""
 
 import functools
 import io
@@ -23,11 +23,11 @@ class Result:
     """A class of its own says how: `summary`, `table` and, where there is something to draw, `_figure`."""
 
     def summary(self) -> str:
-        """It in words, the first line the most important."""
+        """The result in words, the first line the most important."""
         raise NotImplementedError
 
     def table(self) -> Columns:
-        """It as columns of equal length."""
+        """The result as columns of equal length."""
         raise NotImplementedError
 
     def _figure(self) -> "Figure":

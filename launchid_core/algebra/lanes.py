@@ -33,7 +33,8 @@ def dot(a, b, start, stop):
 
 @inner
 def dot_by_place(a, b, start, stop):
-    """As `dot`, number i in partial sum i mod 4; where there is no whole four all are in the first."""
+    """The dot product as `dot` has it, but number i goes into partial sum i mod 4; without a whole four all go into the
+    first."""
     s0 = 0.0
     s1 = 0.0
     s2 = 0.0
@@ -112,7 +113,7 @@ def reflect(v, tau, columns, first, last, start, stop):
 
 @inner
 def reflect_sized(v, tau, columns, first, last, start, stop, squares):
-    """As `reflect`; squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
+    """Apply `reflect` and also give squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
     for j in range(first, last):
         column = columns[j]
         s = tau * (column[start] + dot_by_place(v, column, start + 1, stop))

@@ -1,4 +1,4 @@
-"""Has memory changed behind the estimator's back?  Seals over everything that steers it or is carried on.
+"""Seals over the memory that steers the estimator or is carried on: they show whether it changed by itself.
 
 A seal is the exclusive or of all words of what it guards, so any one word that changed by itself is seen, whichever
 bits of it did (radiation, a stray write).  Three of them:

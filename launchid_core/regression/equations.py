@@ -1,4 +1,4 @@
-"""From a window's rows to coefficients: the library's QR, the three equations' sparse solutions, what is known of them.
+"""The step from a window's rows to coefficients: the library's QR, the three equations' sparse solutions, their errors.
 
 The entries of a close between its rows and its end; `regress` is their order.
 Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.

@@ -87,7 +87,8 @@ def _numbers(windows: list[dict[str, Any]], name: str) -> np.ndarray:
 
 
 def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Which estimates set the scale: those whose 95 % interval is among the narrow ones, or narrow beside the value."""
+    """The estimates that set the scale, as a mask: those whose 95 % interval is among the narrow ones, or narrow beside
+    the value."""
     known = np.isfinite(value) & np.isfinite(half)
     if known.any():
         narrow = DETERMINED * float(np.quantile(half[known], 0.25, method="lower"))
@@ -234,7 +235,7 @@ def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None,
 
 
 def residual_figure(log: Log, found: Residuals, windows: list[dict[str, Any]]) -> Figure:
-    """What identified windows leave over time, whether that is random, and predictions over horizons.
+    """The residuals of identified windows over time, whether they are random, and predictions over horizons.
 
     windows  of the identify JSON: refused ones are hatched
     """

@@ -79,7 +79,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
 
 
 def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
-    """From what is required to what most intervals reach."""
+    """Scale an axis from what is required to what most intervals reach."""
     known = shown[np.isfinite(shown)]
     if len(known) == 0:
         return

@@ -99,7 +99,7 @@ def campaign(nominal: Nominal, *, out: str | PathLike[str], flights: int | None 
 
 
 def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], stop: str) -> tuple[str, ...]:
-    """What can be said before the first flight: what a user may have meant otherwise."""
+    """Notes before the first flight: what a user may have meant otherwise."""
     nominal.require("simulation")
     assert nominal.simulation is not None
     notes = profile_note(nominal, nominal.simulation.duration, "the flight")

@@ -74,7 +74,7 @@ class Identification(Answer):
         return margins_of(self.log, self.nominal, c, self.estimates, self.changes, servo, is_tracked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
-        """What the windows leave, whether it is white, and what they predict over horizons."""
+        """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
         found = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
 
         def figure() -> "Figure":
@@ -125,7 +125,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyLevel(Answer):
-    """Where in its range each parameter is, window by window."""
+    """The place of each parameter in its range, window by window."""
 
     log: Log
     nominal: Nominal
@@ -162,7 +162,7 @@ def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed(Answer):
-    """What the simulation gets wrong on a log, and why."""
+    """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
 
     made: Diagnosis
     report: dict[str, Any]

@@ -55,7 +55,7 @@ class Flown(Answer):
 
     @functools.cached_property
     def log(self) -> Log:
-        """As `read_log` reads what `write` writes."""
+        """The flight's log, as `read_log` reads what `write` writes."""
         return flown_log(self.flight)
 
     def columns(self) -> Columns:
@@ -88,7 +88,8 @@ def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: 
 
 
 def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -> tuple[str, ...]:
-    """What of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its end."""
+    """Notes on what of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its
+    end."""
     assert nominal.simulation is not None  # else it would not have flown
     end = nominal.simulation.duration
     said = profile_note(nominal, end, "the flight")
@@ -108,7 +109,7 @@ def _chosen(effects: Effects) -> list[Effect]:
 
 
 def _effect(given: object) -> Effect:
-    """By a text, by a dict as a nominal's [[effects]], or as it is."""
+    """An effect from a text, from a dict as in a nominal's [[effects]], or as it is."""
     if isinstance(given, Effect):
         return given
     if isinstance(given, str):
@@ -133,7 +134,7 @@ class Planned(Answer):
 
     @property
     def nominal(self) -> Nominal:
-        """With its [test_input]."""
+        """The nominal with its [test_input]."""
         return self.made.nominal
 
     def summary(self, of: str = "test input") -> str:

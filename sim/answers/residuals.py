@@ -1,4 +1,4 @@
-"""What the identified windows leave of a log, and how far ahead they predict it.
+"""The residuals of identified windows on a log, and how far ahead they predict it.
 
 residual    the weak form's (`sim.weak_form`): the increment of theta_dot over 0.2 s less the integral of the terms,
             over that time [rad/s^2], in the window that gave the estimate
@@ -40,7 +40,8 @@ THETA_DOT = 1    # column of the whitened residual
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """Of one horizon: times [s] that were predicted for, theta measured and predicted [rad] (n,) there, by the window's
+    """The predictions over one horizon: times [s] that were predicted for, theta measured and predicted [rad] (n,)
+    there, by the window's
     own estimate and by the one before (nan: there is none); and the fits [%], nan of fewer than FEWEST."""
 
     horizon: float
@@ -92,7 +93,7 @@ class Shaped:
 
 
 def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None) -> Residuals:
-    """Of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual is what shows it.
+    """Residuals of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual shows it.
 
     nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
     the log is too short.  A rate that is not measured is the attitude's slope
@@ -144,7 +145,7 @@ def _weak(of: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
-    """Of residuals so many rows apart, each window's mean taken off; None: there are too few."""
+    """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
     whole = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
     scaled = np.zeros((len(whole), 3))
     scaled[:, THETA_DOT] = whole
@@ -157,7 +158,7 @@ def _coefficients(estimate: Estimate) -> np.ndarray:
 
 
 def _ahead(of: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
-    """From the rows a horizon apart, so that predictions join without overlap; in windows that are long enough.
+    """Predictions from rows a horizon apart, so that they join without overlap; in windows that are long enough.
 
     noisy   DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2] beside them
     """

@@ -32,7 +32,7 @@ class Arrays:
         self._places: dict[bytes, int] = {}
 
     def place(self, x: np.ndarray, digits: int) -> int:
-        """Its index in `lists`."""
+        """The index of x in `lists`, where it is put unless it is there."""
         key = x.tobytes()
         if key not in self._places:
             self._places[key] = len(self.lists)
@@ -104,7 +104,7 @@ def _style(line: Any) -> tuple[Any, ...]:
 
 
 def _words(text: str) -> str:
-    """In one line, without what is only for matplotlib."""
+    """A text in one line, without what is only for matplotlib."""
     return re.sub(r"\s+", " ", str(text).replace("$^2$", "\u00b2").replace("+-", "\u00b1"))
 
 

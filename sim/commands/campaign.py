@@ -10,7 +10,7 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "campaign", "fly many randomly drawn vehicles, and prove a requirement",
                       "launchid campaign vega_like --flights 10000 --requirement 'lost<0.00135@0.9' --out proof")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")

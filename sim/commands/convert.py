@@ -10,7 +10,7 @@ from .talk import check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "convert", "turn a file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) into a log",
                       "launchid convert flight.ulg --map px4.toml --out log.csv")
     sub.add_argument("flight", metavar="FLIGHT", help="read this file; its first bytes decide the format")

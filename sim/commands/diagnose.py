@@ -9,7 +9,7 @@ from .talk import at_least, check_folders, check_outputs, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
                       "launchid diagnose v.csv vega_like --report report")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "

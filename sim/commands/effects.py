@@ -8,7 +8,7 @@ from .talk import check_outputs, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "effects", "list the effects that can be flown and diagnosed, with their parameters",
                       "launchid effects --json -")
     add_outputs(sub)

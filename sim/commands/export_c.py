@@ -9,7 +9,7 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "export-c", "write the estimator in C99 for a flight computer, with the same bits",
                       "launchid export-c constant --out port --window 5")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")

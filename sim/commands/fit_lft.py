@@ -10,7 +10,7 @@ from .talk import check_outputs, read_noting, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "fit-lft", "fit the ranges sigma of a6 and k1 to flights",
                       "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
     sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml",

@@ -8,7 +8,7 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)

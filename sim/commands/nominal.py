@@ -12,7 +12,7 @@ from .talk import check_outputs, read_noting
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "nominal", "write the first nominal of a vehicle from its log alone",
                       "launchid nominal dfki_pendulum_ddp --out mine.toml")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "

@@ -9,7 +9,7 @@ from .talk import check_outputs
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "plan", "design the smallest test input that reaches an accuracy",
                       "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"design it for {NOMINAL_HELP}")

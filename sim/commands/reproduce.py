@@ -9,7 +9,7 @@ from .talk import at_least, check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     from ..experiments import CASES, CONFIDENCE
     sub = add_command(commands, "reproduce", "repeat the paper's experiments: figures, table, pass or fail",
                       "launchid reproduce --case windowed --seeds 3 --out results")

@@ -9,7 +9,7 @@ from .talk import at_least, check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "simulate", "fly a nominal and write its log",
                       "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")

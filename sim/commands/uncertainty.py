@@ -8,7 +8,7 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "uncertainty", "say where in its range each parameter is, and when it left it",
                       "launchid uncertainty v.csv vega_like --plot level.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)

@@ -11,7 +11,7 @@ from .talk import check_outputs, refuse_foreign, tell, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "watch", "identify live: follow a growing log or a socket, on a page of this machine",
                       "launchid watch flight.csv --nominal vega_like --http 8642")
     sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",

@@ -77,7 +77,7 @@ def _with_values(stamps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _slower(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """Of theta and beta the one with fewer rows: then no row lacks the other."""
+    """The one of theta and beta that has fewer rows: then no row lacks the other."""
     names = [str(name) for name in ("theta", "beta", "beta_cmd") if name in found][:2] or list(found)
     return min(names, key=lambda name: len(found[name][0]))
 

@@ -93,7 +93,8 @@ def read_dataflash(path: str, wanted: Wanted) -> Channels:
     from pymavlink import DFReader
 
     class Binary(DFReader.DFReader_binary):
-        """Its index in C writes to the terminal what it thinks of a file; the one in Python to `sys.stderr`.  A message
+        """A reader without the index in C, which writes to the terminal; the one in Python writes to `sys.stderr`.  A
+        message
         of no length would keep both for ever."""
 
         formats: dict[int, Any]
@@ -134,7 +135,7 @@ class _Formats(dict[int, Any]):
 
 
 class _Heard(io.TextIOBase):
-    """Where a library talks of damage: whether it did; ValueError when it does not end."""
+    """A stream for a library's talk of damage: it says whether there was any; ValueError when it does not end."""
 
     def __init__(self) -> None:
         self.times = 0
@@ -235,7 +236,7 @@ def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[byte
 
 
 def _factories() -> list[Any]:
-    """Of encodings beside JSON, those that are installed."""
+    """The decoders of encodings beside JSON that are installed."""
     found: list[Any] = []
     try:
         from mcap_ros2.decoder import DecoderFactory as Ros2

@@ -18,7 +18,8 @@ ONE_TURN = 2.0 * math.pi
 
 
 class MappedStream:
-    """What a map remembers from row to row: the first stamp, and each quaternion's reference and last turn.
+    """A map on a log that grows; it keeps from row to row the first stamp, and each quaternion's reference and last
+    turn.
 
     of  the map
     """
@@ -35,7 +36,7 @@ class MappedStream:
         self._turned: dict[str, float] = {}
 
     def columns(self, path: str, header: list[str], where: str) -> "MappedColumns":
-        """Which cell is which channel, by a header row; InputError for one that lacks a channel, or has two clocks."""
+        """The columns by a header row; InputError for one that lacks a channel, or has two clocks."""
         names = [name.strip() for name in header]
         there = dict.fromkeys(names, np.empty(0))
         clocks = {stamps_name(path, there, self.of, source) for source in self._sources}
@@ -77,7 +78,7 @@ class MappedStream:
 
 
 class MappedColumns:
-    """As `sim.log_table.Columns`, of a header with a map's names.
+    """The columns of a header with a map's names, as `sim.log_table.Columns` those of a log.
 
     ignored  none: a map takes what it names
     """
@@ -95,7 +96,7 @@ class MappedColumns:
         return [self._stream.number(cell) for cell in cells]
 
     def log(self, rows: list[list[float]]) -> Log:
-        """These rows as a log, even if none of them can be used."""
+        """The rows as a log, even if none of them can be used."""
         return self._stream.log(self._path, dict(zip(self._names, np.array(rows).T, strict=True)))
 
 

@@ -1,4 +1,4 @@
-"""What each cause does, in an equation: u is the command on its way to the actuator, b the true nozzle angle, z_ the
+"""The equation of each cause: u is the command on its way to the actuator, b the true nozzle angle, z_ the
 measured signals."""
 
 MEANING = {

@@ -1,4 +1,4 @@
-"""What a log tells of its vehicle, each number with its standard deviation, and what it does not tell."""
+"""A vehicle's numbers from its log, each with its standard deviation, and the reasons for those that are missing."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -68,7 +68,8 @@ class First:
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
 def first(log: Log) -> First:
-    """What the log tells.  InputError where it has not the columns, the rows or the motion, or where a column is of
+    """The vehicle's numbers from the log.  InputError where it has not the columns, the rows or the motion, or where a
+    column is of
     another quantity than its name says: a nominal holds what it is fed."""
     data_warnings(log, None, strict=False, refuse_columns=True)
     c = channels(log)
@@ -246,7 +247,7 @@ def wind(fitted: Fitted) -> dict[str, Number]:
 
 
 def reasons(made: First, found: Found, c: Channels) -> list[str]:
-    """Why a number of the nominal cannot be told; none: it can."""
+    """The reasons why a number of the nominal cannot be given; none: it can."""
     driver = "beta" if c.has("beta") else "beta_cmd"
     if is_constant(c):
         return [f"k1 cannot be told: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in which "
@@ -259,7 +260,8 @@ def reasons(made: First, found: Found, c: Channels) -> list[str]:
 
 
 def lacking(made: First, found: Found, driver: str) -> list[str]:
-    """What the log holds that the model lacks, by rows left out (`sim.lacking`), where that is most of the error or, of
+    """The effects in the log that the model lacks, by rows left out (`sim.lacking`), where that is most of the error
+    or, of
     constant coefficients, would move them."""
     m, model = found.motion, found.fitted.model
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
@@ -291,7 +293,7 @@ def holds(made: First, found: Found, lead: Lead) -> bool:
 
 
 def lack_words(lack: Lack, driver: str) -> str:
-    """Why a first nominal without it would lie."""
+    """The sentence that says why a first nominal without this effect would be wrong."""
     shares = lack.shares
     if lack.what == "nothing":
         return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be told"

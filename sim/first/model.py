@@ -110,7 +110,7 @@ def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def command(c: Channels) -> np.ndarray:
-    """What drives: the command, or where there is none the measured nozzle."""
+    """The input that drives: the command, or where there is none the measured nozzle."""
     return c.beta_cmd if c.has("beta_cmd") else c.beta
 
 

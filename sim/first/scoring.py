@@ -46,7 +46,7 @@ class Fitted:
         return penalised(self.ln_l, self.model, self.made)
 
     def std(self, name: str) -> float:
-        """Of a free number: of its logarithm, of the delay in s."""
+        """The standard deviation of a free number: of its logarithm, of the delay in s."""
         k = len(self.model.linear) + self.model.free.index(name)
         return math.sqrt(max(self.covariance[k, k], 0.0))
 

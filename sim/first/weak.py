@@ -44,7 +44,7 @@ def filled(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def motion(c: Channels, source_is_beta: bool) -> Motion:
-    """What moves and what drives it; a missing rate is theta's slope, a missing theta the rate's integral."""
+    """The motion and what drives it; a missing rate is theta's slope, a missing theta the rate's integral."""
     u = filled(c.t, c.beta if source_is_beta else command(c))
     span = max(2, round(INCREMENT / c.period))
     if c.has("theta"):

@@ -22,7 +22,7 @@ UNKNOWN_THETA = 0.01   # rad: of a sensor that the log has not, a guess
 
 
 def nominal_of(made: First, name: str) -> Nominal:
-    """What a simulation should believe."""
+    """The nominal that a simulation should use."""
     made = as_known(made)
     vehicle, terms, effects = plant(made)
     step = made.period / math.ceil(made.period / LONGEST_STEP - 1e-9)
@@ -180,7 +180,7 @@ def write(made: First, path: str | Path) -> None:
 
 
 def lines(made: First, out: str) -> list[str]:
-    """For a terminal."""
+    """The lines for a terminal."""
     gravity = "sin(theta)" if made.sine else "theta"
     said = [f"{made.path}: {made.rows} rows, {made.period:g} s apart, {made.duration:.4g} s"]
     for t, *numbers in zip(made.t, made.a6, made.a6_std, made.k1, made.k1_std, strict=True):

@@ -66,7 +66,8 @@ def _is_done(folder: Path) -> bool:
 
 
 def _enough(definition: Definition, journal: Path) -> Enough:
-    """Whether the flights so far are enough, wherever they come from; InputError for what no flight of ours is."""
+    """A function that says whether the flights so far are enough, wherever they come from; InputError for what no
+    flight of ours is."""
     watch = _watch(definition)
 
     def enough(number: int, outcome: Outcome) -> int | None:
@@ -98,7 +99,7 @@ def _held(definition: Definition, folder: Path) -> Iterator[None]:
 
 
 def _check_same(folder: Path, definition: Definition, keys: Iterable[str], what: str, expected: str) -> dict[str, Any]:
-    """What stands in the folder's campaign.json; InputError unless these of it are the definition's."""
+    """The content of the folder's campaign.json; InputError unless these keys of it are the definition's."""
     found, said = read_campaign(folder), definition.as_json()
     for key in keys:
         if found[key] != said[key]:
@@ -116,7 +117,7 @@ def _short(value: Any) -> str:
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:
-    """What stands in a folder's campaign.json, all of it of its kind."""
+    """The content of a folder's campaign.json; InputError unless each key has a value of its kind."""
     path = folder / CAMPAIGN
     wrong = InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
     try:
@@ -188,7 +189,8 @@ def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[Definition, Flights]:
-    """What the parts are together, and one table of their flights: whole, of this nominal, of consecutive seeds.
+    """The definition of the parts together, and one table of their flights: whole, of this nominal, of consecutive
+    seeds.
 
     definition  its seed and flights are not looked at, they are the parts' own
     """
@@ -219,7 +221,7 @@ def _header(part: Path) -> list[str]:
 
 
 def _part(definition: Definition, part: Path) -> Definition:
-    """What a part is; InputError if it is not one of this campaign's, or not flown yet."""
+    """The definition of a part; InputError if it is not one of this campaign's, or not flown yet."""
     said = _check_same(part, definition, SAME, "a part of another campaign", "expected parts of this one")
     if not _is_done(part):
         raise InputError(f"{part}: not flown to its end; run its command again")

@@ -64,7 +64,7 @@ class Watch:
         self._ahead: dict[int, Outcome] = {}
 
     def __call__(self, number: int, outcome: Outcome) -> int | None:
-        """How many flights, from the first, are enough."""
+        """Take a flight's outcome; returns how many flights, from the first, are enough, None while none are."""
         if number >= self.flights:
             self._ahead.setdefault(number, outcome)
         while self.flights in self._ahead:

@@ -32,7 +32,7 @@ SERVO = ("natural_frequency", "damping_ratio", "delay")
 
 
 class Servo(NamedTuple):
-    """What is known of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
+    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
 
     by_servo   {(window, "window" or "tracked"): (2, 3)} by how much a unit of each moves the a6 and k1 that were
                identified with it; empty where it is known
@@ -150,14 +150,14 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
 
 
 def miss_words(spread: Spread, name: str, required: Required) -> str:
-    """That a margin may be below what is required, in one plain sentence."""
+    """One sentence that says that a margin may be below what is required."""
     interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
     return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
             f"{required_of(required, name):g}")
 
 
 def required_of(required: Required, name: str) -> float:
-    """What one of NAMES must be, in its own sign."""
+    """The required value of one of NAMES, in its own sign."""
     return {"gain_low_db": -required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
             "delay_ms": required.delay_ms}[name]
 

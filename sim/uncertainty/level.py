@@ -20,7 +20,7 @@ NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last on
 
 
 def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """What the estimator believes of a nominal, with its range; InputError without [uncertainty], and as
+    """The estimator's model of a nominal, with its range; InputError without [uncertainty], and as
     `onboard_model`."""
     nominal.require("uncertainty")
     sigma = nominal.uncertainty

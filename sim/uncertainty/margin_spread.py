@@ -51,7 +51,7 @@ class Interval(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
+    """The knowledge of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
     ratio and delay [s] of the servo."""
 
     mean: np.ndarray

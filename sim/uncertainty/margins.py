@@ -66,7 +66,8 @@ def frequency_grid(period: float, delay: float) -> np.ndarray:
 
 def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps its bracket
+    """The crossings, where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps
+    its bracket
     (Dowell and Jarratt, BIT 11, 1971).
 
     loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it

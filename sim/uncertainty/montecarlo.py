@@ -33,7 +33,7 @@ _nominal = functools.cache(load_nominal)
 
 
 def event_time(nominal: Nominal) -> float:
-    """When the scenario begins [s]."""
+    """The time at which the scenario begins [s]."""
     profile = nominal.vehicle
     return CONSTANT_EVENT if len(profile.t) == 1 else float(profile.t[np.argmax(profile.a6)])
 

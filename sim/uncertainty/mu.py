@@ -202,7 +202,7 @@ def _range(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distance(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Of 0 from the interval; 0 where an end is not finite (nothing is known there)."""
+    """The distance of 0 from the interval; 0 where an end is not finite (nothing is known there)."""
     return np.where(np.isfinite(low) & np.isfinite(high), np.maximum(0.0, np.maximum(low, -high)), 0.0)
 
 

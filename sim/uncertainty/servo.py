@@ -67,7 +67,7 @@ class Flown:
         self.world = self._world(nominal)
 
     def _world(self, nominal: Nominal) -> World:
-        """What [wind] and [offsets] leave open, and the flight path that the log says."""
+        """The world that [wind] and [offsets] leave open, with the log's flight path."""
         path = SimpleNamespace(t=self.t, period=self.period, wind=-self.gamma, true_gamma=np.zeros(len(self.t)))
         world = world_of(nominal, path)
         inertial = nominal.sensors.alpha_source == "inertial"
@@ -152,7 +152,8 @@ def with_servo(nominal: Nominal, servo: np.ndarray) -> Nominal:
 
 
 def identified_with_servo(log: Log, nominal: Nominal, config: Config) -> tuple[Identified, Servo]:
-    """What the log says of a6 and k1, behind the nominal's servo or, where it is not known, behind the log's."""
+    """The log's a6 and k1, behind the nominal's servo or, where it is not known, behind the servo that the log
+    shows."""
     servo = known_servo(nominal)
     assert nominal.actuator is not None
     if nominal.actuator.is_known:

@@ -1,4 +1,4 @@
-"""What the data check finds in the first rows."""
+"""The data check of a source's first rows."""
 
 import numpy as np
 
@@ -28,13 +28,13 @@ class FirstRows:
         self.count += len(log.t)
 
     def _together(self) -> Log:
-        """As one log; InputError if no row of it can be used."""
+        """The rows so far as one log; InputError if no row of it can be used."""
         columns = self._logs[0].columns if self._logs else ("t", "theta", "beta")
         return log_of({name: np.concatenate([np.empty(0), *(getattr(log, name) for log in self._logs)])
                        for name in columns}, self._path)
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
-        """What the check finds, once there are enough of them or there will be no more; '' before, after, and if that
+        """The check's finding, once, when there are enough rows or there will be no more; '' before, after, and if that
         is nothing."""
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""

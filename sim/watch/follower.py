@@ -62,7 +62,8 @@ class Follower:
         self.live = Live(self._head())
 
     def _config(self, period: float) -> Config:
-        """As identify's for a log of this period [s], with the range of the uncertainty level if the nominal has
+        """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
+        nominal has
         one, which changes no other number."""
         if not 0.0 < period < math.inf:
             raise UsageError(f"--period {period!r}: expected a time in s above 0")

@@ -130,7 +130,7 @@ class Lines:
         self._tell(f"{self.last}; the row is left out")
 
     def _tell(self, text: str) -> None:
-        """Whatever a sender does, a few lines at most."""
+        """Say something of the rows, SAID lines at most, whatever a sender does."""
         self._said += 1
         if self._said <= SAID:
             self._say(text if len(text) <= LONGEST_SAID else f"{text[:LONGEST_SAID]}...")

@@ -1,4 +1,4 @@
-"""What is shown, in fixed memory: written by the follower alone, read by any thread without a lock.
+"""The state that pages show, in fixed memory: written by the follower alone, read by any thread without a lock.
 
 A list here only grows until it is replaced by a new one, and everything else is replaced: what a reader took stays as
 it was.
@@ -54,7 +54,7 @@ class Live:
 
 
 class Seen(NamedTuple):
-    """How far a page has been told."""
+    """The state that a page has already received."""
 
     head: dict[str, Any]
     points: list[Row]
@@ -64,7 +64,7 @@ class Seen(NamedTuple):
 
 
 def message(live: Live, seen: Seen | None) -> tuple[dict[str, Any], Seen]:
-    """What a page has not been told yet: everything (`head` is among it) at first and where a list was thinned."""
+    """The message of what a page lacks: everything (`head` is among it) at first and where a list was thinned."""
     head, points, windows = live.head, live.points.rows, live.windows.rows
     now = Seen(head, points, windows, len(points), len(windows))
     told = {"now": live.now, "changes": live.changes}

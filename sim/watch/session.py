@@ -1,4 +1,4 @@
-"""From the source's first row to its last, or to Ctrl-C."""
+"""A session: from the source's first row to its last, or to Ctrl-C."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from .sources import File, Pipe, Source
 
 @dataclass(frozen=True, eq=False)
 class Watched(Answer):
-    """What was known at the end."""
+    """The answer of `watch`: what was known at the end."""
 
     source: str
     report: dict[str, Any]

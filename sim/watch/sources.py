@@ -1,4 +1,4 @@
-"""Where rows come from, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
+"""The sources of rows, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
 
 A piece may end anywhere in a line.  b"": nothing new for IDLE; None: what follows is another stream.
 """
@@ -37,19 +37,19 @@ Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
 
 
 def is_readable(what: int | socket.socket, patience: float) -> bool:
-    """Is something there to be read, or comes within so many seconds."""
+    """Whether something is there to be read, or comes within so many seconds."""
     with Selector() as selector:
         selector.register(what, selectors.EVENT_READ)
         return bool(selector.select(patience))
 
 
 class Source(Protocol):
-    """What can be followed."""
+    """A source that can be followed."""
 
     name: str
 
     def pieces(self) -> Pieces:
-        """Until the source ends."""
+        """The pieces until the source ends."""
 
 
 def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text: None) -> Source:
@@ -121,7 +121,7 @@ class File:
             self._file.close()
 
     def _turn(self) -> bool:
-        """To the file that stands there now, if it is another or was cut."""
+        """Turn to the file that stands at the path now, if it is another or was cut; returns whether it did."""
         try:
             found = os.stat(self._path)
             if found.st_size >= self._file.tell() and os.path.samestat(found, os.fstat(self._file.fileno())):
@@ -141,7 +141,7 @@ class Whole:
         self.name, self._log = log.path, log
 
     def pieces(self) -> Pieces:
-        """In the shortest numbers that read back to the same bits."""
+        """The log as text, in the shortest numbers that read back to the same bits."""
         columns = self._log.measured()
         yield (",".join(columns) + "\n").encode()
         for k in range(0, len(self._log.t), PIECE_ROWS):
@@ -275,7 +275,7 @@ class Tcp:
 
 
 def _first_bytes(sender: socket.socket) -> bytes | None:
-    """What a connection begins with, b"" of one that has ended; None while that tells nothing."""
+    """The first bytes of a connection, b"" of one that has ended; None while they decide nothing."""
     try:
         first = sender.recv(KNOWN_BY, socket.MSG_PEEK)
     except BlockingIOError:
