@@ -51,7 +51,7 @@ def docstrings(root: Path) -> Iterator[tuple[str, str]]:
 
 
 def names(root: Path) -> Counter[str]:
-    """How often each of the vague names is bound in the packages."""
+    """The number of times that each of the vague names is bound in the packages."""
     counts: Counter[str] = Counter()
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):

@@ -338,7 +338,8 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsy
 
 
 def test_a_lock_s_file_that_is_taken_away_meanwhile_is_no_lock(tmp_path, monkeypatch):
-    """Its run has ended between the second's opening and locking it: the second locks the one that stands there."""
+    """The lock's run has ended between the second's opening and locking it: the second locks the one that stands
+    there."""
     lock = folder_lock._lock
 
     def late(handle: int) -> None:

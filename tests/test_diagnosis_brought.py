@@ -25,7 +25,7 @@ def forward(x, every):
 
 @pytest.mark.parametrize(("channel", "every"), [("theta", 10), ("beta", 4)])
 def test_a_channel_of_another_rate_that_was_filled_forward_is_as_slow_as_it_is(channel, every):
-    """It was a late attitude, or a slow servo."""
+    """The verdict was a late attitude, or a slow servo."""
     log = dataclasses.replace(flown(""), **{channel: forward(getattr(flown(""), channel), every)})
     made = check(log, NOMINAL)
     assert made.masks[channel].sum() == pytest.approx(len(log.t) / every, abs=1)

@@ -1,4 +1,4 @@
-"""What the records of the causes are asked for: limits, look-alikes, forms, words, what a flight computer takes off."""
+"""The use of the causes' records: limits, look-alikes, forms, words, what a flight computer takes off."""
 
 import math
 from types import SimpleNamespace
@@ -63,7 +63,7 @@ def test_what_the_columns_cannot_show_is_not_sought(name, channels, known):
 
 
 def calm():
-    """What a model without wind has to absorb an effect with: nothing."""
+    """A model without wind, which has nothing to absorb an effect with."""
     made = object.__new__(Absorbing)
     made.levels, made.costs = np.zeros((0, 5)), np.zeros(0)
     return made

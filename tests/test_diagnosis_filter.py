@@ -91,7 +91,7 @@ def test_gains_of_a_scaled_gyro_are_those_of_a_good_one_with_its_noise(record, s
 
 
 def test_innovations_are_refiltered_from_what_the_scaled_gyro_made_of_them(record):
-    """From any filter's innovations the same likelihood: those of the run itself."""
+    """The likelihood is the same from any filter's innovations: that of the run itself."""
     log, point = scaled(record, 0.4)
     dyn, levels = dynamics(log, point), declared(log)
     other = levels.copy()
@@ -162,7 +162,7 @@ def test_predictions_in_undeclared_weather_are_no_longer_than_it_lasts(record):
 
 
 def test_a_moment_that_nothing_names_is_no_noise(record):
-    """What it makes of a prediction counts as error, but for the slow moment that is nobody's fault."""
+    """The error that it makes of a prediction counts, but for the slow moment that is nobody's fault."""
     source = sought(SLOW_MOMENT, record.nominal, 0.001, 1.0, most=0.3)
     log = dataclasses.replace(record, world=record.world.with_weather(source))
     levels = declared(log)
@@ -246,7 +246,8 @@ def test_a_first_look_sees_what_the_acceleration_noise_has_taken_in(record, monk
     ("declared", "gyro_delay", 1.0, False), ("free", "gyro_delay", 3.0, False)])
 def test_a_gyro_as_noisy_as_it_may_be_beside_a_cause_of_a_sensor_does_not_fit(record, monkeypatch, noise, name, factor,
                                                                               disagree):
-    """As of a rate that a device has filtered: a delay is the nearest, and no cause is told from what is left."""
+    """A rate that a device has filtered is like that: a delay is the nearest, and no cause can be named from what is
+    left."""
     log = dataclasses.replace(record, noise=noise)
     levels = declared(log)
     levels[THETA_DOT] *= factor

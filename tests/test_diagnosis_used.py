@@ -1,4 +1,4 @@
-"""Which rows of a large log are fitted (`sim.diagnosis.data.used`): fewer rows, the same motion."""
+"""The rows of a large log that are fitted (`sim.diagnosis.data.used`): fewer rows, the same motion."""
 
 import dataclasses
 
@@ -42,7 +42,8 @@ def followed(r, *effects):
 
 @pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
 def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
-    """But for how many steps are integrated at once: a controller's commands stay, every one, where the log is faster
+    """The motion is the same but for how many steps are integrated at once: a controller's commands stay, every one,
+    where the log is faster
     and where it is slower."""
     r = as_record(period)
     thin = thinned(r, every)

@@ -179,7 +179,7 @@ def test_truth_has_the_effects_on_a6_and_k1():
 
 
 def test_two_gusts_add_up():
-    """Of a linear vehicle in open loop: the answer to both is the sum of the answers."""
+    """The answer of a linear vehicle in open loop to both is the sum of the answers."""
     gusts = [from_text("gust:angle=0.02,time=0.5,duration=1"), from_text("gust:angle=-0.01,time=1,duration=1.5")]
     plain, first, second, both = (fly_whole(probed(), 0, "ideal", effects=e).theta for e in
                                   ([], gusts[:1], gusts[1:], gusts))
@@ -260,7 +260,8 @@ def test_bandwidth_is_the_servo_s_natural_frequency():
 
 @pytest.mark.parametrize("wind_up", [0.0, 0.5])
 def test_rate_limit_is_the_saturated_servo(wind_up):
-    """Against plain Python in steps twenty times as fine, and |b'| <= rate to the bit of a sum; the rate that is asked
+    """The reference is plain Python in steps twenty times as fine, and |b'| <= rate to the bit of a sum; the rate that
+    is demanded
     for runs ahead of the limit by its wind-up."""
     rate, w, zeta, fine = 0.03, 50.0, 0.7, 20
     reach = (1.0 + wind_up) * rate
@@ -284,7 +285,8 @@ def test_wind_up_changes_the_flight():
 
 
 def test_lag_before_the_servo():
-    """Against plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the slowing."""
+    """The reference is plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the
+    slowing."""
     scale, w, zeta, fine = 0.5, 50.0, 0.7, 100
     tau = 2.0 * zeta / w * (1.0 / scale - 1.0)
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=scale, lag=1.0)])

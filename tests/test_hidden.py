@@ -164,7 +164,8 @@ def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
 
 
 def test_a_first_order_lag_of_the_servo_is_a_delay_and_no_slower_servo(tmp_path):
-    """Why `actuator_bandwidth` in its other form is answered by a set: responses of the innovations, the same noise in
+    """The set that answers `actuator_bandwidth` in its other form is right: responses of the innovations, the same
+    noise in
     all."""
     craft, slower = vehicle("constant"), -4.0
     lag = 2.0 * craft.servo_damping / craft.servo_frequency * (1.0 / (1.0 + slower / 100.0) - 1.0)

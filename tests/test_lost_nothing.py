@@ -82,7 +82,7 @@ def launchid(*words: object, **options: object) -> subprocess.Popen:
 
 @pytest.mark.parametrize("words", [["identify", "LOG", "--json", "-"], ["effects"], ["--help"]], ids=" ".join)
 def test_a_reader_that_leaves_is_no_error(folder, words):
-    """As of `| head -1`, which reads a line and goes; here before the first byte."""
+    """A reader such as `| head -1` reads a line and goes; here before the first byte."""
     read, write = os.pipe()
     os.close(read)
     process = launchid(*(folder / "log.csv" if word == "LOG" else word for word in words), stdout=write)

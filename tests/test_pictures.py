@@ -209,7 +209,8 @@ def truth(identification: Identification) -> list:
 
 @pytest.mark.parametrize("has_rate", [True, False])
 def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
-    """Where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope too."""
+    """The law holds where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope
+    too."""
     rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
     found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
     for each in found.predicted[:2]:

@@ -57,7 +57,7 @@ def test_the_newest_release_is_told_in_few_lines():
 
 
 def anchor(heading: str) -> str:
-    """What a heading is called in a link."""
+    """The name of a heading in a link."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 

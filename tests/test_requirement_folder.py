@@ -269,7 +269,7 @@ def test_a_nominal_that_cannot_fly_is_said_before_anything_is_written(tmp_path, 
 
 
 def test_too_few_flights_are_said_before_they_are_flown(tmp_path, capsys):
-    """With the literature's 1,705 flights nothing is proved by who may stop; as a plan they do."""
+    """The literature's 1,705 flights prove nothing if the campaign may stop; as a plan they do."""
     nominal = nominal_of(tmp_path)
     said = foreseen(nominal, 1705, "lost<0.00135@0.9", "decided")
     assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; as a plan, "
