@@ -112,7 +112,7 @@ def job(name: str, rate: float, text: str, seed: int, declared: str, window: flo
 
 
 def far(value: float, std: float, true: float) -> bool:
-    """More than FAR of its own standard deviations off."""
+    """Whether a value is more than FAR of its own standard deviations off."""
     return abs(value - true) > FAR * std
 
 

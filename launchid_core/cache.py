@@ -139,7 +139,7 @@ def finish() -> None:
 
 @contextlib.contextmanager
 def kept_apart(function: Callable[..., Any]) -> Iterator[bool]:
-    """Meanwhile numba's cache folder is that of the function's package; gives whether there is one."""
+    """A context in which numba's cache folder is that of the function's package; gives whether there is one."""
     folder = folder_of(function.__module__.partition(".")[0])
     with alone:
         usual = config.CACHE_DIR

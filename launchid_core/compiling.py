@@ -1,5 +1,4 @@
-"""The listeners that are called when a kernel is compiled, which takes seconds; the core itself prints
-nothing."""
+"""The listeners that are called when a kernel is compiled, which takes seconds; the core itself prints nothing."""
 
 from collections.abc import Callable
 

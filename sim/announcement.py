@@ -8,7 +8,7 @@ from .terminal import say
 
 
 class Announcement:
-    """Says it once."""
+    """An announcement that is made once."""
 
     def __init__(self) -> None:
         self.said = mmap.mmap(-1, 1)  # shared with forked workers

@@ -297,7 +297,8 @@ class _Parcel(NamedTuple):
 
 
 class _Dispatch:
-    """Sends chunks and takes what comes back; what dies with its worker is sent again, then job by job alone."""
+    """A loop that sends chunks and takes what comes back; what dies with its worker is sent again, then job by job
+    alone."""
 
     def __init__(self, fresh: Iterator[Chunk], run: Callable[[Any, Chunk], list[tuple[int, Any]]], work: Any,
                  fleet: _Fleet) -> None:

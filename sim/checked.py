@@ -43,8 +43,7 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
     """Faults of a theta_dot that is another motion than the slope of theta, or a multiple of it: for a diagnosis an
-    effect of a
-    sensor, which no estimator asks for."""
+    effect of a sensor, which no estimator asks for."""
     t, columns = related(log, data.usable, data.masks)
     period = float(t[1] - t[0]) if columns else 0.0
     if columns and is_other_motion(columns, period):

@@ -1,4 +1,4 @@
-"""Flies a nominal: whole, or one `Sample` at a time for a host loop.
+"""The flight of a nominal: whole, or one `Sample` at a time for a host loop.
 
 Two sensor suites: `ideal`, the paper's (true theta, theta_dot, beta, theta_ddot
 at the integration step, no unmodelled acceleration; navigation noise on the

@@ -1,4 +1,4 @@
-"""Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
+"""The run of the on-board estimator over a log or a flight, and its answer as JSON and as a table."""
 
 import collections
 import dataclasses
@@ -36,8 +36,7 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "rest
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
     """The formulation as asked, or filtered with a nominal that it has a model of, else measured if the log has
-    theta_ddot, else
-    integral (`reproduce`).
+    theta_ddot, else integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """

@@ -141,8 +141,7 @@ def _against(asked: Question, e: Estimate, missing: list[Lack]) -> list[Lack]:
 
 def drawn_off(rows: Rows, e: Estimate) -> Lack | None:
     """A lack where other coefficients of a window's terms leave clearly less of its increments, and are more than its
-    standard
-    deviations and TOLERANCE away: noise in the columns, or something slow, has drawn its own off."""
+    standard deviations and TOLERANCE away: noise in the columns, or something slow, has drawn its own off."""
     terms = active_terms(e)
     _, _, y, phi = window_increments(rows, rows.cut(e.t_start, e.t_end), terms)
     if len(y) < LEAST_ALONE * rows.span:

@@ -66,7 +66,7 @@ class Lack:
 
     @property
     def is_most(self) -> bool:
-        """Most of the error left out is gone with it."""
+        """Whether most of the error left out is gone with it."""
         return self.after - self.before > MOST * (1.0 - self.before)
 
 

@@ -80,8 +80,8 @@ class Log(Result):
             np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
 
     def unusable(self) -> str:
-        """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that
-        never change; in words, "" if there are none."""
+        """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
+        change; in words, "" if there are none."""
         from launchid_core import Config
         units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
         beyond, still = [], []

@@ -122,7 +122,7 @@ class Actuator:
 
     @property
     def frequency(self) -> float:
-        """[rad/s] w, or 1/T"""
+        """The frequency [rad/s]: w, or 1/T."""
         return 1.0 / self.time_constant if self.is_first_order else self.natural_frequency
 
     @property

@@ -1,5 +1,5 @@
-"""Counts what makes prose hard to read: lines a page, words that only the developers understand, docstrings without a
-subject.
+"""The counts of what makes prose hard to read: lines a page, words that only the developers understand, docstrings
+without a subject.
 
 `python tests/prose.py [FOLDER]` prints the counts of a checkout; `tests/test_prose.py` holds their limits.
 """

@@ -47,7 +47,7 @@ def top(module: str) -> str:
 
 
 def nowhere(faults: Iterable[str]) -> None:
-    """Fails with every fault in a line of its own."""
+    """Fail with every fault in a line of its own."""
     said = list(faults)
     assert not said, "\n".join(["", *said])
 

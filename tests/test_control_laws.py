@@ -111,8 +111,8 @@ def test_logged_command_is_the_law_s_from_the_logged_rate(suite, limit, effects)
 
 
 def test_pi_law_against_python_control():
-    """The error is the law's alone: open loop in effect, kp and ki so small that the plant does not feel them,
-    scaled back."""
+    """The error is the law's alone: open loop in effect, kp and ki so small that the plant does not feel them, scaled
+    back."""
     tiny = 1e-9
     nominal = short(controller={**RATE, "kp": 0.9 * tiny, "ki": 1.1 * tiny}, actuator={"deflection_limit": 1.0})
     flight = fly_whole(nominal, 3)

@@ -129,7 +129,7 @@ def test_losses_far_apart_or_of_other_signs_are_two(time, second, end, among):
 @AMONG
 @pytest.mark.parametrize(("frequency", "verdict"), [(10.0, "explained"), (7.3, "dominant")])
 def test_a_small_harmonic_belongs_to_its_line_and_another_line_does_not(frequency, verdict, among):
-    """Too small to be a cause of its own, too large to be nothing."""
+    """The harmonic is too small to be a cause of its own, too large to be nothing."""
     result = found("periodic_disturbance:amplitude=0.01,frequency=5",
                    f"periodic_disturbance:amplitude=6e-4,frequency={frequency}", among=among, nominal=lasting(45.0))
     assert result["verdict"] == verdict, (result["doubts"], result["leftover"])

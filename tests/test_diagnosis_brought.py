@@ -88,7 +88,7 @@ def test_a_vehicle_of_the_other_sign_is_told_so():
 
 @pytest.mark.parametrize("walk", [0.005, 0.03])
 def test_a_calm_day_contradicts_no_wind_that_was_declared(walk):
-    """Held at half the declared the wind was too strong for the log, and a6 or a friction made it weaker."""
+    """The wind held at half the declared was too strong for the log, and a6 or a friction made it weaker."""
     result = judged(flown(""), dataclasses.replace(NOMINAL, wind=Wind(walk=walk, turbulence=2.0 * walk)))
     assert result["verdict"] == "consistent"
 

@@ -38,7 +38,7 @@ def test_where_a_search_starts_and_a_limit_is_given_is_an_effect_within_its_rang
 
 
 def test_a_limit_of_what_begins_at_some_time_is_of_one_that_begins_within_the_log():
-    """Wherever its clock begins."""
+    """The log's clock may begin anywhere."""
     for first in (0.0, 100.0, -60.0):
         log = SimpleNamespace(**vars(RECORD) | {"t": RECORD.t + first})
         timed = [(name, dict(zip([free.name for free in record.free[1:]], record.limit_at(log), strict=True)))

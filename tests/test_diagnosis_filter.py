@@ -78,7 +78,7 @@ def test_a_known_scale_factor_changes_the_unit_of_the_rate_and_nothing_else(reco
 
 @pytest.mark.parametrize("scale", [0.5, -1.0, 2.0])
 def test_gains_of_a_scaled_gyro_are_those_of_a_good_one_with_its_noise(record, scale):
-    """Shown in rad/s its noise is the sensor's over the factor."""
+    """The gyro's noise, shown in rad/s, is the sensor's over the factor."""
     levels = declared(record)
     log, point = scaled(record, scale)
     dyn = dynamics(log, point)
@@ -221,7 +221,7 @@ def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():
 
 
 def test_a_wind_from_abeam_is_the_end_of_what_is_searched():
-    """More than a radian off the nose a vehicle does not fly: whatever it stands for, it is not this cause."""
+    """A vehicle does not fly more than a radian off the nose: whatever it stands for, it is not this cause."""
     for name, rest in (("steady_wind", ()), ("gust", (5.0, 2.0))):
         assert [Cause(RECORDS[name], (angle, *rest)).is_at_an_end for angle in (-1.0, -0.9, 0.9, 1.0)] == [
             True, False, False, True]

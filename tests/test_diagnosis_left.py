@@ -1,5 +1,5 @@
-"""The gates of the diagnosis: whether a size is the same all along the log, what is left beside the
-causes, which noise is not the declared."""
+"""The gates of the diagnosis: whether a size is the same all along the log, what is left beside the causes, which noise
+is not the declared."""
 
 import dataclasses
 import math
@@ -235,7 +235,8 @@ def test_the_constants_of_constancy_go_with_its_parts():
 
 
 def test_what_may_be_left_is_as_rare_in_noise_for_a_shape_a_line_and_a_line_at_a_mode():
-    """Once in 1e4 logs: of white noise one free number gains half a chi-squared of 1, a line half of one of 2."""
+    """The rarity is once in 1e4 logs: of white noise one free number gains half a chi-squared of 1, a line half of one
+    of 2."""
     shapes = len(list(_shapes(dict.fromkeys(
         ("theta", "theta_dot", "beta", "beta_dot", "u", "time", "seen theta", "seen theta_dot", "seen beta"),
         np.ones(2)))))

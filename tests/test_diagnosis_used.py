@@ -43,8 +43,7 @@ def followed(r, *effects):
 @pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
 def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
     """The motion is the same but for how many steps are integrated at once: a controller's commands stay, every one,
-    where the log is faster
-    and where it is slower."""
+    where the log is faster and where it is slower."""
     r = as_record(period)
     thin = thinned(r, every)
     kept = slice(r.held_phase, None, every)

@@ -261,8 +261,7 @@ def test_bandwidth_is_the_servo_s_natural_frequency():
 @pytest.mark.parametrize("wind_up", [0.0, 0.5])
 def test_rate_limit_is_the_saturated_servo(wind_up):
     """The reference is plain Python in steps twenty times as fine, and |b'| <= rate to the bit of a sum; the rate that
-    is demanded
-    for runs ahead of the limit by its wind-up."""
+    is demanded for runs ahead of the limit by its wind-up."""
     rate, w, zeta, fine = 0.03, 50.0, 0.7, 20
     reach = (1.0 + wind_up) * rate
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_rate_limit", rate=rate, wind_up=wind_up)])
@@ -315,7 +314,7 @@ def test_no_lag_makes_a_servo_faster():
 
 
 def test_play_operator():
-    """Drives at its edges, rests between, is the identity without play, and plays in series add."""
+    """The backlash drives at its edges, rests between, is the identity without play, and plays in series add."""
     u = np.cumsum(np.random.default_rng(1).normal(0, 0.3, 400))
     w, last = [], 0.0
     for x in u.tolist():

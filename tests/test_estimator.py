@@ -231,7 +231,7 @@ def test_nearly_dependent_columns_lose_digits_and_then_are_refused(apart):
 @pytest.mark.parametrize("formulation", REGRESSIONS)
 @given(a6=a6_values, k1=k1_values)
 def test_one_tone_is_rank(formulation, a6, k1):
-    """Along a single sine theta_ddot = -w^2 theta: any a6 fits with the k1 that makes up for it."""
+    """A single sine has theta_ddot = -w^2 theta: any a6 fits with the k1 that makes up for it."""
     assume(abs(4.5**2 + a6) > 0.1)
     assert_refused(one(config_of(formulation, 64), flight(a6, k1, 64, tones=TONES[1:2])), EstimateStatus.RANK)
 
@@ -566,7 +566,7 @@ def allocating(n):
 
 @pytest.fixture
 def allocations():
-    """Counts what numba's runtime allocates during a call."""
+    """The allocations of numba's runtime during a call."""
     if not JIT:
         pytest.skip("NUMBA_DISABLE_JIT=1: numba's runtime allocates nothing to count")
     assert hasattr(_nrt_python, "memsys_enable_stats"), "numba's allocation statistics moved: mend this test"

@@ -329,7 +329,7 @@ def test_a_trim_that_the_library_lacks_refuses_windows(tmp_path, name, effect, r
 
 
 def test_windows_without_increments_are_not_refused(clean):
-    """Shorter than an increment: nothing is said against them."""
+    """The windows are shorter than an increment: nothing is said against them."""
     config, estimates = windows(clean, 0.15, formulation="difference", threshold=0.0)
     estimates = [dataclasses.replace(e, valid=True, status=EstimateStatus.OK, support=np.ones((2, 3), bool))
                  for e in estimates]

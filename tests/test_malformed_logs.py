@@ -111,7 +111,7 @@ def test_a_pipe_without_an_end_of_line_is_left_in_time(tmp_path, capsys):
 
 
 def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_path):
-    """Written in pieces that end anywhere, as a file's buffer is flushed."""
+    """The log is written in pieces that end anywhere, as a file's buffer is flushed."""
     log = tmp_path / "log.csv"
     whole = HEAD + b"".join(b"%d.5,0.25,-0.125\n" % k for k in range(8_000))
     log.write_bytes(whole[:8_000])

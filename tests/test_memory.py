@@ -72,7 +72,7 @@ def test_after_a_flight_every_word_that_is_sealed_and_outside_the_extents_in_use
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_word_outside_the_extents_in_use_that_flips_is_seen_and_forgotten(name):
-    """Begun anew it is zero again: what is saved then goes on anywhere else."""
+    """The word is zero again in an estimator begun anew: what is saved then goes on anywhere else."""
     estimator, other = flown(CONFIGS[name], 205), Estimator(CONFIGS[name])
     saved, words = estimator.save(), estimator._memory.words
     spare = np.flatnonzero(~carried_in_use(CONFIGS[name])).tolist()

@@ -128,7 +128,7 @@ def test_interrupted_and_continued_is_the_same_folder(tmp_path):
     whole = campaign(nominal, out=tmp_path / "whole", flights=400, requirement=asked, stop="never", workers=1)
 
     class Stop(Exception):
-        """Stands for Ctrl-C."""
+        """An exception in the place of Ctrl-C."""
 
     done = 0
 

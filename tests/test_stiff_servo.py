@@ -90,8 +90,7 @@ def test_a_line_has_the_integrals_that_it_was_drawn_for(values, h):
 @pytest.mark.parametrize("rate", [0.05, 2.0, 20.0])
 def test_a_rate_limit_is_that_of_small_steps(w, zeta, rate):
     """The nozzle moves over ten steps of 2.5 ms, from rest to 0.05 rad: apart by what it moves in a part of a step,
-    where it begins and
-    where it ends."""
+    where it begins and where it ends."""
     h, parts = 0.0025, 2000
     ours, state = (0.0, 0.0), np.zeros(2)
     for _ in range(10):

@@ -355,7 +355,7 @@ REQUESTS = [
 
 
 def test_no_request_of_a_browser_is_rows(nominal, rows, quiet):
-    """However it is cut; among them a sender of rows, which is heard as if it were alone."""
+    """The request may be cut anywhere; among them a sender of rows is heard as if it were alone."""
     said: list[str] = []
     source = open_source("tcp:0", once=True, say=said.append)
     session = Session(source, nominal)

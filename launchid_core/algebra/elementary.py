@@ -124,7 +124,7 @@ def erfc_of(x):
 
 @asked
 def difference(a, b):
-    """a - b as the rounded difference and what rounding took from it, exactly (Knuth 1969)"""
+    """The difference a - b as the rounded one and what rounding took from it, exactly (Knuth 1969)."""
     rounded = a - b
     back = rounded - a
     return rounded, (a - (rounded - back)) - (b + back)

@@ -65,7 +65,7 @@ def dot_by_place(a, b, start, stop):
 
 @inner
 def subtract(y, s, x, start, stop):
-    """y[i] -= s*x[i]"""
+    """Subtract a multiple: y[i] -= s*x[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] -= s * x[i]
@@ -73,7 +73,7 @@ def subtract(y, s, x, start, stop):
 
 @inner
 def multiply(y, x, start, stop):
-    """y[i] *= x[i]"""
+    """Multiply: y[i] *= x[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] *= x[i]
@@ -81,21 +81,21 @@ def multiply(y, x, start, stop):
 
 @inner
 def scale(y, by, start, stop):
-    """y[i] *= by"""
+    """Multiply by a number: y[i] *= by, i in start..stop-1."""
     for k in range(start, stop):
         y[U(k)] *= by
 
 
 @inner
 def divide(y, by, start, stop):
-    """y[i] /= by"""
+    """Divide by a number: y[i] /= by, i in start..stop-1."""
     for k in range(start, stop):
         y[U(k)] /= by
 
 
 @inner
 def standard(y, x, centre, scale, start, stop):
-    """y[i] = (x[i] - centre)/scale"""
+    """Standardise: y[i] = (x[i] - centre)/scale, i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] = (x[i] - centre) / scale
@@ -131,7 +131,7 @@ def lagged(a, b, first, last, n, sums):
 
 @inner
 def weigh(y, x, s, start, stop):
-    """y[i] *= x[i] - s*y[i]"""
+    """Weigh: y[i] *= x[i] - s*y[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] *= x[i] - s * y[i]

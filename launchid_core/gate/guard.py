@@ -24,13 +24,13 @@ CONTROL, CARRIED = range(2)
 
 @inner
 def xor_integer(seal, n):
-    """seal xor n"""
+    """The seal with the integer n taken in: seal xor n."""
     return seal ^ n
 
 
 @inner
 def xor_double(seal, x):
-    """seal xor the bits of the double x"""
+    """The seal with the bits of the double x taken in: seal xor these."""
     return seal ^ np.float64(x).view(np.int64)
 
 

@@ -132,7 +132,7 @@ def factor_library(block, phi, target, drift, count, pieces):
 
 @inner
 def thresholds_of(fixed, y, count):
-    """(threshold in raw units, what a term must explain by itself of the squares of y)"""
+    """The threshold in raw units, and what a term must explain by itself of the squares of y."""
     return fixed.threshold[RAW], fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
 
 

@@ -64,7 +64,7 @@ def forget_places(state, f, first, last):
 
 @inner
 def copy_knowledge(mean, covariance, to_mean, to_covariance):
-    """mean (u,), covariance (u, u) in;  to_mean, to_covariance out"""
+    """Copy a mean (u,) and covariance (u, u) to to_mean, to_covariance out."""
     for i in range(SIZE):
         to_mean[i] = mean[i]
         for j in range(SIZE):

@@ -157,7 +157,7 @@ def _draw_refused(axis: Any, windows: list[dict[str, Any]]) -> None:
 
 
 def _legend(axis: Any, columns: int = 3, of: list[Any] | None = None) -> None:
-    """Above the axes, each label of theirs, or of several axes, once."""
+    """Draw a legend above the axes, each label of theirs, or of several axes, once."""
     entries = {label: handle for each in ([axis] if of is None else of)
                for handle, label in zip(*each.get_legend_handles_labels(), strict=True)}
     if entries:

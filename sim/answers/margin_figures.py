@@ -23,8 +23,8 @@ REACH = 40.0             # dB that the Nichols chart shows of either side
 
 
 def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins], report: dict[str, Any]) -> Figure:
-    """Left the margins over flight time with their intervals and what is required; right the last window that has
-    margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
+    """A figure: left the margins over flight time with their intervals and what is required; right the last window that
+    has margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
     figure = Figure(figsize=(13.5, 8.6), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
     grid = figure.add_gridspec(4, 2, width_ratios=[1.15, 1.0])

@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Per window of one flight.  Arrays (windows,); standard deviations are relative to the true value."""
+    """The bound in each window of one flight.  Arrays (windows,); standard deviations are relative to the true
+    value."""
 
     t_start: np.ndarray      # s
     a6: np.ndarray           # relative standard deviation

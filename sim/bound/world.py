@@ -18,19 +18,19 @@ class Path(Protocol):
 
     @property
     def t(self) -> np.ndarray:
-        """[s]"""
+        """The times [s] of the rows."""
 
     @property
     def period(self) -> float:
-        """[s]"""
+        """The time [s] between rows."""
 
     @property
     def wind(self) -> np.ndarray:
-        """[rad], as a sensor of the air's angle of attack has it"""
+        """The wind angle [rad], as a sensor of the air's angle of attack has it."""
 
     @property
     def true_gamma(self) -> np.ndarray:
-        """[rad]"""
+        """The flight-path angle [rad]."""
 
 
 class World(NamedTuple):

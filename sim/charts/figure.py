@@ -41,7 +41,7 @@ class Arrays:
 
 
 def figure_json(figure: Figure) -> Json | None:
-    """None of a figure that holds more than lines, bands and words (bars, error bars, an image)."""
+    """The figure as JSON; None of one that holds more than lines, bands and words (bars, error bars, an image)."""
     axes = figure.axes
     if not axes or any(axis.containers or axis.images or axis.collections for axis in axes):
         return None

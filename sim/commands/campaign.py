@@ -1,4 +1,4 @@
-"""launchid campaign"""
+"""The command `launchid campaign`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid campaign"""
+    """Run `launchid campaign`."""
     from ..nominal import load_nominal
     from ..requirement.executor import check_executor
     check_executor(args.executor)

@@ -1,4 +1,4 @@
-"""launchid convert"""
+"""The command `launchid convert`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -21,7 +21,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid convert"""
+    """Run `launchid convert`."""
     if not args.list and not (args.map and args.out):
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map

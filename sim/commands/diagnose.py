@@ -1,4 +1,4 @@
-"""launchid diagnose"""
+"""The command `launchid diagnose`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid diagnose"""
+    """Run `launchid diagnose`."""
     from ..nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)

@@ -1,4 +1,4 @@
-"""launchid effects"""
+"""The command `launchid effects`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -16,7 +16,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid effects"""
+    """Run `launchid effects`."""
     check_outputs(args.json)
     from ..reference import Effects
     tell(Effects(), args.json)

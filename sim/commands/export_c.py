@@ -1,4 +1,4 @@
-"""launchid export-c"""
+"""The command `launchid export-c`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid export-c"""
+    """Run `launchid export-c`."""
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
     check_folders(args.out)

@@ -1,4 +1,4 @@
-"""launchid fit-lft"""
+"""The command `launchid fit-lft`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid fit-lft"""
+    """Run `launchid fit-lft`."""
     from ..nominal import load_nominal
     *paths, nominal_path = args.logs
     if not paths:

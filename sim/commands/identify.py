@@ -1,4 +1,4 @@
-"""launchid identify"""
+"""The command `launchid identify`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid identify"""
+    """Run `launchid identify`."""
     from ..nominal import load_nominal
     log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal) if args.nominal else None

@@ -1,4 +1,4 @@
-"""launchid margins"""
+"""The command `launchid margins`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid margins"""
+    """Run `launchid margins`."""
     from ..nominal import load_nominal
     log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal)

@@ -1,4 +1,4 @@
-"""launchid nominal"""
+"""The command `launchid nominal`: its options, and its run."""
 
 import argparse
 import json
@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid nominal"""
+    """Run `launchid nominal`."""
     log = read_noting(args.log, "t", of=args.map)
     check_outputs(args.out, args.json)
     from ..first import first, lines, report, write

@@ -1,4 +1,4 @@
-"""launchid plan"""
+"""The command `launchid plan`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -22,7 +22,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid plan"""
+    """Run `launchid plan`."""
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)

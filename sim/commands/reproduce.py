@@ -1,4 +1,4 @@
-"""launchid reproduce"""
+"""The command `launchid reproduce`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid reproduce"""
+    """Run `launchid reproduce`."""
     at_least("--seeds", args.seeds, 1)
     check_folders(args.out)
     from ..experiments.report import reproduce

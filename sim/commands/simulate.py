@@ -1,4 +1,4 @@
-"""launchid simulate"""
+"""The command `launchid simulate`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid simulate"""
+    """Run `launchid simulate`."""
     from ..nominal import load_nominal
     at_least("--seed", args.seed, 0)
     nominal = load_nominal(args.nominal)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def warn(made: "Answer") -> None:
-    """Prints the warnings of an answer on stderr."""
+    """Print the warnings of an answer on stderr."""
     for line in made.warnings:
         say(line)
 

@@ -1,4 +1,4 @@
-"""launchid uncertainty"""
+"""The command `launchid uncertainty`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid uncertainty"""
+    """Run `launchid uncertainty`."""
     from ..nominal import load_nominal
     log = read_noting(args.log, of=args.map)
     nominal = load_nominal(args.nominal)

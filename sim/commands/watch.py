@@ -1,4 +1,4 @@
-"""launchid watch"""
+"""The command `launchid watch`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid watch"""
+    """Run `launchid watch`."""
     from ..answers.of_files import convert
     from ..convert.mapping import load_map
     from ..convert.readers import foreign_format

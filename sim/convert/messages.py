@@ -94,8 +94,7 @@ def read_dataflash(path: str, wanted: Wanted) -> Channels:
 
     class Binary(DFReader.DFReader_binary):
         """A reader without the index in C, which writes to the terminal; the one in Python writes to `sys.stderr`.  A
-        message
-        of no length would keep both for ever."""
+        message of no length would keep both for ever."""
 
         formats: dict[int, Any]
 

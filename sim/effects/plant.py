@@ -146,9 +146,9 @@ def stepped_moment(acceleration, time, t):
 
 @kernel
 def nozzle_reaction(coefficient, beta_ddot):
-    """coefficient beta'': the swung engine's reaction, tail wags dog; of a launcher coefficient =
-    -(I_R + m_R l_R l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its gimbal, J of the vehicle,
-    l_c from its centre of mass to the gimbal)."""
+    """The swung engine's reaction, coefficient beta'' (tail wags dog).  For a launcher coefficient = -(I_R + m_R l_R
+    l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its gimbal, J of the vehicle, l_c from its
+    centre of mass to the gimbal)."""
     return coefficient * beta_ddot
 
 

@@ -69,8 +69,7 @@ class First:
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
 def first(log: Log) -> First:
     """The vehicle's numbers from the log.  InputError where it has not the columns, the rows or the motion, or where a
-    column is of
-    another quantity than its name says: a nominal holds what it is fed."""
+    column is of another quantity than its name says: a nominal holds what it is fed."""
     data_warnings(log, None, strict=False, refuse_columns=True)
     c = channels(log)
     moving = c.theta if c.has("theta") else c.theta_dot
@@ -261,8 +260,7 @@ def reasons(made: First, found: Found, c: Channels) -> list[str]:
 
 def lacking(made: First, found: Found, driver: str) -> list[str]:
     """The effects in the log that the model lacks, by rows left out (`sim.lacking`), where that is most of the error
-    or, of
-    constant coefficients, would move them."""
+    or, of constant coefficients, would move them."""
     m, model = found.motion, found.fitted.model
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:

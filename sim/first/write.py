@@ -34,7 +34,7 @@ def nominal_of(made: First, name: str) -> Nominal:
 
 
 def wind(made: First) -> Wind:
-    """[wind]"""
+    """The section [wind] of the nominal."""
     walk, turbulence, time = (made.wind.get(name, (default, 0.0))[0]
                               for name, default in (("walk", 0.0), ("turbulence", 0.0), ("turbulence_time", 1.0)))
     return Wind(walk=walk, turbulence=turbulence, turbulence_time=time)

@@ -53,8 +53,7 @@ def flight_job(nominal: Nominal, seed: int) -> FlightJob:
 
 def flown_row(row: Mapping[str, Any]) -> Row:
     """The columns that a flight is judged by, from the row that `Flyer` gives, or from its text; ValueError for a row
-    that
-    it does not give."""
+    that it does not give."""
     if any(name not in JUDGED and not name.startswith(OFFSET) for name in row):
         raise ValueError("another column")
     try:

@@ -39,7 +39,7 @@ def digest_of(nominal: Nominal) -> str:
 
 
 def _text(part: Any) -> str:
-    """Every number of it, to the last bit; not the paths of files."""
+    """The text of every number of a part, to the last bit, without the paths of files."""
     if is_dataclass(part):
         part = {key.name: getattr(part, key.name) for key in fields(part)}
     if isinstance(part, dict):

@@ -67,8 +67,7 @@ def frequency_grid(period: float, delay: float) -> np.ndarray:
 def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The crossings, where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps
-    its bracket
-    (Dowell and Jarratt, BIT 11, 1971).
+    its bracket (Dowell and Jarratt, BIT 11, 1971).
 
     loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing

@@ -12,7 +12,7 @@ MOST_CHECKED = 20_000  # rows
 
 
 class FirstRows:
-    """Keeps them until there are enough, and no longer."""
+    """The first rows, kept until there are enough of them for the check."""
 
     def __init__(self, path: str) -> None:
         self._path, self._logs, self._done = path, list[Log](), False

@@ -63,8 +63,7 @@ class Follower:
 
     def _config(self, period: float) -> Config:
         """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
-        nominal has
-        one, which changes no other number."""
+        nominal has one, which changes no other number."""
         if not 0.0 < period < math.inf:
             raise UsageError(f"--period {period!r}: expected a time in s above 0")
         timing = log_of({"t": [0.0, period], "theta": [0.0, 0.0], "beta": [0.0, 0.0]}, self._source)

@@ -24,7 +24,7 @@ BOM = b"\xef\xbb\xbf"
 
 
 class Lines:
-    """Cuts a stream into rows and reads them as `sim.log` does.
+    """A stream cut into rows, which are read as `sim.log` does.
 
     path       what messages call the stream
     strict     no usable columns are an InputError (of a file), not a row that cannot be read (of a socket, where

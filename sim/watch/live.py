@@ -24,7 +24,7 @@ class Series:
         self.rows: list[Row] = []
 
     def is_due(self) -> bool:
-        """Will the next row be kept."""
+        """Whether the next row will be kept."""
         return self._offered % self.stride == 0
 
     def add(self, row: Row | None) -> None:

@@ -13,8 +13,7 @@ PERIOD_ROWS = 64  # whose median step is the sample period
 
 class Rate:
     """The sample period of rows that come, by PERIOD_ROWS.  What the estimator would reject for its stamp, theta or
-    beta
-    says nothing of the rate."""
+    beta says nothing of the rate."""
 
     def __init__(self, path: str) -> None:
         self._path, self._t = path, list[float]()

@@ -51,7 +51,7 @@ HEADERS = {
 
 
 class Server(ThreadingHTTPServer):
-    """Serves `live` until it is closed."""
+    """A server of `live`, until it is closed."""
 
     daemon_threads = True
     block_on_close = False
@@ -151,8 +151,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def _is_ours(self, path: str) -> bool:
         """Whether a request has this machine's name, and is not by a page of another origin, whose name may have been
-        turned to
-        this address.  A link to the page may stand anywhere."""
+        turned to this address.  A link to the page may stand anywhere."""
         names = (LOOPBACK, "localhost")
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if (host.rpartition(":")[0] or host) not in names:
