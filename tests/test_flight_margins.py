@@ -246,6 +246,10 @@ def test_the_json_is_the_contracts(made):
     assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
     assert set(said["actuator"]) == {"natural_frequency", "damping_ratio", "delay"}
     assert said["actuator"]["natural_frequency"] == {"value": 50.0, "std": 0.0}
+
+
+def test_the_frame_has_a_row_a_window(made):
+    pytest.importorskip("pandas")
     frame = made.to_frame()
     assert len(frame) == 14 and {"phase_deg_low", "tracked_gain_high_db_std"} <= set(frame.columns)
 
