@@ -183,7 +183,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
 
 
 def constants(nominal: Nominal) -> np.ndarray:
-    """(N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
+    """The constants (N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
     actuator, controller, sensors = nominal.actuator, nominal.controller, nominal.sensors
     simulation = nominal.simulation
     assert actuator is not None and controller is not None and simulation is not None
@@ -198,14 +198,15 @@ def constants(nominal: Nominal) -> np.ndarray:
 
 
 def sections(nominal: Nominal) -> np.ndarray:
-    """(n, N_SECTION) of the controller's filters, at rest."""
+    """The sections (n, N_SECTION) of the controller's filters, at rest."""
     assert nominal.controller is not None
     rows = [(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters]
     return np.array(rows, dtype=np.float64).reshape(-1, N_SECTION)
 
 
 def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.ndarray:
-    """(steps,) [rad] what navigation adds to the true flight-path angle at every step; NaN without [drift]."""
+    """The error (steps,) [rad] that navigation adds to the true flight-path angle at every step; NaN without
+    [drift]."""
     if nominal.drift is None:
         return np.full(steps, math.nan)
     return noise(seed, "gamma", 0.0 if suite == "ideal" else nominal.sensors.gamma_std, steps)

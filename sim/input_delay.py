@@ -57,7 +57,7 @@ class Stretch(NamedTuple):
     basis: np.ndarray
 
     def columns(self, rows: Rows, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
-        """(k, b) what the terms without beta leave of the increments of those in a beta (n,)."""
+        """The rest (k, b) that the terms without beta leave of the increments of those in a beta (n,)."""
         integrals = term_integrals(rows, self.at, terms, beta)
         made = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
         return made - np.column_stack([combined(self.basis, along(self.basis, x)) for x in made.T])

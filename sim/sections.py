@@ -127,7 +127,7 @@ class Actuator:
 
     @property
     def lag(self) -> float:
-        """[s] by which it follows a slow command late, its delay apart."""
+        """The time [s] by which it follows a slow command late, its delay apart."""
         return self.time_constant if self.is_first_order else 2.0 * self.damping_ratio / self.natural_frequency
 
 

@@ -258,7 +258,7 @@ def test_a_test_input_between_the_rows_is_in_the_commands(delay):
                                                           (500.0, 450.0, False)])
 def test_another_controller_is_confirmed_by_what_the_nozzle_has_for_it_over_the_nominal_s(
         monkeypatch, nominal_s, others, sees):
-    """[nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
+    """The evidence [nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
     believed, found = object(), ControllerCheck(NONE, 1.0, 1.0, evidence=refined_module.UNCONFIRMED + 1.0)
     evidence = SimpleNamespace(noise=1.0, residual=lambda x: np.zeros(3),
                                of_nozzle=lambda of: nominal_s if of is believed else others)

@@ -163,9 +163,9 @@ def test_two_oscillations_that_a_log_does_not_resolve_are_one_that_changes(cause
 
 
 def sized(*parts, seed=0, logarithmic=False, settled=True, rows=slice(None), deviation=None):
-    """A model of 1600 rows with two causes much alike: the second's size is off by `parts` in parts of the log of equal
-    length; settled: the fit is at its minimum;  rows: that alone tell it;  deviation: what the nominal leaves open of a
-    number with the second's very response."""
+    """A model of 1600 rows with two causes much alike.  The second's size is off by `parts` in parts of the log of
+    equal length; settled: the fit is at its minimum;  rows: that alone tell it;  deviation: what the nominal leaves
+    open of a number with the second's very response."""
     rng, n = np.random.default_rng(seed), 1600
     slopes = rng.standard_normal((3 * n, 3))
     slopes[:, 1] += 0.7 * slopes[:, 0]

@@ -25,7 +25,7 @@ DECLARED = Wind(turbulence=0.005, walk=0.002)
 
 
 def posed(wind=None, effect=None, mask=None, period=0.01, masked=None, believed=()):
-    """(the problem of a flight of `constant` in this weather, what is believed of it, fitted by nothing)"""
+    """The problem of a flight of `constant` in this weather, and what is believed of it, fitted by nothing."""
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=14.0),
                                   sensors=dataclasses.replace(nominal.sensors, period=period), wind=wind)

@@ -37,7 +37,7 @@ def flight(effect="", seed=6):
 
 
 def read_at(whole, period, jitter, begin=0.0, seed=3):
-    """(rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
+    """The values (rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
     n = int((whole.t[-1] - begin - 0.1) / period)
     away = np.random.default_rng(seed).uniform(-jitter, jitter, n)
     return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))

@@ -19,7 +19,7 @@ from sim.nominal import built_in, load_nominal
 
 
 def logged(period, duration=6.0, drop=()):
-    """(A flight of `constant` as a log of this period [s], its nominal)"""
+    """A flight of `constant` as a log of this period [s], and its nominal."""
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration),
                                   sensors=dataclasses.replace(nominal.sensors, period=period))

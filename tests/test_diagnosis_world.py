@@ -386,8 +386,8 @@ def explained_by(nominal):
 
 
 def absorbed_by_a_fit(model, change):
-    """[nats] that a cause with this change of the residual gains over a model without, whose levels are fitted: mean of
-    both signs, in which what the noise has in common with it cancels."""
+    """The evidence [nats] that a cause with this change of the residual gains over a model without, whose levels are
+    fitted: mean of both signs, in which what the noise has in common with it cancels."""
     record, base = model.fit.record, model.fit
     shift = np.einsum("kab,kb->ka", base.filter.low, change[:3 * record.rows].reshape(-1, 3))
     own = fit_levels(record, model.dynamics, base.innovations, base.filter, base.filter.levels)

@@ -416,7 +416,7 @@ def writes(tree: ast.AST) -> list[int]:
 
 
 def test_files_are_written_by_one_door():
-    """Writes elsewhere stand within `atomic_path`; a campaign's journal is no output."""
+    """A write elsewhere stands within `atomic_path`; a campaign's journal is no output."""
     found = []
     for path in sorted((ROOT / "sim").rglob("*.py")):
         source = path.read_text(encoding="utf-8")

@@ -136,7 +136,7 @@ def test_the_version_is_said(capsys):
 
 @pytest.mark.skipif(not os.path.exists("/dev/fd") or os.name != "posix", reason="no pipes by name here")
 def test_a_reader_that_has_gone_is_no_traceback(folder):
-    """`launchid identify LOG | head -1`"""
+    """The command is `launchid identify LOG | head -1`."""
     command = subprocess.Popen([sys.executable, "-m", "sim", "effects"], cwd=ROOT, stdout=subprocess.PIPE,
                                stderr=subprocess.PIPE)
     assert command.stdout is not None and command.stderr is not None

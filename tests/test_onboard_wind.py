@@ -356,8 +356,8 @@ def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_
 
 
 def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise():
-    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end; the
-    information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
+    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end.
+    The information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
     wind."""
     declared = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
                                    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))

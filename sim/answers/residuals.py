@@ -40,9 +40,9 @@ THETA_DOT = 1    # column of the whitened residual
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The predictions over one horizon: times [s] that were predicted for, theta measured and predicted [rad] (n,)
-    there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of fewer than
-    FEWEST."""
+    """The predictions over one horizon.  They have times [s] that were predicted for, theta measured and predicted
+    [rad] (n,) there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of
+    fewer than FEWEST."""
 
     horizon: float
     t: np.ndarray

@@ -139,8 +139,8 @@ def spread(found: Found, c: Channels) -> float:
 
 
 def hidden(found: Found, c: Channels) -> np.ndarray:
-    """(q,) by how much commands between the rows, which no nozzle sensor shows, may be wrong for: the change when every
-    second command is left out, which is at least as much."""
+    """The error (q,) by commands between the rows, which no nozzle sensor shows: the change when every second command
+    is left out, which is at least as much."""
     model = found.fitted.model
     if c.has("beta") or model.no_input or is_held(c):
         return np.zeros(len(model.linear))
@@ -149,8 +149,8 @@ def hidden(found: Found, c: Channels) -> np.ndarray:
 
 
 def between_nodes(found: Found, fitted: Fitted) -> np.ndarray:
-    """(na + nk,) by how much lines between the nodes are wrong: the change at them when nodes are put between, beyond
-    what chance gives it (Hausman 1978: the difference's variance is that of the variances)."""
+    """The error (na + nk,) of lines between the nodes: the change at them when nodes are put between, beyond what
+    chance gives it (Hausman 1978: the difference's variance is that of the variances)."""
     model = fitted.model
     n = len(model.node_a) + len(model.node_k)
     if found.finer is None:
