@@ -201,7 +201,8 @@ def why(windows: list[dict[str, Any]]) -> str:
     if not windows:
         return "no window of this log is valid: none is complete"
     counts = collections.Counter(window["status"] for window in windows)
-    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)} windows)"
+            for status, n in counts.most_common()]
     return f"no window of this log is valid: {'; '.join(said)}"
 
 
@@ -230,21 +231,22 @@ def lack_words(lack: Lack, library: str) -> str:
     after, before = 100.0 * lack.after, 100.0 * lack.before
     shares = lack.shares
     if lack.what == "interpolated":
-        return "what beta did between its own values, fewer than the rows, is not in the log: log it as it acts"
+        return "beta has fewer values than the log has rows, and lines between them: log beta at every row, as it acts"
     if lack.what == "coefficients":
         return (f"other coefficients of the same terms predict {after:.3g} % of the motion, the window's {before:.3g} "
                 "%: noise in theta or beta, or something slow, draws them off")
     if lack.size is None:
-        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be known"
-                if lack.what == "placebo" else "the answer predicts nothing of rows left out")
+        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be "
+                "determined" if lack.what == "placebo" else "the fit predicts nothing of rows that are left out of it")
     if lack.what == "delay":
         late = "later" if lack.size > 0.0 else "sooner"
         return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({shares}): shift it by that"
     if lack.what == "beta_ddot":
-        return (f"the acceleration of beta acts too, with {lack.size:.3g} ({shares}): no library has it, "
-                "`launchid diagnose` does (nozzle_inertia)")
-    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else f"the term {lack.what} ({lack.size:.3g})"
-    return f"{what} is in the log ({shares}): --library {library}"
+        return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({shares}): no library has "
+                "that term, the cause nozzle_inertia of `launchid diagnose` has")
+    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else \
+        f"the term {lack.what} with the coefficient {lack.size:.3g}"
+    return f"{what} acts in the log ({shares}): identify with --library {library}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -278,12 +280,12 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
-                     f"(size {with_std(c['size'], c['size_std'])})")
+                     f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
     lines += [result[words] for words in ("why", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
-    done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
+    done = ", ".join(f"{FILTER_WORDS[name]}: {n}" for name, n in result["filter"].items() if n > 0)
     if done:
         lines.append(f"filter: {done}")
     return "\n".join(lines)

@@ -118,7 +118,7 @@ def test_the_text_has_the_digits_of_the_standard_deviation():
                                      terms_std={"theta": 1.6, "sin(theta)": 0.25})], "changes": [change],
                   "samples": {"accepted": 1, "rejected": {}}, "filter": {}})
     assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25 +- 0.25" in said
-    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 (size 2.432 +- 0.071)" in said
+    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 1/s^2 (size 2.432 +- 0.071)" in said
 
 
 # ---- uncertainty, and the paper's figures

@@ -272,8 +272,8 @@ def test_too_few_flights_are_said_before_they_are_flown(tmp_path, capsys):
     """The literature's 1,705 flights prove nothing if the campaign may stop; as a plan they do."""
     nominal = nominal_of(tmp_path)
     said = foreseen(nominal, 1705, "lost<0.00135@0.9", "decided")
-    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; as a plan, "
-                    "--stop never, 1705",)
+    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; with --stop "
+                    "never 1705 would",)
     assert foreseen(nominal, 1705, "lost<0.00135@0.9", "never") == ()
     assert "1705 without" in foreseen(nominal, 1704, "lost<0.00135@0.9", "never")[0]
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "5", "--workers", "1", "--out", str(tmp_path / "o")]

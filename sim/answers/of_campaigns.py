@@ -110,7 +110,7 @@ def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], s
         least, plan = rule.flights_needed(0), Planned(asked.probability, asked.confidence).flights_needed(0)
         if flights < least:
             notes += (f"{asked.text}: {flights} flights cannot prove it, {least} without a failure would"
-                      + (f"; as a plan, --stop never, {plan}" if plan < least else ""),)
+                      + (f"; with --stop never {plan} would" if plan < least else ""),)
     return notes
 
 

@@ -49,7 +49,7 @@ class Identification(Answer):
     def summary(self) -> str:
         c = self.config
         head = (f"{self.log.path}: formulation {c.formulation}, library {self.library}, solver {c.solver}, "
-                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows")
+                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
         return "\n".join([head, table(self.report) if self.estimates else _too_short(self.log, c.window)])
 
     def columns(self) -> Columns:

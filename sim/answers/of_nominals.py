@@ -139,13 +139,14 @@ class Planned(Answer):
 
     def summary(self, of: str = "test input") -> str:
         made, multisine = self.made, self.made.nominal.test_input
-        head = (f"bound of the worse parameter, median over {self.window:g} s windows: {100 * made.before:.3g} % "
-                f"without input, {100 * made.after:.3g} % with it")
+        head = (f"smallest possible standard deviation (Cramer-Rao bound) of the less certain of a6 and k1, median of "
+                f"{self.window:g} s windows: {100 * made.before:.3g} % without a test input, {100 * made.after:.3g} % "
+                "with it")
         if multisine is None:
             return f"{head}\n{of}: no test input needed"
         sines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
                           for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
-        return f"{head}\n{of}: {sines}; {made.root_mean_square:.2e} rad rms, peak {made.peak:.2e} rad"
+        return f"{head}\n{of}: test input of {sines}; {made.root_mean_square:.2e} rad rms, peak {made.peak:.2e} rad"
 
     def columns(self) -> Columns:
         names, multisine = ("frequency", "amplitude", "phase"), self.made.nominal.test_input

@@ -75,7 +75,7 @@ def first(log: Log) -> First:
     moving = c.theta if c.has("theta") else c.theta_dot
     if np.nanmax(moving) == np.nanmin(moving):
         raise InputError(f"{c.path}: column {'theta' if c.has('theta') else 'theta_dot'}: the same value in every row; "
-                         "nothing can be told of a vehicle that does not move")
+                         "nothing can be determined of a vehicle that does not move")
     for name in ("beta", "beta_cmd"):
         rate = rate_of(log.t, getattr(log, name))
         if rate.kind == INTERPOLATED:
@@ -249,11 +249,11 @@ def reasons(made: First, found: Found, c: Channels) -> list[str]:
     """The reasons why a number of the nominal cannot be given; none: it can."""
     driver = "beta" if c.has("beta") else "beta_cmd"
     if is_constant(c):
-        return [f"k1 cannot be told: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in which "
-                "it moves"]
+        return [f"k1 cannot be determined: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in "
+                "which it moves"]
     said = []
     if not np.any(np.abs(made.k1) > SURE * made.k1_std):
-        said.append(f"k1 cannot be told: {made.k1.mean():.3g} +- {made.k1_std.mean():.2g} 1/s^2 may be 0; log a "
+        said.append(f"k1 cannot be determined: {made.k1.mean():.3g} +- {made.k1_std.mean():.2g} 1/s^2 may be 0; log a "
                     f"stretch in which {driver} moves more")
     return said + lacking(made, found, driver) + unseparated(made, found)
 
@@ -294,10 +294,10 @@ def lack_words(lack: Lack, driver: str) -> str:
     """The sentence that says why a first nominal without this effect would be wrong."""
     shares = lack.shares
     if lack.what == "nothing":
-        return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be told"
+        return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be determined"
     if lack.what == "placebo":
-        return (f"k1 cannot be told: {driver} of another time of the log explains the motion as well as {driver} does "
-                "(placebo)")
+        return (f"k1 cannot be determined: {driver} of another time of the log explains the motion as well as {driver} "
+                "does (placebo)")
     assert lack.size is not None
     if lack.what == "delay":
         words = f"leads the motion by {1e3 * lack.size:.0f} ms" if lack.size >= 0.0 else \
@@ -323,6 +323,6 @@ def unseparated(made: First, found: Found) -> list[str]:
     theta, beta = (float(np.std(phi[:, k] - phi[:, 0] * (phi[:, k].sum() / phi[:, 0].sum()))) for k in (1, 2))
     worth = float(np.median(made.a6_std)) * theta
     if worth > WORTH * max(float(np.median(np.abs(made.k1))) * beta, float(np.median(np.abs(made.a6))) * theta):
-        return [f"a6 cannot be told: {made.a6.mean():.3g} +- {made.a6_std.mean():.2g} 1/s^2; log a stretch in which "
-                "theta moves more"]
+        return [f"a6 cannot be determined: {made.a6.mean():.3g} +- {made.a6_std.mean():.2g} 1/s^2; log a stretch in "
+                "which theta moves more"]
     return []

@@ -19,6 +19,10 @@ LONGEST_STEP = 0.001   # s, of the integration
 FAST = 200.0           # rad/s: a servo in the place of one that no sensor sees; its lag is taken off the delay
 FAST_DAMPING = 0.7
 UNKNOWN_THETA = 0.01   # rad: of a sensor that the log has not, a guess
+UNITS = {"moment": "rad/s^2", "gyro_bias": "rad/s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad",
+         "command": "rad", "acceleration": "rad/s^2", "walk": "rad/sqrt(s)", "turbulence": "rad",
+         "turbulence_time": "s", "moment_walk": "rad/s^2/sqrt(s)", "moment_turbulence": "rad/s^2"}
+TERM_UNITS = {"theta_dot": "1/s", "sign(theta_dot)": "rad/s^2"}
 
 
 def nominal_of(made: First, name: str) -> Nominal:
@@ -127,10 +131,10 @@ def comments(made: First) -> dict[tuple[str, str], str]:
             ("vehicle.terms", '"sin(theta)"'): f"{a6} 1/s^2",
             ("vehicle.terms", '"beta"'): f"{k1} 1/s^2", ("sensors", "period"): "s, of the log",
             ("simulation", "duration"): "s, of the log"}
-    said |= {("vehicle.terms", f'"{name}"'): shown(number) for name, number in made.terms.items()}
+    said |= {("vehicle.terms", f'"{name}"'): shown(number, TERM_UNITS[name]) for name, number in made.terms.items()}
     for name, key in (("theta", "theta_std"), ("theta_dot", "theta_dot_std"), ("beta", "beta_std")):
         there = name in made.noise
-        said["sensors", key] = shown(made.noise[name]) if there else "not in the log, or not used: a guess"
+        said["sensors", key] = shown(made.noise[name], UNITS[name]) if there else "not in the log, or not used: a guess"
     said["simulation", "acceleration_noise_std"] = shown(made.noise["acceleration"], "rad/s^2")
     if made.delay is not None:
         said["actuator", "delay"] = shown(made.delay, "s")
@@ -141,7 +145,7 @@ def comments(made: First) -> dict[tuple[str, str], str]:
         said["actuator", "natural_frequency"] = "no nozzle was measured: fast, its lag taken off the delay"
     if "command" in made.noise:
         said["actuator", "command_noise_std"] = shown(made.noise["command"], "rad")
-    said |= {("wind", name): shown(number) for name, number in made.wind.items()}
+    said |= {("wind", name): shown(number, UNITS[name]) for name, number in made.wind.items()}
     if "moment" in made.offsets:
         moment = made.offsets["moment"]
         said["effects", "angle"] = f"a moment of {with_std(*moment)} rad/s^2"
@@ -156,11 +160,11 @@ def commented(lines: list[str], made: First, source: str) -> Iterator[str]:
     yield f"# The first nominal out of {source} alone: one standard deviation behind each number. SI units."
     if made.delay is not None and made.delay_of == "beta":
         yield f"# The motion lags beta by {with_std(*made.delay)} s."
-    for name, unit in (("moment", "rad/s^2"), ("gyro_bias", "rad/s")):
+    for name in ("moment", "gyro_bias"):
         if name in made.offsets and not told(made, name):
-            yield f"# {name}: {with_std(*made.offsets[name])} {unit}, not told from 0."
+            yield f"# {name}: {with_std(*made.offsets[name])} {UNITS[name]}, not significantly different from 0."
     for name, number in made.wind.items() if not is_wind(made) else ():
-        yield f"# {name}: {with_std(*number)} (a6 is too vague to call it wind)."
+        yield f"# {name}: {with_std(*number)} {UNITS[name]} (a6 is too vague to call it wind)."
     for note in made.notes:
         yield f"# {note}"
     said, section = comments(made), ""
@@ -186,14 +190,14 @@ def lines(made: First, out: str) -> list[str]:
     for t, *numbers in zip(made.t, made.a6, made.a6_std, made.k1, made.k1_std, strict=True):
         when = f"  at {t:.2f} s" if len(made.t) > 1 else ""
         said.append(f"a6 ({gravity}) {with_std(*numbers[:2])} 1/s^2, k1 {with_std(*numbers[2:])} 1/s^2{when}")
-    said += [f"{name} {with_std(*number)}" for name, number in made.terms.items()]
+    said += [f"term {name} {with_std(*number)} {TERM_UNITS[name]}" for name, number in made.terms.items()]
     if made.delay is not None:
         after = "beta" if made.delay_of == "beta" else "the command"
         said.append(f"delay after {after} {with_std(*made.delay)} s")
     if made.servo is not None:
         said.append(f"servo {with_std(*made.servo[0])} rad/s, damping ratio {with_std(*made.servo[1])}")
     for words, each in (("offset", made.offsets), ("noise", made.noise), ("wind", made.wind)):
-        said += [f"{words} {name} {with_std(*number)}" for name, number in each.items()]
+        said += [f"{words} {name} {with_std(*number)} {UNITS[name]}" for name, number in each.items()]
     return [*saying_what_plus_minus_is(said), *made.notes, f"{out}: written"]
 
 

@@ -199,7 +199,7 @@ def table(said: dict[str, Any]) -> str:
     lines += servo_lines(said["actuator"])
     lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
     if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
-        lines.append("every margin keeps what [margins] requires, with its whole interval")
+        lines.append("every margin keeps what [margins] requires, and so does its whole 95 % interval")
     return "\n".join(lines)
 
 

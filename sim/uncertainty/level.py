@@ -101,7 +101,7 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
 def table(estimates: list[Estimate]) -> str:
     """The windows for a terminal, and what left its range."""
-    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'its P':>6}" for name in PARAMETERS)
+    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in PARAMETERS)
     lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
     for e in estimates:
         u = e.uncertainty
@@ -109,16 +109,17 @@ def table(estimates: list[Estimate]) -> str:
         line = f"{e.t_start:>9.3f} {e.t_end:>9.3f}"
         for level in (u.a6, u.k1):
             if not u.valid:
-                line += f"  {'-':>16} {'-':>9} {'-':>6}"
+                line += f"  {'-':>16} {'-':>9} {'-':>7}"
                 continue
             best = max(level.probability)
-            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>6.3f}"
+            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>7.3f}"
         lines.append(line)
     for name, since, said, back in departures(estimates):
-        lines.append(f"{name} out of its range since {since:.2f} s (known at {said:.2f} s): another factor at play "
-                     "(fault, wind)" + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
+        lines.append(f"{name} is out of its range since {since:.2f} s (alarm by {said:.2f} s): more than dispersion "
+                     "acts, such as a fault or wind"
+                     + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
     if not any(e.uncertainty is not None and e.uncertainty.valid for e in estimates):
-        lines.append("no window of this log says where a6 and k1 are")
+        lines.append("no window of this log determines where in their range a6 and k1 are")
     elif not departures(estimates):
-        lines.append("a6 and k1 in their range throughout")
+        lines.append("a6 and k1 are in their range throughout")
     return "\n".join(lines)
