@@ -37,9 +37,9 @@ alone = threading.RLock()  # who decorates or compiles
 
 def cache_folder() -> Path | None:
     """The user's folder of this project's caches: LAUNCHID_CACHE, or the system's usual place; None without a home."""
-    own = os.environ.get("LAUNCHID_CACHE")
-    if own:
-        return Path(own).expanduser().absolute()
+    chosen = os.environ.get("LAUNCHID_CACHE")
+    if chosen:
+        return Path(chosen).expanduser().absolute()
     usual = {"darwin": ("", "~/Library/Caches"), "win32": ("LOCALAPPDATA", "~/AppData/Local")}
     variable, fallback = usual.get(sys.platform, ("XDG_CACHE_HOME", "~/.cache"))
     try:

@@ -175,13 +175,13 @@ class Estimator:
         report = self._report()
         if report is None:
             return ()
-        found = []
+        changes = []
         for k in range(int(report.flag[rp.CHANGES])):
             t, t_std, before, after, size, size_std, alarm = report.change[k].tolist()
             parameter, final = report.changed[k].tolist()
-            found.append(Change(t, t_std, "a6" if parameter == A6 else "k1", before, after, size, size_std, alarm,
-                                bool(final)))
-        return tuple(found)
+            changes.append(Change(t, t_std, "a6" if parameter == A6 else "k1", before, after, size, size_std, alarm,
+                                  bool(final)))
+        return tuple(changes)
 
     @property
     def noise_levels(self) -> dict[str, float]:
@@ -202,11 +202,11 @@ class Estimator:
         CHANGE_WITHDRAWN, sudden changes that a contradiction of the model followed.
         """
         state = self._parts.state
-        found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
-        found |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
+        counts = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
+        counts |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
         if self._calls.report is not None:
-            found |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
-        return found
+            counts |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
+        return counts
 
     @property
     def nbytes(self) -> int:

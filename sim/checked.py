@@ -32,13 +32,13 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
         nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
             period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
     log, _ = unwrapped(log)
-    made = check(log, nominal)
-    for fault in made.faults:
+    data = check(log, nominal)
+    for fault in data.faults:
         if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    if foreign(made.faults):
-        return made.faults
-    return (*made.faults, *plant_faults(log, nominal, made.masks), *rate_faults(log, made))
+    if foreign(data.faults):
+        return data.faults
+    return (*data.faults, *plant_faults(log, nominal, data.masks), *rate_faults(log, data))
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
@@ -58,15 +58,15 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
                   "as much, which their standard deviations do not know; correct the scale of either")]
 
 
-def warned(log: Log, found: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+def warned(log: Log, noted: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
     """The data check's warning in one line; () if it found nothing.
 
     InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
     """
-    if not found:
+    if not noted:
         return ()
-    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in found)}"
-    if strict or (refuse_columns and foreign(found)):
+    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in noted)}"
+    if strict or (refuse_columns and foreign(noted)):
         raise InputError(line)
     return (line,)
 
@@ -76,10 +76,10 @@ def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_column
     return warned(log, faults(log, nominal), strict, refuse_columns)
 
 
-def foreign(found: tuple[Fault, ...]) -> str:
+def foreign(noted: tuple[Fault, ...]) -> str:
     """The columns that are of another quantity than their names say, in words; "": none.  No advice but to correct
     them has a meaning then."""
-    return "; ".join(fault.message for fault in found if fault.kind in COLUMN_FAULTS)
+    return "; ".join(fault.message for fault in noted if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
@@ -101,9 +101,9 @@ def ideal_note(log: Log) -> tuple[str, ...]:
         return ()
     t, x, v, a = (column[known] for column in (log.t, log.theta, log.theta_dot, log.theta_ddot))
     h = np.diff(t)
-    for of, slope, curvature in ((v, a, None), (x, v, a)):
+    for signal, slope, curvature in ((v, a, None), (x, v, a)):
         bend = 0.0 if curvature is None else h**2 / 12.0 * np.diff(curvature)  # of the trapezium, to the fifth order
-        step = np.diff(of)
+        step = np.diff(signal)
         off = step - (0.5 * h * (slope[1:] + slope[:-1]) - bend)
         if not np.median(np.abs(off)) < EXACT * np.sqrt(np.mean(step**2)):
             return ()

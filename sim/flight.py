@@ -150,8 +150,8 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     simulation, controller, actuator = nominal.simulation, nominal.controller, nominal.actuator
     assert simulation is not None and controller is not None and actuator is not None and nominal.guidance is not None
     h = simulation.step
-    own = h if suite == "ideal" else nominal.sensors.period
-    log_every = whole(own if period is None else period, h, "period")
+    spacing = h if suite == "ideal" else nominal.sensors.period
+    log_every = whole(spacing if period is None else period, h, "period")
     if simulation.duration / h > MAX_STEPS:
         raise InputError(f"{nominal.path}: simulation.duration = {simulation.duration!r}: expected at most "
                          f"{MAX_STEPS:g} steps of {h:g} s")

@@ -177,16 +177,16 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
 
 
-def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
+def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
     """The identify JSON of a whole log."""
-    said = report(made.estimates, made.estimator, tracked, made.judged)
-    if "why" in said and (reason := made.log.unusable()):
+    said = report(result.estimates, result.estimator, tracked, result.judged)
+    if "why" in said and (reason := result.log.unusable()):
         said["why"] += f"; {reason}"
-    if made.foreign:
-        said["next"] = f"correct the log first: {made.foreign}"
-    if made.config.formulation == "filtered":
+    if result.foreign:
+        said["next"] = f"correct the log first: {result.foreign}"
+    if result.config.formulation == "filtered":
         return said
-    return said | {"delay": None if made.delay is None else made.delay.json}
+    return said | {"delay": None if result.delay is None else result.delay.json}
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
@@ -268,13 +268,13 @@ def table(result: dict[str, Any]) -> str:
     heads = ["a6 +- std [1/s^2]", "k1 +- std [1/s^2]", *(("tracked a6 +- std", "tracked k1 +- std") if tracked else ())]
     lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
 
-    def pair(of: dict[str, Any], name: str) -> str:
-        return f"{with_std(of[name], of[f'{name}_std']):>20}"
+    def pair(numbers: dict[str, Any], name: str) -> str:
+        return f"{with_std(numbers[name], numbers[f'{name}_std']):>20}"
 
     for w in result["windows"]:
         terms = ", ".join(term if term in IN_COLUMNS else f"{term} {with_std(value, w['terms_std'].get(term))}"
                           for term, value in w["terms"].items())
-        pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
+        pairs = [pair(numbers, name) for numbers in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])
     for c in result.get("changes", []):

@@ -77,8 +77,8 @@ def refused(estimate: Estimate) -> Estimate:
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
     """The estimates, without those that a contradiction of the model follows within WITHDRAWN s: what contradicts it
     was there before it was told, and the estimator could not know; a log that is whole can."""
-    told = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
-    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in told) for e in estimates]
+    contradicted = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
+    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in contradicted) for e in estimates]
     return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
 
 
@@ -146,11 +146,11 @@ def drawn_off(rows: Rows, e: Estimate) -> Lack | None:
     _, _, y, phi = window_increments(rows, rows.cut(e.t_start, e.t_end), terms)
     if len(y) < LEAST_ALONE * rows.span:
         return None
-    own = np.asarray(e.xi[e.support[:, 1], 1])
+    given = np.asarray(e.xi[e.support[:, 1], 1])
     best = least_squares(phi, y)
-    left, least, whole = (square(y - combined(phi, xi)) for xi in (own, best, 0.0 * best))
+    left, least, whole = (square(y - combined(phi, xi)) for xi in (given, best, 0.0 * best))
     off = any(abs(b - a) > max(e.terms_std.get(term, 0.0), TOLERANCE * abs(a))
-              for term, a, b in zip(terms, own.tolist(), best.tolist(), strict=True))
+              for term, a, b in zip(terms, given.tolist(), best.tolist(), strict=True))
     if not (left > WEAK * least and off and whole > 0.0):
         return None
     return Lack("coefficients", 1.0 - left / whole, 1.0 - least / whole)

@@ -59,8 +59,8 @@ class Stretch(NamedTuple):
     def columns(self, rows: Rows, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
         """The rest (k, b) that the terms without beta leave of the increments of those in a beta (n,)."""
         integrals = term_integrals(rows, self.at, terms, beta)
-        made = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
-        return made - np.column_stack([combined(self.basis, along(self.basis, x)) for x in made.T])
+        steps = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
+        return steps - np.column_stack([combined(self.basis, along(self.basis, x)) for x in steps.T])
 
 
 def lead_of(rows: Rows, terms: tuple[str, ...]) -> Lead | None:
@@ -113,11 +113,11 @@ def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
     stride = max(1, rows.span // STARTS)
     others = tuple(term for term in terms if "beta" not in term)
     integrals = np.column_stack([term_integrals(rows, at, others, rows.beta), rows.theta_dot[at]])
-    made = increments(rows.t[at], integrals, rows.span, stride)[1]
-    if len(made) <= len(terms):
+    steps = increments(rows.t[at], integrals, rows.span, stride)[1]
+    if len(steps) <= len(terms):
         return None
-    basis = orthonormal(made[:, :-1])[0]
-    y = made[:, -1] - combined(basis, along(basis, made[:, -1]))
+    basis = orthonormal(steps[:, :-1])[0]
+    y = steps[:, -1] - combined(basis, along(basis, steps[:, -1]))
     return Stretch(at, stride, y, basis)
 
 

@@ -45,8 +45,8 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
             return list(map(float, cells))
         except ValueError:  # an empty cell, most likely
             pass
-    found = [number(cell) for cell in cells]
-    return None if None in found else found  # type: ignore[return-value]
+    values = [number(cell) for cell in cells]
+    return None if None in values else values  # type: ignore[return-value]
 
 
 def shown(cell: str) -> str:

@@ -71,6 +71,6 @@ def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
 
 
 def _png(figure: "Figure") -> bytes:
-    made = io.BytesIO()
-    figure.canvas.print_figure(made, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
-    return made.getvalue()
+    buffer = io.BytesIO()
+    figure.canvas.print_figure(buffer, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
+    return buffer.getvalue()

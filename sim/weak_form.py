@@ -193,8 +193,8 @@ def window_increments(rows: Rows, at: slice, terms: tuple[str, ...]) -> tuple[np
     if len(t) <= rows.span:
         return t[:0], t[:0], t[:0], np.zeros((0, len(terms)))
     integrals = np.column_stack([term_integrals(rows, at, terms, rows.beta), rows.theta_dot[at]])
-    first, made = increments(t, integrals, rows.span)
-    return t[first], t[first + rows.span], made[:, -1], made[:, :-1]
+    first, steps = increments(t, integrals, rows.span)
+    return t[first], t[first + rows.span], steps[:, -1], steps[:, :-1]
 
 
 def left(phi: np.ndarray, y: np.ndarray) -> np.ndarray:

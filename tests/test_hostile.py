@@ -171,7 +171,7 @@ def test_a_million_rows_are_diagnosed_and_it_is_said_which(nominal):
     log = launchid.simulate(long, seed=3, period=period).log
     assert len(log.t) == once
     made = launchid.diagnose(log, long)
-    used = made.made.used
+    used = made.diagnosis.used
     assert used is not None and used.rows <= MOST
     assert math.isclose(used.end - used.begin, used.rows * used.every * period, rel_tol=0.01)
     assert f"  {used.words}" in made.summary().splitlines()

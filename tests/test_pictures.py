@@ -191,7 +191,7 @@ def test_predictions_are_the_equations_solution():
     found = rs.residuals(log, exact)
     assert np.max(np.abs(found.residual)) < 1e-3
     for each in found.predicted:
-        assert np.max(np.abs(each.own - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
+        assert np.max(np.abs(each.within - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
 
 
 def test_too_few_predictions_have_no_fit():

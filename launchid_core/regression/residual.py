@@ -345,7 +345,7 @@ def report_absent(plan, work, out, rows, at, residual, extended, size, known, fr
     factors = sparse.columns[:size * q].reshape((size, q))
     influences = extended[:(q - size) * count].reshape((q - size, count))
     lost, length, places = sparse.lost, sparse.length, work.extended_order
-    found = 0
+    reported = 0
     for j in range(q):
         if work.active[j]:
             continue
@@ -360,11 +360,11 @@ def report_absent(plan, work, out, rows, at, residual, extended, size, known, fr
         lost[j] = dot(direction, sparse.right[:], size, q)
         apply_q(factors, sparse.tau[:], size, direction)
         for i in range(count):
-            influences[found, i] = direction[i] if i < q else 0.0
-        places[found] = j
-        found += 1
-    rotate(at, work.tau[:], q, influences, 0, found)  # in time
-    for k in range(found):
+            influences[reported, i] = direction[i] if i < q else 0.0
+        places[reported] = j
+        reported += 1
+    rotate(at, work.tau[:], q, influences, 0, reported)  # in time
+    for k in range(reported):
         j = places[k]
         weigh(influences[k], residual, lost[j], 0, count)
         long_run(influences[k:k + 1], freedom, work.covariance[:], rows[VALUE], rows[HALF])

@@ -243,12 +243,12 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
             density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
     choose_filter(state, better)
-    found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
-    if not found < np.inf:
+    contradiction = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
+    if not contradiction < np.inf:
         restart_undeclared(state)
         return
-    state.number[LASTED] = state.number[LASTED] + dt if found > THERE else 0.0
+    state.number[LASTED] = state.number[LASTED] + dt if contradiction > THERE else 0.0
     if state.number[LASTED] > PATIENCE:
         state.flag[FOUND] = 1
-    elif found < GONE:
+    elif contradiction < GONE:
         state.flag[FOUND] = 0

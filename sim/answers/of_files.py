@@ -42,9 +42,9 @@ class Converted(Answer):
         write_columns(path, self.log.measured())
 
 
-def convert(path: str, of: Map, required: tuple[str, ...] = REQUIRED) -> Converted:
+def convert(path: str, mapping: Map, required: tuple[str, ...] = REQUIRED) -> Converted:
     """The log that a map makes of a flight's file."""
-    log, notes = converted(path, of, required)
+    log, notes = converted(path, mapping, required)
     t = log.t[np.isfinite(log.t)]
     return Converted(log, {
         "rows": len(log.t), "span": float(np.ptp(t)), "period": log.period,

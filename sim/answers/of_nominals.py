@@ -127,7 +127,7 @@ def _effect(given: object) -> Effect:
 class Planned(Answer):
     """A test input, and what it buys."""
 
-    made: Plan
+    plan: Plan
     window: float
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
@@ -135,26 +135,26 @@ class Planned(Answer):
     @property
     def nominal(self) -> Nominal:
         """The nominal with its [test_input]."""
-        return self.made.nominal
+        return self.plan.nominal
 
     def summary(self, of: str = "test input") -> str:
-        made, multisine = self.made, self.made.nominal.test_input
+        plan, multisine = self.plan, self.plan.nominal.test_input
         head = (f"smallest possible standard deviation (Cramer-Rao bound) of the less certain of a6 and k1, median of "
-                f"{self.window:g} s windows: {100 * made.before:.3g} % without a test input, {100 * made.after:.3g} % "
+                f"{self.window:g} s windows: {100 * plan.before:.3g} % without a test input, {100 * plan.after:.3g} % "
                 "with it")
         if multisine is None:
             return f"{head}\n{of}: no test input needed"
         sines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
                           for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
-        return f"{head}\n{of}: test input of {sines}; {made.root_mean_square:.2e} rad rms, peak {made.peak:.2e} rad"
+        return f"{head}\n{of}: test input of {sines}; {plan.root_mean_square:.2e} rad rms, peak {plan.peak:.2e} rad"
 
     def columns(self) -> Columns:
-        names, multisine = ("frequency", "amplitude", "phase"), self.made.nominal.test_input
+        names, multisine = ("frequency", "amplitude", "phase"), self.plan.nominal.test_input
         return {name: [] if multisine is None else list(getattr(multisine, name)) for name in names}
 
     def _figure(self) -> "Figure":
         from .figures import plan_figure
-        return plan_figure(self.made)
+        return plan_figure(self.plan)
 
     def write(self, path: str | Path) -> None:
         """The nominal, as TOML: the file that it came from, with what is new."""
@@ -164,11 +164,11 @@ class Planned(Answer):
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:
     """Design the smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
     accuracy = real("--accuracy", accuracy, "a relative accuracy such as 0.01")
-    made = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
-    multisine = made.nominal.test_input
+    designed = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
+    multisine = designed.nominal.test_input
     names = ("start", "duration", "frequency", "amplitude", "phase")
-    return Planned(made, window, {
-        "before": made.before, "after": made.after, "rms": made.root_mean_square, "peak": made.peak,
+    return Planned(designed, window, {
+        "before": designed.before, "after": designed.after, "rms": designed.root_mean_square, "peak": designed.peak,
         "test_input": None if multisine is None else {name: getattr(multisine, name) for name in names}})
 
 

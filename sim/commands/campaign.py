@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> None:
         say(line)
     progress = Counter(args.flights or 1, "flights")
     try:
-        made = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
-                        stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
-                        progress=progress)
+        result = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
+                          stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
+                          progress=progress)
     except KeyboardInterrupt:
         progress.clear()
         if progress.done > 0:
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         raise
     progress.clear()
     try:
-        made.plot(f"{args.out}/{PICTURE}")
+        result.plot(f"{args.out}/{PICTURE}")
     except UsageError as error:
         say(f"{args.out}: no {PICTURE}: {error}")
-    answer(made.summary(args.out))
+    answer(result.summary(args.out))

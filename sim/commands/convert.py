@@ -25,17 +25,17 @@ def run(args: argparse.Namespace) -> None:
     if not args.list and not (args.map and args.out):
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map
-    of = load_map(args.map) if args.map else None
+    mapping = load_map(args.map) if args.map else None
     from ..answers.of_files import channel_lines, convert
     if args.list:
-        lines, notes = channel_lines(args.flight, of.options if of else {})
+        lines, notes = channel_lines(args.flight, mapping.options if mapping else {})
         for note in notes:
             say(note)
         answer("\n".join(lines))
         return
-    assert of is not None
-    made = convert(args.flight, of, ("t",))
+    assert mapping is not None
+    result = convert(args.flight, mapping, ("t",))
     check_outputs(args.out)
-    made.write(args.out)
-    warn(made)
-    say(made.summary(args.out))
+    result.write(args.out)
+    warn(result)
+    say(result.summary(args.out))

@@ -37,15 +37,15 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose`."""
     from ..nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)
-    holdout = read_noting(args.holdout, "t", of=args.map) if args.holdout else None
+    log, nominal = read_noting(args.log, "t", map_path=args.map), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
     check_outputs(args.json)
     check_folders(args.report)
     from ..answers.of_logs import diagnose
     progress = Progress()
-    made = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
-                    noise=args.noise)
+    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+                      noise=args.noise)
     progress("")
     if args.report:
-        made.write_report(args.report)
-    tell(made, args.json)
+        result.write_report(args.report)
+    tell(result, args.json)

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     nominal = load_nominal(args.nominal)
     check_folders(args.out)
     from ..answers.of_nominals import export_c
-    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
-                    float32=args.float32, **choices(args))
-    made.write(args.out)
-    say(made.summary(args.out))
+    result = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
+                      float32=args.float32, **choices(args))
+    result.write(args.out)
+    say(result.summary(args.out))

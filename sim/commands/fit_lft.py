@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = load_nominal(nominal_path)
-    logs = [read_noting(path, of=args.map) for path in paths]
+    logs = [read_noting(path, map_path=args.map) for path in paths]
     check_outputs(args.out)
     from ..answers.of_logs import fit_lft
-    made = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
-                   strict=args.strict)
-    made.write(args.out)
-    warn(made)
-    answer(made.summary(args.out))
+    result = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
+                     strict=args.strict)
+    result.write(args.out)
+    warn(result)
+    answer(result.summary(args.out))

@@ -32,14 +32,14 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid identify`."""
     from ..nominal import load_nominal
-    log = read_noting(args.log, of=args.map)
+    log = read_noting(args.log, map_path=args.map)
     nominal = load_nominal(args.nominal) if args.nominal else None
     check_outputs(args.json, args.plot, args.resid)
     check_plot(args.plot)
     check_plot(args.resid)
     from ..answers.of_logs import identify
-    made = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
-                    strict=args.strict, **choices(args))
+    result = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
+                      strict=args.strict, **choices(args))
     if args.resid:
-        made.residuals(args.resid)
-    tell(made, args.json, args.plot)
+        result.residuals(args.resid)
+    tell(result, args.json, args.plot)

@@ -25,18 +25,18 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid nominal`."""
-    log = read_noting(args.log, "t", of=args.map)
+    log = read_noting(args.log, "t", map_path=args.map)
     check_outputs(args.out, args.json)
     from ..first import first, lines, report, write
-    made = first(log)
+    result = first(log)
     if args.json:
-        text = json.dumps(report(made), indent=1)
+        text = json.dumps(report(result), indent=1)
         if args.json == "-":
             answer(text)
         else:
             write_text(args.json, [text, "\n"])
-    if made.refused:
-        raise InputError(f"{args.log}: {'; '.join(made.refused)}")
-    write(made, args.out)
+    if result.refused:
+        raise InputError(f"{args.log}: {'; '.join(result.refused)}")
+    write(result, args.out)
     if args.json != "-":
-        answer("\n".join(lines(made, args.out)))
+        answer("\n".join(lines(result, args.out)))

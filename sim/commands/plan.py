@@ -27,6 +27,6 @@ def run(args: argparse.Namespace) -> None:
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
     from ..answers.of_nominals import plan
-    made = plan(nominal, accuracy=args.accuracy, window=args.window)
-    made.write(args.out)
-    answer(made.summary(args.out))
+    result = plan(nominal, accuracy=args.accuracy, window=args.window)
+    result.write(args.out)
+    answer(result.summary(args.out))

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
     from ..answers.of_nominals import simulate
-    made = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
-    made.write(args.out)
-    warn(made)
-    say(made.summary(args.out))
+    result = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
+    result.write(args.out)
+    warn(result)
+    say(result.summary(args.out))

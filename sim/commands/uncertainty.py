@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid uncertainty`."""
     from ..nominal import load_nominal
-    log = read_noting(args.log, of=args.map)
+    log = read_noting(args.log, map_path=args.map)
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)

@@ -49,22 +49,22 @@ def run(args: argparse.Namespace) -> None:
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = load_nominal(args.nominal)
-    of = load_map(args.map) if args.map else None
+    mapping = load_map(args.map) if args.map else None
     source: Source
-    if of is not None and (foreign := foreign_format(args.source)):
+    if mapping is not None and (foreign := foreign_format(args.source)):
         if not args.once:
             raise UsageError(f"{args.source}: a file of the format {foreign} is not followed while it grows; expected "
                              "--once")
-        converted = convert(args.source, of)
+        converted = convert(args.source, mapping)
         warn(converted)
-        source, of = Whole(converted.log), None
+        source, mapping = Whole(converted.log), None
     else:
         refuse_foreign(args.source)
         source = open_source(args.source, args.once, say)
     check_outputs(args.json)
     from ..watch.session import watch
-    made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
-                 strict=args.strict, of=of, http=args.http, say=say)
-    tell(made, args.json)
-    if made.interrupted:
+    result = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
+                   strict=args.strict, mapping=mapping, http=args.http, say=say)
+    tell(result, args.json)
+    if result.interrupted:
         raise KeyboardInterrupt

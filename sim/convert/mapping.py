@@ -125,12 +125,12 @@ class _Reader:
 
     def number(self, place: str, value: Any, low: float = -math.inf) -> float:
         try:
-            found = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+            number = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
         except OverflowError:
-            found = math.nan
-        if not math.isfinite(found) or found < low:
+            number = math.nan
+        if not math.isfinite(number) or number < low:
             raise self.fail(place, value, "a number" + (f" of at least {low:g}" if low > -math.inf else ""))
-        return found
+        return number
 
     def map(self) -> Map:
         self.section("map", self.table, ("time", "columns", "file"))
@@ -139,10 +139,10 @@ class _Reader:
         if not columns:
             raise InputError(f"{self.path}: [columns] is empty; expected [columns.theta] and others")
         period = self.period(time)
-        if own := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
-                   and "time" in value]:
-            raise InputError(f"{self.path}: columns.{own[0]}.time is of stamps, time.period of rows without any; leave "
-                             "one of them out")
+        if unstamped := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
+                         and "time" in value]:
+            raise InputError(f"{self.path}: columns.{unstamped[0]}.time is of stamps, time.period of rows without any; "
+                             "leave one of them out")
         names = [name for name in REQUIRED[1:] + OPTIONAL if name in columns]
         sources = tuple(self.source(name, columns[name]) for name in names)
         options = self.options()
@@ -209,9 +209,9 @@ class _Reader:
         if given == "quaternion" and table.get("unit", "rad") != "rad":
             raise InputError(f"{self.path}: {place}.unit = {table['unit']!r}: a quaternion has no unit, the angle "
                              "launchid makes of it is in rad; leave unit out")
-        for key, of in ONLY_OF.items():
-            if key in table and given != of:
-                raise InputError(f"{self.path}: {place}.{key} belongs to {of}, not to {given}; leave it out")
+        for key, kind in ONLY_OF.items():
+            if key in table and given != kind:
+                raise InputError(f"{self.path}: {place}.{key} belongs to {kind}, not to {given}; leave it out")
 
     def names(self, place: str, value: Any) -> tuple[str, ...]:
         if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):

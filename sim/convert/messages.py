@@ -236,18 +236,18 @@ def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[byte
 
 def _factories() -> list[Any]:
     """The decoders of encodings beside JSON that are installed."""
-    found: list[Any] = []
+    factories: list[Any] = []
     try:
         from mcap_ros2.decoder import DecoderFactory as Ros2
-        found.append(Ros2())
+        factories.append(Ros2())
     except ModuleNotFoundError:
         pass
     try:
         from mcap_protobuf.decoder import DecoderFactory as Protobuf
-        found.append(Protobuf())
+        factories.append(Protobuf())
     except ModuleNotFoundError:
         pass
-    return found
+    return factories
 
 
 def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:

@@ -83,11 +83,11 @@ def _metric(values: Sequence[float], unit: str) -> dict[str, Any]:
 # ---- words
 
 
-def said(report: dict[str, Any], of: str) -> str:
+def said(report: dict[str, Any], name: str) -> str:
     """The verdict for a terminal."""
     last = report["seed"] + report["flown"] - 1
     early = "" if report["flown"] == report["flights"] else f" of {report['flights']}, and no more were needed"
-    lines = [f"{of}: {report['nominal']}, {report['flown']} flights{early} (seeds {report['seed']} to {last}): "
+    lines = [f"{name}: {report['nominal']}, {report['flown']} flights{early} (seeds {report['seed']} to {last}): "
              f"{report['lost']} lost" + (f", {report['without_result']} without a result"
                                          if report["without_result"] else "")]
     lines += [_in_words(result, report["stop"] == "never") for result in report["results"]]

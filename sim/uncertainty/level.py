@@ -86,17 +86,17 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
     NaN for the last if it never came back; in order of their alarm.
     """
-    found = []
+    rows = []
     for name in PARAMETERS:
         inside = True
         for e in estimates:
             level: Level = getattr(e.uncertainty, name)
             if inside and not level.in_range:
-                found.append((name, level.out_since, e.t_end, math.nan))
+                rows.append((name, level.out_since, e.t_end, math.nan))
             elif not inside and level.in_range:
-                found[-1] = (*found[-1][:3], e.t_end)
+                rows[-1] = (*rows[-1][:3], e.t_end)
             inside = level.in_range
-    return sorted(found, key=lambda row: row[2])
+    return sorted(rows, key=lambda row: row[2])
 
 
 def table(estimates: list[Estimate]) -> str:

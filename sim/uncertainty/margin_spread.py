@@ -77,12 +77,12 @@ class Spread:
         """Margins whose interval begins below what is required: whether it ends there too."""
         demands = {"gain_low_db": required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
                    "delay_ms": required.delay_ms}
-        found = {}
+        misses = {}
         for name, demand in demands.items():
             least, most = self.ends(name)
             if least < demand:
-                found[name] = most < demand
-        return found
+                misses[name] = most < demand
+        return misses
 
 
 def margin_table(many: Loops) -> np.ndarray:

@@ -39,8 +39,8 @@ class FirstRows:
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""
         try:
-            found = "; ".join(fault.message for fault in faults(self._together(), nominal))
+            words = "; ".join(fault.message for fault in faults(self._together(), nominal))
         except InputError as error:
-            found = str(error)
+            words = str(error)
         self._done, self._logs, self.count = True, [], 0
-        return f"{self._path}: the data check of the first rows: {found}" if found else ""
+        return f"{self._path}: the data check of the first rows: {words}" if words else ""

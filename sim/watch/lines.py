@@ -33,10 +33,10 @@ class Lines:
     malformed, last   how many rows could not be read; what was said of the last one
     """
 
-    def __init__(self, path: str, strict: bool, say: Callable[[str], None], of: Map | None = None) -> None:
+    def __init__(self, path: str, strict: bool, say: Callable[[str], None], mapping: Map | None = None) -> None:
         self.path, self._strict, self._say = path, strict, say
-        self._mapped = None if of is None else MappedStream(of)
-        self._clock = "t" if of is None else of.time
+        self._mapped = None if mapping is None else MappedStream(mapping)
+        self._clock = "t" if mapping is None else mapping.time
         self.malformed, self.last, self._said = 0, "", 0
         self.number, self._torn = 0, b""
         self.begin_anew()

@@ -67,7 +67,8 @@ def message(live: Live, seen: Seen | None) -> tuple[dict[str, Any], Seen]:
     """The message of what a page lacks: everything (`head` is among it) at first and where a list was thinned."""
     head, points, windows = live.head, live.points.rows, live.windows.rows
     now = Seen(head, points, windows, len(points), len(windows))
-    told = {"now": live.now, "changes": live.changes}
+    always = {"now": live.now, "changes": live.changes}
     if seen is None or seen.head is not head or seen.points is not points or seen.windows is not windows:
-        return {"head": head, "points": points[:now.n_points], "windows": windows[:now.n_windows], **told}, now
-    return {"points": points[seen.n_points:now.n_points], "windows": windows[seen.n_windows:now.n_windows], **told}, now
+        return {"head": head, "points": points[:now.n_points], "windows": windows[:now.n_windows], **always}, now
+    return {"points": points[seen.n_points:now.n_points], "windows": windows[seen.n_windows:now.n_windows],
+            **always}, now

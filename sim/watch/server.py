@@ -181,24 +181,24 @@ class Handler(BaseHTTPRequestHandler):
             self.server.leave(self.connection)
 
     def _tell(self) -> None:
-        live, seen, revision, told = self.server.live, None, -1, 0.0
+        live, seen, revision, last = self.server.live, None, -1, 0.0
         self.wfile.write(b"retry: 1000\n\n")
         while self.connection in self.server.telling:
             clock = time.monotonic()
-            if revision != live.revision or clock - told > ALIVE:
+            if revision != live.revision or clock - last > ALIVE:
                 revision = live.revision  # before it is read: what comes meanwhile is told again
                 news, seen = message(live, seen)
                 self.wfile.write(b"data: " + _json(news) + b"\n\n")
-                told = clock
+                last = clock
                 if news["now"]["state"] == "ended":
                     return
             time.sleep(FRAME)
         self.wfile.write(b"event: replaced\ndata: {}\n\n")
 
 
-def _json(of: dict[str, Any]) -> bytes:
+def _json(content: dict[str, Any]) -> bytes:
     """The message as JSON, with the time [s] since the last row, as no page has this clock."""
-    now = {name: value for name, value in of["now"].items() if name != "clock"}
-    if "clock" in of["now"]:
-        now["idle"] = round(time.monotonic() - of["now"]["clock"], 1)
-    return json.dumps(of | {"now": now}, separators=(",", ":"), allow_nan=False).encode()
+    now = {name: value for name, value in content["now"].items() if name != "clock"}
+    if "clock" in content["now"]:
+        now["idle"] = round(time.monotonic() - content["now"]["clock"], 1)
+    return json.dumps(content | {"now": now}, separators=(",", ":"), allow_nan=False).encode()

@@ -69,11 +69,11 @@ def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text:
         return Pipe(text, sys.stdin.fileno())
     path = locate_log(text)
     try:
-        found = os.stat(path)
-        if stat.S_ISFIFO(found.st_mode):
+        status = os.stat(path)
+        if stat.S_ISFIFO(status.st_mode):
             reads(path)
             return Pipe(text, os.open(path, os.O_RDONLY))
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{text}: neither a file nor a pipe; expected a CSV log, udp:PORT or tcp:PORT")
         reads(path)
         return File(text, str(path), once)
@@ -85,15 +85,15 @@ def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text:
 def _bound(text: str, kind: str, port: str) -> socket.socket:
     if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
         raise UsageError(f"{text}: expected {kind}:PORT with a port of 0 (any free one) to 65535")
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
     try:
         if kind == "tcp":
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((LOOPBACK, int(port)))
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((LOOPBACK, int(port)))
     except OSError as error:
-        made.close()
+        bound.close()
         raise UsageError(f"{text}: cannot listen there ({error.strerror}); expected a free port, 0 takes any") from None
-    return made
+    return bound
 
 
 class File:
@@ -123,8 +123,8 @@ class File:
     def _turn(self) -> bool:
         """Turn to the file that stands at the path now, if it is another or was cut; returns whether it did."""
         try:
-            found = os.stat(self._path)
-            if found.st_size >= self._file.tell() and os.path.samestat(found, os.fstat(self._file.fileno())):
+            status = os.stat(self._path)
+            if status.st_size >= self._file.tell() and os.path.samestat(status, os.fstat(self._file.fileno())):
                 return False
             another = open(self._path, "rb")
         except OSError:
