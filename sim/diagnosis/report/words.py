@@ -18,7 +18,7 @@ NATS = ": by so much the log-likelihood rises with it beside all else in the mod
        "3 nats are odds of 20 to 1"
 
 def error_words(gain: Gain) -> str:
-    """What is called the error."""
+    """The words that define the error."""
     return f"error: the square of predicting {gain.longest:g} s ahead, beyond noise, on rows held out, to which " \
            "nothing was fitted"
 
@@ -35,7 +35,7 @@ def amount(value: float | str, std: float | None, unit: str, hertz: bool = False
 
 
 def sentence(cause: Named) -> str:
-    """What a cause means, with its size."""
+    """The sentence that says what a cause means, with its size."""
     units = {**cause.units, **({"coefficient": ""} if "term" in cause.values else {})}
     values = {name: amount(value, cause.std.get(name), units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
@@ -57,7 +57,8 @@ def values_words(cause: Cause, shift: float) -> str:
 
 
 def alternatives(made: Diagnosis, cause: Named) -> list[str]:
-    """What the log cannot tell a cause from: in which form where the catalogue's own is not like it, and its size."""
+    """The causes that the log cannot distinguish from a cause: with form where the catalogue's own is not like it, and
+    size."""
     sizes: dict[str, str] = {}
     if made.selection is not None and made.record is not None:
         for chosen, ranking in zip(made.selection.model.causes, made.selection.rivals, strict=False):
@@ -86,7 +87,7 @@ def would_decide(cause: Named) -> list[str]:
 
 
 def places(made: Diagnosis) -> str:
-    """Where the causes may be: a set that spans places names them all."""
+    """The places where the causes may be: a set that spans places names them all."""
     sets = [list(dict.fromkeys((cause.where, *(RECORDS[rival].where for rival in cause.rivals))))
             for cause in made.causes]
     return " and ".join(dict.fromkeys(", ".join(of[:-1]) + " or " + of[-1] if len(of) > 1 else of[0] for of in sets))
@@ -119,13 +120,13 @@ def headline(made: Diagnosis) -> str:
 
 
 def shares(left: float) -> str:
-    """How much of the error is explained and how much remains, where something does and `left` is its share."""
+    """The words for the share of the error that is explained and the share `left` that remains."""
     gone, rest = percent(left)
     return f"{gone} of the error explained, {rest} remain"
 
 
 def how_it_ended(made: Diagnosis) -> list[str]:
-    """Why the search is not complete; [] where it is."""
+    """The reason why the search is not complete; [] where it is."""
     own = made.nominal.diagnosis
     if made.is_cut_short:
         return [f"the search was stopped after {own.time_limit:g} s ([diagnosis] time_limit): whether a known cause "
@@ -136,7 +137,7 @@ def how_it_ended(made: Diagnosis) -> list[str]:
 
 
 def worth(made: Diagnosis) -> str | None:
-    """How much of the error the causes explain, what remains and where; None without causes."""
+    """The words for how much of the error the causes explain, what remains and where; None without causes."""
     if not made.causes:
         return None
     gain, rest = made.gain, made.remainder
@@ -230,7 +231,7 @@ def _noise_lines(made: Diagnosis) -> list[str]:
 
 
 def given(limit: Limit) -> str:
-    """What a limit holds for, of the other parameters of its cause."""
+    """The other parameters of a cause at which its limit holds, in words."""
     units = ((name, value, RECORDS[limit.cause].unit(name)) for name, value in limit.at)
     return ", ".join(f"{name} {value:.4g}{f' {unit}' if unit else ''}" for name, value, unit in units)
 
