@@ -19,8 +19,8 @@ NATS = ": by so much the log-likelihood rises with it beside all else in the mod
 
 def error_words(gain: Gain) -> str:
     """The words that define the error."""
-    return f"error: the square of predicting {gain.longest:g} s ahead, beyond noise, on rows held out, to which " \
-           "nothing was fitted"
+    return f"error: mean square of the errors of predictions {gain.longest:g} s ahead, beyond noise, on held-out " \
+           "rows, to which nothing was fitted"
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
@@ -168,16 +168,17 @@ def lines(made: Diagnosis) -> list[str]:
             said.append(f"    and the time constant of its derivative is {made.controller.time_constant:.4g} s")
         if cause.rivals:
             decides = would_decide(cause)
-            said.append(f"    this log cannot tell it from {', '.join(alternatives(made, cause))}"
-                        + (f"; what would: {' or '.join(decides)}" if decides else ""))
-    said += [f"  no cause, the nominal leaves so much open: {cause.label}: {sentence(cause)}" for cause in made.open]
+            said.append(f"    this log cannot distinguish it from {', '.join(alternatives(made, cause))}"
+                        + (f"; this would: {' or '.join(decides)}" if decides else ""))
+    said += [f"  within what the nominal leaves open, so not named as a cause: {cause.label}: {sentence(cause)}"
+             for cause in made.open]
     explains = worth(made)
     if explains is not None:
         gain = made.gain
         said.append(f"  {explains}" + ("" if gain is None or gain.share is None else f" ({error_words(gain)})"))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     if made.verdict == "dominant":
-        said += [f"  not all: {reason}" for reason in made.remaining]
+        said += [f"  not everything is explained: {reason}" for reason in made.remaining]
     for k, cause in enumerate(made.nearest):
         said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats"
                     f"{'' if k else NATS}")
@@ -201,7 +202,7 @@ def _gain_lines(made: Diagnosis) -> list[str]:
         said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.3g} -> {after:<9.3g}"
                                                        for before, after in row.values()))
     if made.user is not None:
-        said.append("  a6, k1 by the on-board estimator, flights of the extension, RMS error (95 % intervals hold): "
+        said.append("  on-board estimator on flights of the extension, RMS error (share of 95 % intervals that hold): "
                     + ", ".join(f"{name} {100 * made.user.error[name][0]:.2g} % ({made.user.coverage[name][0]:.2f}) -> "
                                 f"{100 * made.user.error[name][1]:.2g} % ({made.user.coverage[name][1]:.2f})"
                                 for name in ("a6", "k1") if math.isfinite(made.user.error[name][1])))
@@ -227,7 +228,7 @@ def _noise_lines(made: Diagnosis) -> list[str]:
         return []
     levels = ", ".join(f"{name} x{level['factor']:.2f}{' (differs)' if level['significant'] else ''}"
                        for name, level in made.noise.items())
-    return [f"noise over the nominal's: {levels}"]
+    return [f"noise levels relative to the nominal's: {levels}"]
 
 
 def given(limit: Limit) -> str:
@@ -241,7 +242,7 @@ def _limit_lines(made: Diagnosis) -> list[str]:
         return []
     seen = [limit for limit in made.limits if limit.size is not None]
     blind = [limit.cause for limit in made.limits if limit.size is None]
-    said = ["could not have been seen below (even odds):"]
+    said = ["detection limits (sizes that this log shows with 50 % probability):"]
     for limit in seen:
         assert limit.size is not None
         at = given(limit)
@@ -249,5 +250,5 @@ def _limit_lines(made: Diagnosis) -> list[str]:
         where = f" ({at})" if at else ""
         said.append(f"  {limit.cause:<24}{limit.parameter} {limit.size:.2g} {limit.unit}{away}{where}")
     if blind:
-        said.append(f"  not at all: {', '.join(blind)}")
+        said.append(f"  at no size: {', '.join(blind)}")
     return said
