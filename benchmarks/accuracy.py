@@ -72,9 +72,9 @@ def summary(table: np.ndarray, parameter: int) -> dict[str, float]:
 
 def windy_job(name: str, air: str, seed: int, spread: float, levels: str, windows: tuple[float, ...]
               ) -> list[np.ndarray]:
-    """One flight in this air, all window lengths: rows (error a6, k1, std a6, k1, bound a6, k1, valid, error of the
-    wind [rad], its std, what is left of the error with the true a6); the first six relative to the truth, the wind
-    NaN where the estimate says none.
+    """One flight in this air, all window lengths.  Its rows are (error a6, k1, std a6, k1, bound a6, k1, valid, error
+    of the wind [rad], its std, what is left of the error with the true a6); the first six relative to the truth, the
+    wind NaN where the estimate says none.
 
     The data know a6 (theta + w), not w: with the true a6 the wind would be (theta + w) a6_tracked/a6 - theta.
     """

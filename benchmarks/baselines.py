@@ -1,4 +1,4 @@
-"""What a user could take instead of launchid's filtered form: one function a tool, one flight at a time.
+"""The tools that a user could take instead of launchid's filtered form: one function a tool, one flight at a time.
 
 Every function gets the log of one flight (`Log`, one row a sample, `flight` suite),
 the window [s] and the `Model` (nominal profile, actuator, noises; most ignore it),

@@ -1,4 +1,4 @@
-"""How fast a campaign runs, and how its speed grows with the workers.
+"""The speed of a campaign, and how it grows with the workers.
 
     python benchmarks/campaign.py [--flights 10000] [--growth 400] [--workers N] [--table FILE]
 

@@ -52,7 +52,7 @@ def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
 
 
 def truth(believed: Nominal, name: str) -> Nominal:
-    """What flies: as declared, or in calm air."""
+    """The nominal that flies: as declared, or in calm air."""
     return dataclasses.replace(believed, wind=None, offsets=None) if name == "gust" else believed
 
 

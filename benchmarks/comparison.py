@@ -32,7 +32,7 @@ Result = dict[tuple[float, str], tuple[np.ndarray, float]]  # (window, method): 
 
 
 def log_of(flight: Flight) -> Log:
-    """What a method gets to see."""
+    """The log that a method gets."""
     return Log(flight.t, flight.theta, flight.theta_dot, flight.beta, flight.beta_cmd)
 
 
@@ -88,7 +88,7 @@ def figures(table: np.ndarray, parameter: int) -> tuple[float, float, float]:
 
 
 def header(args: argparse.Namespace, pysindy_flights: int) -> None:
-    """What was run, and how to read it."""
+    """Print what was run, and how to read it."""
     print(f"{args.flights} flights a nominal, seeds {args.seed}..{args.seed + args.flights - 1}, 100 Hz, dispersed "
           f"+-{SPREAD:.0%}, sensor noise of the nominals, declared exactly where a method asks for it.")
     print(f"pysindy on the first {pysindy_flights} of them (too slow for all).  RMS/bound: RMS relative error over RMS "

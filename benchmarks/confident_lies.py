@@ -1,4 +1,4 @@
-"""How often is a valid estimate far from the truth, while something acts that the nominal does not know of?
+"""The share of valid estimates that are far from the truth, while something acts that the nominal does not know of.
 
     python benchmarks/confident_lies.py [--flights 20] [--seed 0] [--window 5] [--nominal NAME] [--rate 100] [--large]
 
@@ -112,7 +112,7 @@ def job(name: str, rate: float, text: str, seed: int, declared: str, window: flo
 
 
 def far(value: float, std: float, true: float) -> bool:
-    """More than FAR of its own standard deviations off."""
+    """Whether a value is more than FAR of its own standard deviations off."""
     return abs(value - true) > FAR * std
 
 

@@ -94,7 +94,7 @@ def campaign(name: str, cases: list[Case], work: Callable[[Case], Row], args: ar
 
 
 def finished(journal: Path, cases: list[Case]) -> Iterator[dict[str, str]]:
-    """Of a campaign that was cut off, the rows there are, as its table would have them."""
+    """The rows of a campaign that was cut off, as its table would have them."""
     lines = read_lines(journal) if journal.exists() else iter(())
     outcomes = {value[0]: value[1] for number, _, value in lines if number > 1}
     names = dict.fromkeys(name for outcome in outcomes.values() if isinstance(outcome, dict) for name in outcome)
@@ -106,7 +106,7 @@ def finished(journal: Path, cases: list[Case]) -> Iterator[dict[str, str]]:
 
 
 def in_turn(cases: list[Case]) -> list[Case]:
-    """By seed, each group's seeds over the same time."""
+    """The cases by seed, each group's seeds over the same time."""
     last: dict[str, int] = {}
     for each in cases:
         last[each.group] = max(last.get(each.group, 0), each.seed)
@@ -130,7 +130,8 @@ def flight(cells: dict[str, str]) -> Flight:
 
 
 def said_lost(rows: list[Flight]) -> str:
-    """Which flights ended before half of the flight, the vehicle lost to what was hidden; they count as all others."""
+    """A line on the flights that ended before half of the flight, the vehicle lost to what was hidden; they count as
+    all others."""
     longest: dict[Any, float] = {}
     for row in rows:
         longest[row["nominal"]] = max(longest.get(row["nominal"], 0.0), float(row.get("t_end") or 0.0))
@@ -139,7 +140,8 @@ def said_lost(rows: list[Flight]) -> str:
 
 
 def without_limit(cases: list[Case], left: list[Case]) -> str:
-    """Which flights are not flown, since the log of their clean twin cannot show the effect at any size."""
+    """A line on the flights that are not flown, since the log of their clean twin cannot show the effect at any
+    size."""
     gone = Counter((each.group, each.causes) for each in cases) - Counter((each.group, each.causes) for each in left)
     return ", ".join(f"{group} {causes} {count}" for (group, causes), count in gone.items()) or "none"
 

@@ -109,7 +109,7 @@ class Case(NamedTuple):
 
 
 def twin(flight: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What makes two flights the same but for their effects."""
+    """The key that two flights share if they are the same but for their effects."""
     return tuple(flight[name] for name in ("nominal", "seed", "rate", "reference", "drop", "air"))
 
 
@@ -145,7 +145,7 @@ def wanted(args: argparse.Namespace) -> list[Case]:
 
 
 def _wanted(args: argparse.Namespace, air: str, nominal: str, index: int) -> list[Case]:
-    """Those of one nominal in this air."""
+    """The cases of one nominal in this air."""
     cases: list[Case] = []
     causes = [name for name in CAUSES if name in args.causes and not (air == WINDY and name in CHANCE)]
 
@@ -218,7 +218,7 @@ def log_of(columns: dict[str, np.ndarray]) -> Log:
 
 @cache
 def nominal_of(name: str, air: str) -> Nominal:
-    """What is believed of the vehicle, with the wind of the windy column."""
+    """The nominal of the vehicle, with the wind of the windy column."""
     nominal = load_nominal(built_in(name))
     return dataclasses.replace(nominal, wind=DECLARED) if air == WINDY else nominal
 
@@ -272,7 +272,7 @@ def _value(name: str, parameter: str, limit: float, neutral: float, factor: floa
 
 
 def _near(shape: Parameters, rng: np.random.Generator) -> Parameters:
-    """Other parameters near those for which the limit holds."""
+    """Parameters near those for which the limit holds."""
     near: Parameters = {}
     for name, value in shape.items():
         draw = float(rng.uniform(-1.0, 1.0))
@@ -327,7 +327,7 @@ def change_rms(record: Record) -> float:
 
 
 def _verdict(made: Diagnosis) -> dict[str, Any]:
-    """What was said.  `named`: causes with the sets they stand for, a/b for a set, joined by "+"."""
+    """The verdict as a row.  `named`: causes with the sets they stand for, a/b for a set, joined by "+"."""
     return {"verdict": made.verdict, "where": made.where or "",
             "named": "+".join("/".join((cause.cause, *cause.rivals)) for cause in made.causes),
             "nearest": "+".join(cause.cause for cause in made.nearest),

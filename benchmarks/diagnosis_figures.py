@@ -62,8 +62,8 @@ def mean(x: np.ndarray) -> float:
 
 
 def excess_gone(rows: list[Flight], floors: Floors) -> np.ndarray:
-    """Of flights with a cause in the plant: how much of the excess error over 1 s the extension took.  A flight without
-    the right extension counts as nothing; one whose excess would not be seen is not there."""
+    """The share of the excess error over 1 s that the extension took, of flights with a cause in the plant.  A flight
+    without the right extension counts as nothing; one whose excess would not be seen is not there."""
     gone = []
     for row in rows:
         if CAUSES[row["causes"]].place != "plant":

@@ -152,7 +152,7 @@ def names_in(answer: dict[str, Any]) -> set[str]:
 
 
 def wrong_names(case: Case, row: Row) -> list[str]:
-    """What is named and is not so."""
+    """The names given that are wrong."""
     right, never = _names((*case.accepted, *case.beside)), _names(case.never)
     named = row["named"] if row["verdict"] in NAMED else []
     wrong = []

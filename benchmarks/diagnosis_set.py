@@ -94,7 +94,7 @@ def answered(case: Case, nominals: dict[str, Any], folders: tuple[Path, ...], so
 
 
 def named(cause: dict[str, Any]) -> dict[str, Any]:
-    """What a row keeps of a named cause."""
+    """The fields of a named cause that a row keeps."""
     term = cause["parameters"].get("term", {}).get("value")
     return {"cause": cause["cause"], "term": term or "", "alike": cause["indistinguishable_from"],
             "where": cause["where"], "nats": cause["evidence"]["nats"], "removed": cause["removed"],
@@ -220,7 +220,7 @@ def still_asked(cases: list[Case], nominals: dict[str, Any], path: Path) -> list
 
 
 def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
-    """By group, by kind, by part and over all; of two runs, both numbers in each cell."""
+    """The table by group, by kind, by part and over all; of two runs, both numbers in each cell."""
     by_name = [{row["case"]: row for row in rows} for rows in runs]
     shared = [case for case in cases if all(case.name in rows for rows in by_name)]
     lines = [_columns(["", "cases", *OUTCOMES, "far / sized", "within 95 %", "median s", "90 % s"], len(runs))]
@@ -280,7 +280,7 @@ def not_right(cases: list[Case], rows: list[Row]) -> Iterator[str]:
 
 
 def compared(cases: list[Case], before: list[Row], after: list[Row]) -> tuple[list[str], bool]:
-    """What is printed of two runs, and whether an answer got worse."""
+    """The lines printed of two runs, and whether an answer got worse."""
     lines, old, new = table(cases, [before, after]), {}, {}
     for rows, into in ((before, old), (after, new)):
         into.update({row["case"]: row for row in rows})

@@ -1,4 +1,4 @@
-"""From a case of the labelled set to its log and its nominal.
+"""The sources of the labelled set: from a case to its log and its nominal.
 
     hidden = "slosh+actuator_delay"   a flight of the independent generator (tests/hidden) with these causes or effects
                                       that nobody listed, "" for none; nominal, seed, rate [Hz], and of `draw_spec`
@@ -188,7 +188,7 @@ def _swapped(columns: Columns, first: str, second: str) -> Columns:
 
 
 def _lost(columns: Columns) -> Columns:
-    """Without some rows, drawn one by one."""
+    """The columns without some rows, drawn one by one."""
     rows = len(columns["t"])
     kept = np.sort(np.random.default_rng(DRAWN).choice(rows, round((1.0 - LOST) * rows), replace=False))
     return {name: values[kept] for name, values in columns.items()}

@@ -76,7 +76,7 @@ def _print_odds(odds: list[Flight]) -> None:
 
 
 def _print_beside(twice: list[Flight], floors: Floors) -> None:
-    """What medians and rates of `twice` do not tell."""
+    """Print what medians and rates of `twice` do not show."""
     right, seconds, gone = [row for row in twice if row["right"]], timed(twice), excess_gone(twice, floors)
     if not len(seconds) or not right or not len(gone):
         return
@@ -109,7 +109,7 @@ def _print_parts(groups: dict[str, list[Flight]], calm: list[Flight]) -> None:
 
 
 def answer(row: Flight) -> str:
-    """What was said of a flight: the true causes where that is right."""
+    """The answer for a flight: the true causes where that is right."""
     if row["verdict"] not in NAMED:
         return str(row["verdict"])
     return str(row["causes"]) if row["right"] else "+".join(sorted(each.split("/")[0] for each in
@@ -126,7 +126,7 @@ def _print_confusion(groups: dict[str, list[Flight]]) -> None:
 
 
 def _print_misses(groups: dict[str, list[Flight]], calm: list[Flight]) -> None:
-    """What was not good, one line each."""
+    """Print the answers that were not good, one line each."""
     misses = [row for row in (*calm, *(row for rows in groups.values() for row in rows)) if not row["good"]]
     print(f"\nnot good: {len(misses)}" + (f", the first {SHOWN} of each group" if len(misses) > SHOWN else ""))
     seen: Counter[str] = Counter()

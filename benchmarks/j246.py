@@ -45,7 +45,7 @@ DEMANDED = {"right": 0.9, "wrong": 0, "size": 0.1, "consistent": 36 / 40}
 
 @contextlib.contextmanager
 def folder(keep: Path | None) -> Iterator[Path]:
-    """Where logs and nominals are written."""
+    """The folder into which logs and nominals are written."""
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
         yield keep
@@ -96,7 +96,7 @@ def neutral(parameter: str) -> float:
 
 
 def line(row: dict[str, Any]) -> str:
-    """What is printed of one flight."""
+    """The line printed of one flight."""
     result, known = row["diagnose"], row["known"]
     wanted = f"{known['causes'][0]} {known['parameter']} {known['size']:.4g}" if known["causes"] else "consistent"
     good = row["consistent"] if not known["causes"] else row["told"]
@@ -121,7 +121,7 @@ def sizes(cause: dict[str, Any]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
-    """By case, and over all."""
+    """The table by case, and over all."""
     said = [f"{'case':16} flights  right  alike  wrong  consistent  size error (median)  seconds (median)"]
     faulty = [row for row in rows if row["known"]["causes"]]
     true = [row for row in rows if not row["known"]["causes"]]

@@ -1,4 +1,5 @@
-"""What `latency.py` compares with C compiled in the same run, with an empty call, and with itself in a long run."""
+"""The comparisons of `latency.py`: with C compiled in the same run, with an empty call, and with itself in a long
+run."""
 
 import subprocess
 import tempfile
@@ -20,7 +21,7 @@ BATCH = 2000                      # calls between two readings of the clock
 
 
 def as_lines(rows: np.ndarray) -> str:
-    """As the C programs read them."""
+    """The rows as the C programs read them."""
     return "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
 
 
@@ -35,7 +36,7 @@ def plain_close(states: np.ndarray, slopes: np.ndarray, repeats: int) -> tuple[n
 
 
 def exported(config: Config, samples: list[Sample], repeats: int, *how: str) -> np.ndarray:
-    """What port.c prints of an exported estimator, compiled for this machine [ns]."""
+    """The times [ns] that port.c prints of an exported estimator, compiled for this machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in c_files(config).items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -49,7 +50,7 @@ def exported(config: Config, samples: list[Sample], repeats: int, *how: str) -> 
 @numba.njit
 def _empty(block: Any, ring: Any, seals: Any, t: float, theta: float, theta_dot: float, beta: float, theta_ddot: float,
            beta_cmd: float, gamma: float) -> int:
-    """What a step costs that does nothing."""
+    """A step that does nothing, for what a call costs."""
     return 0
 
 

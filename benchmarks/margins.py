@@ -39,8 +39,8 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
-    """Of one flight: whether the interval of each margin holds, by window and tracked, errors over the bound, and the
-    servo's errors over their standard deviations.  None if it is lost."""
+    """The judgement of one flight: whether the interval of each margin holds, by window and tracked, errors over the
+    bound, and the servo's errors over their standard deviations.  None if it is lost."""
     believed = in_air(nominal(name), air)
     true, a6_factor, k1_factor = drawn(believed, seed)
     flight = fly_whole(true, seed, a6_factor=a6_factor, k1_factor=k1_factor)

@@ -40,7 +40,7 @@ TARGETS = {  # name -> compiler, flags, the exported Makefile's target
 
 
 def configs() -> dict[str, Config]:
-    """What is timed."""
+    """The configurations that are timed."""
     model = onboard_model(load_nominal(NOMINAL))
     common = {"sample_period": 0.01, "window": 1.0}
     return {"filtered, rigid-body": Config(formulation="filtered", model=model, **common),
@@ -94,7 +94,8 @@ def main() -> int:
 
 
 def print_operations() -> int:
-    """Of the linear algebra beside its formulas, and of whole updates; exit status 1 if a formula does not hold."""
+    """Print the operations of the linear algebra beside its formulas, and of whole updates; exit status 1 if a formula
+    does not hold."""
     stated = [k for k, name in enumerate(COUNTED) if name != "stores"]
     names = " | ".join(COUNTED[k] for k in stated)
     sizes, wrong = [(m, q) for q in (2, 5, 10) for m in (20, 100)], 0
@@ -118,7 +119,7 @@ def print_operations() -> int:
 
 
 def print_times(args: argparse.Namespace) -> None:
-    """Of an update on this machine."""
+    """Print the times of an update on this machine."""
     samples = list(fly(load_nominal(NOMINAL), seed=SEED))
     print(f"{NOMINAL}, seed {SEED}, {len(samples)} samples at 100 Hz, windows of 1 s, cc {' '.join(args.flags)}; "
           "us an update: mean, longest")

@@ -86,7 +86,7 @@ FORMULAS = {  # of COUNTED without stores, for m numbers in each of q columns; q
 
 
 def value(formula: str, m: int, q: int) -> Fraction:
-    """Of a formula such as `3 m q^2/2 + q`."""
+    """The value of a formula such as `3 m q^2/2 + q`."""
     of = {"m": Fraction(m), "q": Fraction(q)}
     total = Fraction(0)
     for sign, term in re.findall(r"([+-]?) ?([^+-]+)", formula):

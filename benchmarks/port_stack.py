@@ -10,7 +10,8 @@ USED = re.compile(r"(\d+) bytes \(([\w,]+)\)")
 
 
 class Graph:
-    """Who calls whom, and what stack each takes [bytes]; what is called of other libraries takes an unknown one."""
+    """The graph of calls, and the stack [bytes] that each function takes; functions of other libraries take an unknown
+    one."""
 
     def __init__(self, text: str) -> None:
         self.frames: dict[str, int] = {}
@@ -25,7 +26,7 @@ class Graph:
             self.calls.setdefault(caller, set()).add(called)
 
     def outside(self) -> set[str]:
-        """What is called that is not in the file."""
+        """The functions called that are not in the file."""
         return {called for of in self.calls.values() for called in of if called not in self.frames}
 
     def deepest(self) -> tuple[int, list[str]]:
@@ -45,7 +46,7 @@ class Graph:
 
 
 def graph_of(folder: Path, compiler: str, flags: list[str]) -> Graph:
-    """Of the launchid.c in a folder."""
+    """The graph of the launchid.c in a folder."""
     subprocess.run([compiler, "-std=c99", "-ffp-contract=off", "-fcallgraph-info=su", *flags, "-c", "launchid.c",
                     "-o", "stack.o"], cwd=folder, check=True, capture_output=True)
     (found,) = folder.glob("stack.ci")

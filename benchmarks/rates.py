@@ -1,4 +1,4 @@
-"""Does the check of the model keep its promise at every rate?  Clean flights, at 25 to 400 Hz.
+"""The false alarms of the model's check at every rate: clean flights, at 25 to 400 Hz.
 
     python benchmarks/rates.py [--flights 100] [--seed 7000] [--window 5] [--nominal NAME] [--rate HZ]
 
@@ -25,7 +25,7 @@ DEMAND = 0.01
 
 
 def cause(estimator: Estimator) -> str:
-    """What contradicts the model now; empty: nothing."""
+    """The part that contradicts the model now; empty: none."""
     state = estimator._parts.state
     check = state.check
     if check.flag[wh.RAISED] == 0:

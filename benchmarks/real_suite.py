@@ -1,4 +1,4 @@
-"""What `identify` says over each measured log, without a nominal, and where its input is of another time.
+"""The answers of `identify` over each measured log, without a nominal, and where its input is of another time.
 
     python benchmarks/real_suite.py [--only NAME...] [--folder DIR...] [--judge] [--placebo]
 
@@ -45,7 +45,7 @@ def missed(number: float | None, std: float | None, known: list[float] | None) -
 
 
 def line(name: str, fit: dict[str, Any], off: dict[str, float | None]) -> str:
-    """What is printed of one log."""
+    """The line printed of one log."""
     said = [f"{name}: {fit['status']}"]
     for number in NUMBERS:
         if fit[number] is not None:

@@ -1,4 +1,5 @@
-"""Runs the commands of docs/results.md and keeps what they print, so that the page's figures can be compared with it.
+"""A run of the commands of docs/results.md and keeps what they print, so that the page's figures can be compared with
+it.
 
     python benchmarks/tables.py WORD... [--out tables] [--check]
 

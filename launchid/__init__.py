@@ -67,7 +67,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 @from_python
 def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
                 strict: bool = False) -> UncertaintyLevel:
-    """Says where in its range each parameter is, window by window of `window` [s], and when it left it."""
+    """Give the place of each parameter in its range, window by window of `window` [s], and the time when it left it."""
     from sim.answers import of_logs
     return of_logs.uncertainty(read_log(log), load_nominal(nominal), window=window, strict=strict)
 

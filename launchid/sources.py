@@ -89,11 +89,11 @@ def load_nominal(source: NominalSource) -> Nominal:
     return nominals.load_nominal(as_path(source))
 
 
-def warned(made: Made) -> Made:
+def warned(answer: Made) -> Made:
     """The same, its warnings given to the caller of the package's function."""
-    for line in made.warnings:
+    for line in answer.warnings:
         warnings.warn(line, DataWarning, stacklevel=3)
-    return made
+    return answer
 
 
 def from_python(function: Callable[Asked, Made]) -> Callable[Asked, Made]:
@@ -102,10 +102,10 @@ def from_python(function: Callable[Asked, Made]) -> Callable[Asked, Made]:
     @functools.wraps(function)
     def asked(*given: Asked.args, **named: Asked.kwargs) -> Made:
         try:
-            made = function(*given, **named)
+            answer = function(*given, **named)
         except UsageError as error:
             raise UsageError(OPTION.sub(_parameter, str(error))) from None
-        return warned(made)
+        return warned(answer)
 
     return asked
 

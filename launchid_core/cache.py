@@ -1,4 +1,4 @@
-"""Where numba keeps what it compiled: a folder of the user's own, named after the sources.
+"""The folder in which numba keeps compiled code: one of the user's own, named after the sources.
 
 Not part of what flies: it is used while modules are imported, when an `Estimator` is made, and at the process' end.
 
@@ -37,9 +37,9 @@ alone = threading.RLock()  # who decorates or compiles
 
 def cache_folder() -> Path | None:
     """The user's folder of this project's caches: LAUNCHID_CACHE, or the system's usual place; None without a home."""
-    own = os.environ.get("LAUNCHID_CACHE")
-    if own:
-        return Path(own).expanduser().absolute()
+    chosen = os.environ.get("LAUNCHID_CACHE")
+    if chosen:
+        return Path(chosen).expanduser().absolute()
     usual = {"darwin": ("", "~/Library/Caches"), "win32": ("LOCALAPPDATA", "~/AppData/Local")}
     variable, fallback = usual.get(sys.platform, ("XDG_CACHE_HOME", "~/.cache"))
     try:
@@ -94,7 +94,7 @@ def folder_of(package: str) -> Path | None:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """What numba wrote there."""
+    """The files that numba wrote into a folder."""
     return (path for path in folder.rglob("*.nb[ci]") if path.is_file())
 
 
@@ -115,7 +115,7 @@ def _drop_damaged(folder: Path) -> None:
 
 
 def _drop_old(folder: Path) -> None:
-    """Of a package's folders the last used ones stay."""
+    """Delete a package's folders but for the OLD used last."""
     os.utime(folder)
     package = folder.name.partition("-")[0]
     with contextlib.suppress(OSError):  # another process may delete one meanwhile
@@ -139,7 +139,7 @@ def finish() -> None:
 
 @contextlib.contextmanager
 def kept_apart(function: Callable[..., Any]) -> Iterator[bool]:
-    """Meanwhile numba's cache folder is that of the function's package; gives whether there is one."""
+    """A context in which numba's cache folder is that of the function's package; gives whether there is one."""
     folder = folder_of(function.__module__.partition(".")[0])
     with alone:
         usual = config.CACHE_DIR

@@ -45,7 +45,7 @@ def _digests(config: Config) -> dict[str, bytes]:
 
 
 def _layout(arrays: list[np.ndarray]) -> bytes:
-    """What the words mean to this version of the package."""
+    """A digest of types and shapes: what the words mean to this version of the package."""
     words = repr([(array.dtype.str, array.shape) for array in arrays])
     return hashlib.blake2b(words.encode(), digest_size=16).digest()
 
@@ -77,7 +77,7 @@ def restore(config: Config, memory: Memory, saved: bytes) -> None:
 
 
 def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:
-    """Where the words begin; ValueError for anything that `save` did not give for this configuration."""
+    """The byte at which the words begin; ValueError for anything that `save` did not give for this configuration."""
     if len(saved) < HEADER.size or not saved.startswith(MAGIC):
         raise ValueError(f"saved state: {len(saved)} bytes that do not begin as a saved estimator does")
     _, number, fields, version, layout, size = HEADER.unpack_from(saved)

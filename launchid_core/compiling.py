@@ -1,4 +1,4 @@
-"""Who wants to know when a kernel is compiled, which takes seconds.  The core itself says nothing."""
+"""The listeners that are called when a kernel is compiled, which takes seconds; the core itself prints nothing."""
 
 from collections.abc import Callable
 

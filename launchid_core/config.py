@@ -106,7 +106,7 @@ class Config:
                 "(or a longer window)")
 
     def _require_filtered(self, terms: tuple[str, ...]) -> None:
-        """What the filtered formulation asks for."""
+        """Refuse what the filtered formulation cannot use."""
         if not isinstance(self.model, Model):
             raise ValueError(f"model={self.model!r}: formulation 'filtered' expects a Model "
                              "(profile, actuator, noises)")

@@ -1,4 +1,4 @@
-"""What leaves the estimator."""
+"""The results that leave the estimator."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ class Offset(NamedTuple):
 
 
 class Level(NamedTuple):
-    """Where one parameter is in its range, a = a0 (1 + sigma delta).
+    """The place of one parameter in its range, a = a0 (1 + sigma delta).
 
     delta, delta_std   the tracked estimate at t_end; NaN if nothing is known yet
     band               one of `launchid_core.BANDS` if its probability is at least 0.95, else `undecided`

@@ -48,7 +48,8 @@ class Estimator:
         self._calls.restart()
 
     def __getstate__(self) -> dict[str, object]:
-        """For copy and pickle: the choices and what persists; memory is allocated anew.  RuntimeError as `save`."""
+        """The state for copy and pickle: configuration and persistent arrays; memory is allocated anew.  RuntimeError
+        as `save`."""
         self._refuse_busy("copy")
         return {"config": self.config, "state": tuple(array.copy() for _, array in self._memory.state_arrays())}
 
@@ -174,13 +175,13 @@ class Estimator:
         report = self._report()
         if report is None:
             return ()
-        found = []
+        changes = []
         for k in range(int(report.flag[rp.CHANGES])):
             t, t_std, before, after, size, size_std, alarm = report.change[k].tolist()
             parameter, final = report.changed[k].tolist()
-            found.append(Change(t, t_std, "a6" if parameter == A6 else "k1", before, after, size, size_std, alarm,
-                                bool(final)))
-        return tuple(found)
+            changes.append(Change(t, t_std, "a6" if parameter == A6 else "k1", before, after, size, size_std, alarm,
+                                  bool(final)))
+        return tuple(changes)
 
     @property
     def noise_levels(self) -> dict[str, float]:
@@ -192,7 +193,7 @@ class Estimator:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How often `update` gave each status, by name: the sum of those is the number of calls.
+        """The number of times that `update` gave each status, by name: their sum is the number of calls.
 
         STUCK: windows with a sensor that stood still; WRAP: jumps of theta across +-pi that were undone.
 
@@ -201,11 +202,11 @@ class Estimator:
         CHANGE_WITHDRAWN, sudden changes that a contradiction of the model followed.
         """
         state = self._parts.state
-        found = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
-        found |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
+        counts = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
+        counts |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
         if self._calls.report is not None:
-            found |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
-        return found
+            counts |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
+        return counts
 
     @property
     def nbytes(self) -> int:
@@ -214,20 +215,20 @@ class Estimator:
 
 
 def _no_sample(given: object) -> str:
-    """What `update` was given instead of a sample, in one line."""
+    """One line that says what `update` was given instead of a sample."""
     names = ", ".join(Sample._fields)
     count = f" of {len(given)}" if isinstance(given, tuple | list) else ""
     return f"update: expected a Sample, {len(Sample._fields)} floats ({names}); got {type(given).__name__}{count}"
 
 
 def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
-    """Of the terms that are not active, by name."""
+    """The limits of the terms that are not active, by name."""
     limits = absent.tolist()
     return MappingProxyType({term: limit for term, limit in zip(terms, limits, strict=True) if not math.isnan(limit)})
 
 
 def _numbers(values: np.ndarray) -> list[float]:
-    """As Python's; the one NAN for what is none, so that equal answers compare equal."""
+    """The values as Python's floats; each NaN is the one object NAN, so that equal answers compare equal."""
     return [NAN if math.isnan(x) else x for x in values.tolist()]
 
 

@@ -31,7 +31,7 @@ CHOICES: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 class _Teller(event.Listener):
-    """Tells `compile_listeners` when numba compiles one of our functions."""
+    """A listener that tells `compile_listeners` when numba compiles one of our functions."""
 
     def __init__(self) -> None:
         self.ours: set[Callable[..., Any]] = set()

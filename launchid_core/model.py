@@ -1,4 +1,4 @@
-"""What the filtered formulation believes of the vehicle: profile, actuator, noises."""
+"""The filtered formulation's model of the vehicle: profile, actuator, noises."""
 
 import math
 from dataclasses import dataclass, fields
@@ -134,7 +134,7 @@ class Model:
 
     @property
     def nuisances(self) -> tuple[int, ...]:
-        """What is carried as states beside the vehicle's: WALK .. NOZZLE_BIAS."""
+        """The nuisances that are carried as states beside the vehicle's: WALK .. NOZZLE_BIAS."""
         wind = [(WALK, self.walk > 0.0 or self.wind_initial > 0.0), (TURBULENCE, self.turbulence > 0.0)]
         constants = [(MISALIGNMENT + k, getattr(self, name) > 0.0) for k, name in enumerate(OFFSETS)]
         return tuple(role for role, there in wind + constants if there)

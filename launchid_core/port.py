@@ -1,4 +1,5 @@
-"""What a port to another language needs of an estimator: its memory by name, and the functions that it calls."""
+"""The parts of an estimator that a port to another language needs: its memory by name, and the functions that it
+calls."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What `update` answers for a sample, and what an estimate says of its window."""
+"""The answers of `update` to a sample, and the statuses of a window's estimate."""
 
 from enum import IntEnum
 
@@ -19,7 +19,7 @@ class Status(IntEnum):
 
 
 class EstimateStatus(IntEnum):
-    """Why an estimate is valid or not."""
+    """The reason why an estimate is valid or not."""
 
     OK = 0
     SHORT = 1            # too few usable rows in the window

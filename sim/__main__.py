@@ -12,7 +12,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_N
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    """While modules are imported: an exception there may be caught, or printed, by whoever imports."""
+    """Leave while modules are imported: an exception there may be caught, or printed, by whoever imports."""
     os.write(2, f"{INTERRUPTED}\n".encode())
     os._exit(INTERRUPTED_STATUS)
 

@@ -8,7 +8,7 @@ from .terminal import say
 
 
 class Announcement:
-    """Says it once."""
+    """An announcement that is made once."""
 
     def __init__(self) -> None:
         self.said = mmap.mmap(-1, 1)  # shared with forked workers
@@ -21,5 +21,5 @@ class Announcement:
 
 
 def announce() -> None:
-    """From now on."""
+    """Announce compilations on stderr from now on."""
     compile_listeners.append(Announcement())

@@ -12,23 +12,23 @@ from .errors import UsageError
 def integer(name: str, value: Any, least: int) -> int:
     """A whole number of at least `least`."""
     try:
-        found = operator.index(value)
+        number = operator.index(value)
     except TypeError:
-        found = least - 1
-    if found < least:
+        number = least - 1
+    if number < least:
         raise UsageError(f"{name} {_said(value)}: expected an integer of at least {least}")
-    return found
+    return number
 
 
 def real(name: str, value: Any, expected: str = "a number") -> float:
     """A finite number; what range it must be of is the asker's."""
     try:
-        found = math.nan if isinstance(value, (str, bytes)) else float(value)
+        number = math.nan if isinstance(value, (str, bytes)) else float(value)
     except (TypeError, ValueError, OverflowError):
-        found = math.nan
-    if not math.isfinite(found):
+        number = math.nan
+    if not math.isfinite(number):
         raise UsageError(f"{name} {_said(value)}: expected {expected}")
-    return found
+    return number
 
 
 def word(name: str, value: Any, words: Sequence[str]) -> str:

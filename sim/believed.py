@@ -1,4 +1,4 @@
-"""What the filtered formulation believes, out of a nominal."""
+"""The filtered formulation's model, from a nominal."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
 
 
 def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """What the filtered formulation believes, from a nominal's [vehicle], [actuator], [sensors], [controller],
+    """The filtered formulation's model, from a nominal's [vehicle], [actuator], [sensors], [controller],
     [simulation], [wind], [offsets], [drift] and [[effects]].
 
     period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
@@ -111,41 +111,41 @@ def _known(nominal: Nominal) -> dict[str, Any]:
 
 
 def _air(nominal: Nominal) -> dict[str, Any]:
-    """What is known of wind and drift beforehand."""
-    found: dict[str, tuple[float, ...]] = {}
+    """The arguments of `Model` that say what is known of wind and drift beforehand."""
+    fields: dict[str, tuple[float, ...]] = {}
     forecasts = [] if nominal.wind is None or nominal.wind.profile is None else [nominal.wind.profile]
     winds = [values(effect) for effect in nominal.effects if effect.name in ("steady_wind", "gust")]
     if forecasts or winds:
-        gusts = [np.linspace(float(of["time"]), float(of["time"]) + float(of["duration"]), GUST_NODES)
-                 for of in winds if "time" in of]
+        gusts = [np.linspace(float(blow["time"]), float(blow["time"]) + float(blow["duration"]), GUST_NODES)
+                 for blow in winds if "time" in blow]
         t = np.unique(np.concatenate([np.zeros(1), *(each.t for each in forecasts), *gusts]))
         wind = sum((each.at(t) for each in forecasts), np.zeros(len(t)))
-        for of in winds:
-            wind = wind + _blown({name: float(value) for name, value in of.items()}, t)
-        found["forecast_t"], found["forecast"] = tuple(t), tuple(wind)
+        for blow in winds:
+            wind = wind + _blown({name: float(value) for name, value in blow.items()}, t)
+        fields["forecast_t"], fields["forecast"] = tuple(t), tuple(wind)
     if nominal.drift is not None:
         drift = nominal.drift
-        found |= {"drift_t": tuple(drift.t), "drift_alpha": tuple(drift.z_alpha), "drift_beta": tuple(drift.z_beta)}
-    return found
+        fields |= {"drift_t": tuple(drift.t), "drift_alpha": tuple(drift.z_alpha), "drift_beta": tuple(drift.z_beta)}
+    return fields
 
 
-def _blown(of: dict[str, float], t: np.ndarray) -> np.ndarray:
+def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
     """Wind angle [rad] at t [s] of a gust, or of a steady wind."""
-    if "time" not in of:
-        return np.full(len(t), of["angle"])
-    phase = (t - of["time"]) / of["duration"]
-    return np.where((phase >= 0.0) & (phase <= 1.0), 0.5 * of["angle"] * (1.0 - np.cos(2.0 * np.pi * phase)), 0.0)
+    if "time" not in blow:
+        return np.full(len(t), blow["angle"])
+    phase = (t - blow["time"]) / blow["duration"]
+    return np.where((phase >= 0.0) & (phase <= 1.0), 0.5 * blow["angle"] * (1.0 - np.cos(2.0 * np.pi * phase)), 0.0)
 
 
 def _unknown(nominal: Nominal) -> dict[str, Any]:
     """Levels of what nobody knows before the flight.  An angle of attack measured in the air holds the wind."""
-    found: dict[str, float] = {}
+    levels: dict[str, float] = {}
     if nominal.wind is not None and nominal.sensors.alpha_source == "inertial":
         wind = nominal.wind
-        found = {"walk": wind.walk, "wind_initial": wind.initial, "turbulence": wind.turbulence,
-                 "turbulence_time": wind.turbulence_time}
+        levels = {"walk": wind.walk, "wind_initial": wind.initial, "turbulence": wind.turbulence,
+                  "turbulence_time": wind.turbulence_time}
     if nominal.offsets is not None:
         offsets = nominal.offsets
-        found |= {name: getattr(offsets, name) for name in ("thrust_misalignment", "moment", "attitude_bias",
-                                                            "gyro_bias", "nozzle_sensor_bias")}
-    return found
+        levels |= {name: getattr(offsets, name) for name in ("thrust_misalignment", "moment", "attitude_bias",
+                                                             "gyro_bias", "nozzle_sensor_bias")}
+    return levels

@@ -92,7 +92,7 @@ def run_chunk(work: Work, chunk: Chunk) -> list[tuple[int, Outcome]]:
 
 
 def call_chunk(work: Callable[[Any], Any], chunk: Chunk) -> list[tuple[int, Any]]:
-    """What the work makes of each job; what it raises is raised."""
+    """The work's outcome for each job of a chunk; what it raises is raised."""
     return [(number, work(job)) for number, job in chunk]
 
 
@@ -180,7 +180,7 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
 
 
 class _Asked:
-    """Whether the jobs that are done are enough, and the first how many of them; None: not yet."""
+    """The question whether the jobs that are done are enough; `first`: how many of them, None: not yet."""
 
     def __init__(self, enough: Enough | None) -> None:
         self._enough = enough
@@ -197,7 +197,7 @@ class _Asked:
 def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
              executor: Executor | Callable[[], Executor] | None = None, workers: int | None = None,
              chunk: int | None = None, progress: Callable[[int], object] | None = None) -> list[Any]:
-    """What `work` returns for each job, in the order of the jobs; no journal, for minutes of work.
+    """The outcome of `work` for each job, in the order of the jobs; no journal, for minutes of work.
 
     Arguments as of `run_campaign`, but what `work` returns is anything that travels, and what it raises is raised.
     """
@@ -226,7 +226,7 @@ def _sizes(jobs: int, workers: int | None, chunk: int | None) -> tuple[int, int]
 
 
 def campaign_hash(jobs: Sequence[Any], work: Work, definition: str = "") -> str:
-    """What a campaign is: its work's name, every job in order, what else decides."""
+    """A digest of what a campaign is: its work's name, every job in order, what else decides."""
     digest = hashlib.sha256(f"{_name(work)}\n{definition}\n{jobs[0]._fields}\n".encode())
     for job in jobs:
         digest.update(repr(tuple(job)).encode() + b"\n")
@@ -297,7 +297,8 @@ class _Parcel(NamedTuple):
 
 
 class _Dispatch:
-    """Sends chunks and takes what comes back; what dies with its worker is sent again, then job by job alone."""
+    """A loop that sends chunks and takes what comes back; what dies with its worker is sent again, then job by job
+    alone."""
 
     def __init__(self, fresh: Iterator[Chunk], run: Callable[[Any, Chunk], list[tuple[int, Any]]], work: Any,
                  fleet: _Fleet) -> None:
@@ -362,7 +363,7 @@ class _Dispatch:
 
 
 def _death(future: Future[Any]) -> BaseException | None:
-    """What took the worker, or None; UsageError when the executor cannot run the work at all."""
+    """The exception that ended the worker, or None; UsageError when the executor cannot run the work at all."""
     try:
         error = future.exception()
     except CancelledError as cancelled:

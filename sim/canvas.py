@@ -1,4 +1,4 @@
-"""How every figure is made and written: panels with one abscissa, whole files, the same bytes each time."""
+"""The frame of every figure: panels with one abscissa, written as whole files, the same bytes each time."""
 
 import sys
 from pathlib import Path

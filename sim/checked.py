@@ -24,7 +24,7 @@ MASKED = "; these rows are left out"          # by the diagnosis; an estimator j
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """What the data check finds; without a nominal what the columns tell of each other.
+    """The faults that the data check finds; without a nominal those that the columns show of each other.
 
     InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
     """
@@ -32,18 +32,18 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
         nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
             period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
     log, _ = unwrapped(log)
-    made = check(log, nominal)
-    for fault in made.faults:
+    data = check(log, nominal)
+    for fault in data.faults:
         if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    if foreign(made.faults):
-        return made.faults
-    return (*made.faults, *plant_faults(log, nominal, made.masks), *rate_faults(log, made))
+    if foreign(data.faults):
+        return data.faults
+    return (*data.faults, *plant_faults(log, nominal, data.masks), *rate_faults(log, data))
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
-    """That theta_dot is another motion than the slope of theta, or a multiple of it: for a diagnosis an effect of a
-    sensor, which no estimator asks for."""
+    """Faults of a theta_dot that is another motion than the slope of theta, or a multiple of it: for a diagnosis an
+    effect of a sensor, which no estimator asks for."""
     t, columns = related(log, data.usable, data.masks)
     period = float(t[1] - t[0]) if columns else 0.0
     if columns and is_other_motion(columns, period):
@@ -58,15 +58,15 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
                   "as much, which their standard deviations do not know; correct the scale of either")]
 
 
-def warned(log: Log, found: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """What the data check found in one line, nothing if that is nothing.
+def warned(log: Log, noted: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
+    """The data check's warning in one line; () if it found nothing.
 
     InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
     """
-    if not found:
+    if not noted:
         return ()
-    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in found)}"
-    if strict or (refuse_columns and foreign(found)):
+    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in noted)}"
+    if strict or (refuse_columns and foreign(noted)):
         raise InputError(line)
     return (line,)
 
@@ -76,14 +76,14 @@ def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_column
     return warned(log, faults(log, nominal), strict, refuse_columns)
 
 
-def foreign(found: tuple[Fault, ...]) -> str:
-    """Of which other quantity than their names say whole columns are, in words; "": none.  No advice but to correct
+def foreign(noted: tuple[Fault, ...]) -> str:
+    """The columns that are of another quantity than their names say, in words; "": none.  No advice but to correct
     them has a meaning then."""
-    return "; ".join(fault.message for fault in found if fault.kind in COLUMN_FAULTS)
+    return "; ".join(fault.message for fault in noted if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
-    """That a vehicle's profile ends before what is flown or identified with it does, at `last` [s]."""
+    """A note where a vehicle's profile ends before what is flown or identified with it does, at `last` [s]."""
     if nominal is None or len(nominal.vehicle.t) == 1 or not nominal.vehicle.t[-1] < last - 1e-9:
         return ()
     return (f"{nominal.vehicle.path or nominal.path}: the profile ends at {nominal.vehicle.t[-1]:g} s, {what} at "
@@ -91,7 +91,7 @@ def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, 
 
 
 def ideal_note(log: Log) -> tuple[str, ...]:
-    """That a log is the truth without sensors, if it is: theta_dot is the integral of theta_ddot, and theta that of
+    """A note where a log is the truth without sensors: theta_dot is the integral of theta_ddot, and theta that of
     theta_dot, to far less than any sensor's noise.
 
     Limitation: at rows as far apart as the controller's period the trapezium is not as exact, and nothing is said.
@@ -101,9 +101,9 @@ def ideal_note(log: Log) -> tuple[str, ...]:
         return ()
     t, x, v, a = (column[known] for column in (log.t, log.theta, log.theta_dot, log.theta_ddot))
     h = np.diff(t)
-    for of, slope, curvature in ((v, a, None), (x, v, a)):
+    for signal, slope, curvature in ((v, a, None), (x, v, a)):
         bend = 0.0 if curvature is None else h**2 / 12.0 * np.diff(curvature)  # of the trapezium, to the fifth order
-        step = np.diff(of)
+        step = np.diff(signal)
         off = step - (0.5 * h * (slope[1:] + slope[:-1]) - bend)
         if not np.median(np.abs(off)) < EXACT * np.sqrt(np.mean(step**2)):
             return ()

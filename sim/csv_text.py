@@ -25,7 +25,7 @@ KINDS = (  # first bytes -> what such a file is, and what to do with it; the fir
 
 
 class TextOptions(TypedDict):
-    """How `open` opens what `rows` reads."""
+    """The arguments of `open` for a file that `rows` reads."""
 
     encoding: Literal["utf-8-sig"]
     errors: Literal["surrogateescape"]
@@ -101,7 +101,7 @@ class Lines:
 
 
 def _reason(error: str, over_lines: bool, delimiter: str) -> str:
-    """What the csv module means."""
+    """The meaning of an error of the csv module, with what was expected."""
     if "end of data" in error or ("field limit" in error and over_lines):
         return "a quote is opened and not closed; expected a closing quote, or none"
     if "field limit" in error:

@@ -19,7 +19,7 @@ def one_line(text: str) -> str:
 
 
 class Told(Exception):
-    """What a user is told, in one line."""
+    """An error whose one line is written for the user."""
 
     def __str__(self) -> str:
         return one_line(super().__str__())
@@ -34,7 +34,8 @@ class UsageError(Told):
 
 
 def extra_needed(error: ModuleNotFoundError) -> UsageError:
-    """What to install for a module of an extra; any other missing module is a fault, and is raised again."""
+    """The error that says which extra to install for a module; any other missing module is a fault, and is raised
+    again."""
     name = (error.name or "").split(".")[0]
     if name not in EXTRAS:
         raise error

@@ -38,7 +38,7 @@ _inputs: ContextVar[set[_Identity] | None] = ContextVar("inputs", default=None)
 
 @contextlib.contextmanager
 def inputs_spared() -> Iterator[None]:
-    """Within this, a file that was named to `reads` is no output."""
+    """A context in which a file that was named to `reads` is refused as an output."""
     token = _inputs.set(set())
     try:
         yield
@@ -51,21 +51,21 @@ def reads(path: str | Path | int) -> None:
     known = _inputs.get()
     if known is not None:
         with contextlib.suppress(OSError, ValueError):
-            found = os.stat(path)
-            known.add((found.st_dev, found.st_ino))
+            status = os.stat(path)
+            known.add((status.st_dev, status.st_ino))
 
 
 def is_read(path: str | Path) -> bool:
-    """Was this file named to `reads`."""
+    """Whether this file was named to `reads`."""
     return _is_input(os.stat(path))
 
 
-def _is_input(found: os.stat_result) -> bool:
-    return (found.st_dev, found.st_ino) in (_inputs.get() or ())
+def _is_input(status: os.stat_result) -> bool:
+    return (status.st_dev, status.st_ino) in (_inputs.get() or ())
 
 
 def as_path(path: object) -> Path:
-    """What Python hands over as a path; UsageError if it can be none."""
+    """The path that Python hands over; UsageError if it can be none."""
     if not isinstance(path, (str, os.PathLike)) or not isinstance(os.fspath(path), str):
         raise UsageError(f"expected a path; found {type(path).__name__}")
     if "\0" in os.fspath(path):
@@ -74,25 +74,25 @@ def as_path(path: object) -> Path:
 
 
 def check_output(path: str | Path) -> os.stat_result | None:
-    """What stands at an output's path, None if nothing; InputError if it cannot be written there."""
+    """The status of the file at an output's path, None if there is none; InputError if it cannot be written there."""
     try:
-        found = os.stat(as_path(path))
+        status = os.stat(as_path(path))
     except FileNotFoundError:
         _check_place(path)
         return None
     except OSError as error:
         raise _unwritable(path, error) from None
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: cannot be written (it is a folder)")
-    if stat.S_ISREG(found.st_mode):
-        if not found.st_mode & WRITABLE or not os.access(path, os.W_OK):
+    if stat.S_ISREG(status.st_mode):
+        if not status.st_mode & WRITABLE or not os.access(path, os.W_OK):
             raise InputError(f"{path}: cannot be written (it is read-only)")
-        if _stream(found) is None:
+        if _stream(status) is None:
             _check_place(path)
-    if stat.S_ISREG(found.st_mode) or stat.S_ISFIFO(found.st_mode):
-        if _is_input(found):
+    if stat.S_ISREG(status.st_mode) or stat.S_ISFIFO(status.st_mode):
+        if _is_input(status):
             raise InputError(f"{path}: cannot be written (it is this command's input); expected another name")
-    return found
+    return status
 
 
 def _check_place(path: str | Path) -> None:
@@ -108,9 +108,9 @@ def _check_place(path: str | Path) -> None:
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary path whose file becomes the output when the block ends well, and goes when it does not."""
     path = as_path(path)
-    found = check_output(path)
+    status = check_output(path)
     try:
-        replaced = found is None or (stat.S_ISREG(found.st_mode) and _stream(found) is None)
+        replaced = status is None or (stat.S_ISREG(status.st_mode) and _stream(status) is None)
         target = Path(os.path.realpath(path)) if replaced else None
         place = target or Path(tempfile.gettempdir()) / path.name
         _remove_abandoned(place.parent)
@@ -122,7 +122,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         if target is None:
             _write_through(temporary, path)
         else:
-            os.chmod(temporary, NEW_MODE & ~_umask() if found is None else stat.S_IMODE(found.st_mode))
+            os.chmod(temporary, NEW_MODE & ~_umask() if status is None else stat.S_IMODE(status.st_mode))
             os.replace(temporary, target)
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -136,11 +136,11 @@ def _unwritable(path: str | Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written ({error.strerror})")
 
 
-def _stream(found: os.stat_result) -> int | None:
+def _stream(status: os.stat_result) -> int | None:
     """The descriptor of stdout or stderr if that is what was found."""
     for number in (1, 2):
         with contextlib.suppress(OSError):
-            if os.path.samestat(os.fstat(number), found):
+            if os.path.samestat(os.fstat(number), status):
                 return number
     return None
 

@@ -1,4 +1,4 @@
-"""Flies a nominal: whole, or one `Sample` at a time for a host loop.
+"""The flight of a nominal: whole, or one `Sample` at a time for a host loop.
 
 Two sensor suites: `ideal`, the paper's (true theta, theta_dot, beta, theta_ddot
 at the integration step, no unmodelled acceleration; navigation noise on the
@@ -150,8 +150,8 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     simulation, controller, actuator = nominal.simulation, nominal.controller, nominal.actuator
     assert simulation is not None and controller is not None and actuator is not None and nominal.guidance is not None
     h = simulation.step
-    own = h if suite == "ideal" else nominal.sensors.period
-    log_every = whole(own if period is None else period, h, "period")
+    spacing = h if suite == "ideal" else nominal.sensors.period
+    log_every = whole(spacing if period is None else period, h, "period")
     if simulation.duration / h > MAX_STEPS:
         raise InputError(f"{nominal.path}: simulation.duration = {simulation.duration!r}: expected at most "
                          f"{MAX_STEPS:g} steps of {h:g} s")
@@ -183,7 +183,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
 
 
 def constants(nominal: Nominal) -> np.ndarray:
-    """(N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
+    """The constants (N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
     actuator, controller, sensors = nominal.actuator, nominal.controller, nominal.sensors
     simulation = nominal.simulation
     assert actuator is not None and controller is not None and simulation is not None
@@ -198,21 +198,22 @@ def constants(nominal: Nominal) -> np.ndarray:
 
 
 def sections(nominal: Nominal) -> np.ndarray:
-    """(n, N_SECTION) of the controller's filters, at rest."""
+    """The sections (n, N_SECTION) of the controller's filters, at rest."""
     assert nominal.controller is not None
     rows = [(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters]
     return np.array(rows, dtype=np.float64).reshape(-1, N_SECTION)
 
 
 def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.ndarray:
-    """(steps,) [rad] what navigation adds to the true flight-path angle at every step; NaN without [drift]."""
+    """The error (steps,) [rad] that navigation adds to the true flight-path angle at every step; NaN without
+    [drift]."""
     if nominal.drift is None:
         return np.full(steps, math.nan)
     return noise(seed, "gamma", 0.0 if suite == "ideal" else nominal.sensors.gamma_std, steps)
 
 
 def _columns(suite: str) -> dict[str, int]:
-    """Which column of a row the suite's sensor reads."""
+    """The columns of a row that the suite's sensors read, by name."""
     read = "exact_" if suite == "ideal" else ""
     return {name: st.COLUMNS.index(read + name) for name in ("theta", "theta_dot", "beta")}
 

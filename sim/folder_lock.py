@@ -22,7 +22,7 @@ _held = set[int]()  # descriptors: a process that is forked meanwhile lets go of
 
 
 def _let_go() -> None:
-    """Of a forked worker, which may outlive a run that is killed: the lock ends with the run."""
+    """Close the locks in a forked worker, which may outlive a run that is killed: the lock ends with the run."""
     while _held:
         os.close(_held.pop())
 
@@ -33,7 +33,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """While this lasts the folder is this run's alone; InputError if it is another's."""
+    """A context in which the folder is this run's alone; InputError if it is another's."""
     handle = None
     while handle is None:
         handle = _claimed(folder)

@@ -14,7 +14,7 @@ from .running import run
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What became of a log.
+    """A log that was identified.
 
     log        as it was fed;  config  as it was used;  estimator  for its counters and changes
     estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself

@@ -1,4 +1,4 @@
-"""Runs the on-board estimator over a log or a flight, and puts its words into the contract's JSON and a table."""
+"""The run of the on-board estimator over a log or a flight, and its answer as JSON and as a table."""
 
 import collections
 import dataclasses
@@ -35,8 +35,8 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "rest
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """As asked, or filtered with a nominal that it has a model of, else measured if the log has theta_ddot, else
-    integral (`reproduce`).
+    """The formulation as asked, or filtered with a nominal that it has a model of, else measured if the log has
+    theta_ddot, else integral (`reproduce`).
 
     UsageError for what was asked and the input lacks.
     """
@@ -177,16 +177,16 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
 
 
-def report_of(made: Identified, tracked: bool = False) -> dict[str, Any]:
+def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
     """The identify JSON of a whole log."""
-    said = report(made.estimates, made.estimator, tracked, made.judged)
-    if "why" in said and (reason := made.log.unusable()):
+    said = report(result.estimates, result.estimator, tracked, result.judged)
+    if "why" in said and (reason := result.log.unusable()):
         said["why"] += f"; {reason}"
-    if made.foreign:
-        said["next"] = f"correct the log first: {made.foreign}"
-    if made.config.formulation == "filtered":
+    if result.foreign:
+        said["next"] = f"correct the log first: {result.foreign}"
+    if result.config.formulation == "filtered":
         return said
-    return said | {"delay": None if made.delay is None else made.delay.json}
+    return said | {"delay": None if result.delay is None else result.delay.json}
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
@@ -197,16 +197,17 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
 
 
 def why(windows: list[dict[str, Any]]) -> str:
-    """Why no window is valid, in one plain sentence."""
+    """One sentence that says why no window is valid."""
     if not windows:
         return "no window of this log is valid: none is complete"
     counts = collections.Counter(window["status"] for window in windows)
-    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)})" for status, n in counts.most_common()]
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)} windows)"
+            for status, n in counts.most_common()]
     return f"no window of this log is valid: {'; '.join(said)}"
 
 
 def next_step(windows: list[dict[str, Any]], model: Model) -> str:
-    """What to do where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
+    """The advice where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
     cause; "" where none does."""
     refused = sum(window["status"] == "MODEL" for window in windows)
     if not refused:
@@ -220,35 +221,36 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
 
 
 def lack_json(lack: Lack) -> dict[str, Any]:
-    """What an answer lacks, in the JSON."""
+    """The lack of an answer in the JSON."""
     return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
             "size": None if lack.size is None else number(lack.size)}
 
 
 def lack_words(lack: Lack, library: str) -> str:
-    """What an answer lacks, what it would gain, and what to do, in one line; library  with all terms that it lacks."""
+    """One line on the lack of an answer: what it would gain, and what to do; library  with all terms that it lacks."""
     after, before = 100.0 * lack.after, 100.0 * lack.before
     shares = lack.shares
     if lack.what == "interpolated":
-        return "what beta did between its own values, fewer than the rows, is not in the log: log it as it acts"
+        return "beta has fewer values than the log has rows, and lines between them: log beta at every row, as it acts"
     if lack.what == "coefficients":
         return (f"other coefficients of the same terms predict {after:.3g} % of the motion, the window's {before:.3g} "
                 "%: noise in theta or beta, or something slow, draws them off")
     if lack.size is None:
-        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be known"
-                if lack.what == "placebo" else "the answer predicts nothing of rows left out")
+        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be "
+                "determined" if lack.what == "placebo" else "the fit predicts nothing of rows that are left out of it")
     if lack.what == "delay":
         late = "later" if lack.size > 0.0 else "sooner"
         return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({shares}): shift it by that"
     if lack.what == "beta_ddot":
-        return (f"the acceleration of beta acts too, with {lack.size:.3g} ({shares}): no library has it, "
-                "`launchid diagnose` does (nozzle_inertia)")
-    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else f"the term {lack.what} ({lack.size:.3g})"
-    return f"{what} is in the log ({shares}): --library {library}"
+        return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({shares}): no library has "
+                "that term, the cause nozzle_inertia of `launchid diagnose` has")
+    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else \
+        f"the term {lack.what} with the coefficient {lack.size:.3g}"
+    return f"{what} acts in the log ({shares}): identify with --library {library}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
-    """When a term of theta_ddot enters or leaves, from window to window; nothing while they stay."""
+    """Lines that say when a term of theta_ddot enters or leaves, from window to window; none while they stay."""
     lines = []
     valid = [w for w in windows if w["valid"]]
     for before, after in itertools.pairwise(valid):
@@ -266,24 +268,24 @@ def table(result: dict[str, Any]) -> str:
     heads = ["a6 +- std [1/s^2]", "k1 +- std [1/s^2]", *(("tracked a6 +- std", "tracked k1 +- std") if tracked else ())]
     lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
 
-    def pair(of: dict[str, Any], name: str) -> str:
-        return f"{with_std(of[name], of[f'{name}_std']):>20}"
+    def pair(numbers: dict[str, Any], name: str) -> str:
+        return f"{with_std(numbers[name], numbers[f'{name}_std']):>20}"
 
     for w in result["windows"]:
         terms = ", ".join(term if term in IN_COLUMNS else f"{term} {with_std(value, w['terms_std'].get(term))}"
                           for term, value in w["terms"].items())
-        pairs = [pair(of, name) for of in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
+        pairs = [pair(numbers, name) for numbers in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
         lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
     lines += structure_lines(result["windows"])
     for c in result.get("changes", []):
         before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
-                     f"(size {with_std(c['size'], c['size_std'])})")
+                     f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
     lines += [result[words] for words in ("why", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
-    done = ", ".join(f"{FILTER_WORDS[name]} {n}" for name, n in result["filter"].items() if n > 0)
+    done = ", ".join(f"{FILTER_WORDS[name]}: {n}" for name, n in result["filter"].items() if n > 0)
     if done:
         lines.append(f"filter: {done}")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""What the log itself says against a window's answer, where no nominal does.
+"""The log's own evidence against a window's answer, where no nominal gives any.
 
 A window is refused (`MODEL`) where something that it lacks (`lacking`) is most of the error, or would move a
 coefficient by more than its standard deviation and 2 %; numbers that it leaves where they are stand.  Windows
@@ -51,7 +51,7 @@ def ljung_box(e: np.ndarray) -> float | None:
 
 
 def held_out(rows: Rows, estimate: Estimate) -> Fit:
-    """How well the first two thirds of a window predict its last third."""
+    """The fit of a window: how well its first two thirds predict its last third."""
     terms = active_terms(estimate)
     begin, end, y, phi = window_increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms)
     split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT
@@ -77,13 +77,13 @@ def refused(estimate: Estimate) -> Estimate:
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
     """The estimates, without those that a contradiction of the model follows within WITHDRAWN s: what contradicts it
     was there before it was told, and the estimator could not know; a log that is whole can."""
-    told = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
-    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in told) for e in estimates]
+    contradicted = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
+    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in contradicted) for e in estimates]
     return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
 
 
 def _without_air(estimate: Estimate) -> Estimate:
-    """Without wind, offsets and tracked estimate, as while the model is contradicted."""
+    """The estimate without wind, offsets and tracked estimate, as while the model is contradicted."""
     nan = math.nan
     tracked = estimate.tracked
     if tracked is not None:
@@ -129,7 +129,7 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: Lead | None
 
 
 def _against(asked: Question, e: Estimate, missing: list[Lack]) -> list[Lack]:
-    """What a window is refused for."""
+    """The lacks for which a window is refused."""
     if not e.valid:
         return missing if e.status in UNTOLD else []
     values = dict(zip(e.terms, e.xi[:, 1].tolist(), strict=True))
@@ -140,17 +140,17 @@ def _against(asked: Question, e: Estimate, missing: list[Lack]) -> list[Lack]:
 
 
 def drawn_off(rows: Rows, e: Estimate) -> Lack | None:
-    """That other coefficients of a window's terms leave clearly less of its increments, and are more than its standard
-    deviations and TOLERANCE away: noise in the columns, or something slow, has drawn its own off."""
+    """A lack where other coefficients of a window's terms leave clearly less of its increments, and are more than its
+    standard deviations and TOLERANCE away: noise in the columns, or something slow, has drawn its own off."""
     terms = active_terms(e)
     _, _, y, phi = window_increments(rows, rows.cut(e.t_start, e.t_end), terms)
     if len(y) < LEAST_ALONE * rows.span:
         return None
-    own = np.asarray(e.xi[e.support[:, 1], 1])
+    given = np.asarray(e.xi[e.support[:, 1], 1])
     best = least_squares(phi, y)
-    left, least, whole = (square(y - combined(phi, xi)) for xi in (own, best, 0.0 * best))
+    left, least, whole = (square(y - combined(phi, xi)) for xi in (given, best, 0.0 * best))
     off = any(abs(b - a) > max(e.terms_std.get(term, 0.0), TOLERANCE * abs(a))
-              for term, a, b in zip(terms, own.tolist(), best.tolist(), strict=True))
+              for term, a, b in zip(terms, given.tolist(), best.tolist(), strict=True))
     if not (left > WEAK * least and off and whole > 0.0):
         return None
     return Lack("coefficients", 1.0 - left / whole, 1.0 - least / whole)

@@ -1,4 +1,4 @@
-"""By how much beta leads what it causes, out of a log alone."""
+"""The time by which beta leads what it causes, from a log alone."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ COARSE = 12          # steps of the first search either way, in each of which th
 
 
 class Lead(NamedTuple):
-    """By how much beta leads what it causes [s], and its standard deviation.
+    """The time by which beta leads what it causes [s], and its standard deviation.
 
     is_vain  a beta of another time explains nearly as much: of a search for the best shift that is no proof
     """
@@ -41,7 +41,7 @@ class Lead(NamedTuple):
 
 
 def delay(log: Log, config: Config) -> Lead | None:
-    """By how much the beta of a log leads; None where beta explains nothing."""
+    """The time by which the beta of a log leads; None where beta explains nothing."""
     rows = usable(log)
     rows = None if rows is None else thinned(rows)
     return None if rows is None else lead_of(rows, config.terms)
@@ -57,14 +57,15 @@ class Stretch(NamedTuple):
     basis: np.ndarray
 
     def columns(self, rows: Rows, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
-        """(k, b) what the terms without beta leave of the increments of those in a beta (n,)."""
+        """The rest (k, b) that the terms without beta leave of the increments of those in a beta (n,)."""
         integrals = term_integrals(rows, self.at, terms, beta)
-        made = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
-        return made - np.column_stack([combined(self.basis, along(self.basis, x)) for x in made.T])
+        steps = increments(rows.t[self.at], integrals, rows.span, self.stride)[1]
+        return steps - np.column_stack([combined(self.basis, along(self.basis, x)) for x in steps.T])
 
 
 def lead_of(rows: Rows, terms: tuple[str, ...]) -> Lead | None:
-    """By how much beta leads what it causes through the terms, as of `delay`: the shift at which it explains most."""
+    """The time by which beta leads what it causes through the terms, as in `delay`: the shift at which it explains
+    most."""
     inputs = tuple(term for term in terms if "beta" in term)
     if not inputs:
         return None
@@ -112,11 +113,11 @@ def _stretch(rows: Rows, at: slice, terms: tuple[str, ...]) -> Stretch | None:
     stride = max(1, rows.span // STARTS)
     others = tuple(term for term in terms if "beta" not in term)
     integrals = np.column_stack([term_integrals(rows, at, others, rows.beta), rows.theta_dot[at]])
-    made = increments(rows.t[at], integrals, rows.span, stride)[1]
-    if len(made) <= len(terms):
+    steps = increments(rows.t[at], integrals, rows.span, stride)[1]
+    if len(steps) <= len(terms):
         return None
-    basis = orthonormal(made[:, :-1])[0]
-    y = made[:, -1] - combined(basis, along(basis, made[:, -1]))
+    basis = orthonormal(steps[:, :-1])[0]
+    y = steps[:, -1] - combined(basis, along(basis, steps[:, -1]))
     return Stretch(at, stride, y, basis)
 
 

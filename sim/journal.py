@@ -71,7 +71,8 @@ class Journal:
         return len(new)
 
     def outcomes(self) -> Iterator[tuple[int, Outcome]]:
-        """Of the jobs that are done, in the order in which they ended; a job that stands twice comes twice."""
+        """The outcomes of the jobs that are done, in the order in which they ended; a job that stands twice comes
+        twice."""
         for number, _, value in read_lines(self.path):
             if number > 1:
                 yield value[0], value[1]
@@ -121,7 +122,7 @@ def _job(path: Path, number: int, value: Any, jobs: int) -> int:
 
 
 class Table(NamedTuple):
-    """What a campaign ended with."""
+    """The end of a campaign: its table and how many jobs it has."""
 
     path: Path
     jobs: int

@@ -1,4 +1,4 @@
-"""Does something that a window's answer lacks predict rows left out better, by more than its standard error?
+"""The question whether something that a window's answer lacks predicts rows left out better, by more than its error.
 
 The question is put for the terms of LACKING, for a beta that acts later or sooner, for a beta of another time (the
 placebo: a k1 that it gives as well is none), and for no term at all.  All in the weak form (`weak_form`): increments of
@@ -60,13 +60,13 @@ class Lack:
 
     @property
     def shares(self) -> str:
-        """What is predicted with it and without it, in words."""
+        """The shares that are predicted with it and without it, in words."""
         return (f"with it {100.0 * self.after:.3g} % of the rows left out are predicted, without "
                 f"{100.0 * self.before:.3g} %")
 
     @property
     def is_most(self) -> bool:
-        """Most of the error left out is gone with it."""
+        """Whether most of the error left out is gone with it."""
         return self.after - self.before > MOST * (1.0 - self.before)
 
 
@@ -100,8 +100,8 @@ class Piece:
         """(coefficient times weight, weight) of a column beside others, by what of it they do not hold."""
         gram = np.sum(self.gram, axis=0)
         xi = np.linalg.lstsq(gram[np.ix_(columns, columns)], gram[np.ix_(columns, [place, -1])], rcond=RANK)[0]
-        own = gram[np.ix_([place, -1], [place, -1])] - gram[np.ix_([place, -1], columns)] @ xi
-        return float(own[0, 1] * self.size[place] * self.size[-1]), float(own[0, 0] * self.size[place] ** 2)
+        rest = gram[np.ix_([place, -1], [place, -1])] - gram[np.ix_([place, -1], columns)] @ xi
+        return float(rest[0, 1] * self.size[place] * self.size[-1]), float(rest[0, 0] * self.size[place] ** 2)
 
 
 def piece_of(rows: np.ndarray, block: np.ndarray) -> Piece:
@@ -160,10 +160,10 @@ def question(rows: Rows, terms: tuple[str, ...], delayed: float | None, longest:
     for first, end in itertools.pairwise(np.linspace(0, len(rows.t), count + 1).astype(int).tolist()):
         at = slice(first, end)
         names, columns = candidates(rows, at, terms, betas, bends)
-        starts, made = increments(rows.t[at], columns, span, max(1, span // STARTS))
+        starts, steps = increments(rows.t[at], columns, span, max(1, span // STARTS))
         within = starts % block <= block - span
         if len(np.unique(starts[within] // block)) >= FOLDS:
-            pieces.append(piece_of(made[within], starts[within] // block))
+            pieces.append(piece_of(steps[within], starts[within] // block))
     base = [j for j, name in enumerate(names) if name in (*terms, *slopes_of(terms))]
     return Question(rows, names, base, betas, pieces) if pieces else None
 
@@ -193,8 +193,8 @@ def candidates(rows: Rows, at: slice, terms: tuple[str, ...], betas: list[np.nda
                                  rows.theta_dot[at]])
     names: tuple[Name, ...] = (*lacking, *terms, *slopes, *((term, k) for k in range(len(betas)) for term in inputs),
              *((DRIFT, k) for k in drifting for _ in range(bends - 1)))
-    own = averaged(t, integrals, slope_rows(rows.t))
-    return names, np.column_stack([lacking_columns(rows, at, lacking, betas[0]), own])
+    inclines = averaged(t, integrals, slope_rows(rows.t))
+    return names, np.column_stack([lacking_columns(rows, at, lacking, betas[0]), inclines])
 
 
 def hats(t: np.ndarray, bends: int) -> np.ndarray:
@@ -235,38 +235,39 @@ def is_better(before: np.ndarray, after: np.ndarray, block: np.ndarray, whole: n
 
 
 def lacks(q: Question, delayed: float | None) -> list[Lack]:
-    """What predicts the blocks left out better than the answer, and than the answer with what stands before it here.
+    """The lacks that predict the blocks left out better than the answer, and than the answer with the lacks before
+    them.
 
     That a6 and k1 bend in time is no lack, for the standard deviations hold it; where they do, it is put in first.
     """
     whole = np.concatenate([piece.rows[:, -1] for piece in q.pieces])
-    columns, told = q.base, []
-    own = q.left_out(columns)
+    columns, lacking = q.base, []
+    error = q.left_out(columns)
     bent = [*columns, *(j for j, name in enumerate(q.names) if name in ((DRIFT, OF_A6), (DRIFT, OF_K1)))]
-    if is_better(own, drifted := q.left_out(bent), q.block, whole):
-        columns, own = bent, drifted
+    if is_better(error, drifted := q.left_out(bent), q.block, whole):
+        columns, error = bent, drifted
     while True:
         asked = {term: [*columns, q.names.index(term)] for term in LACKING
                  if term in q.names and q.names.index(term) not in columns}
         if delayed is not None and q.instead(0, columns) != columns:
             asked["delay"] = q.instead(0, columns)
         errors = {what: q.left_out(each) for what, each in asked.items()}
-        better = [what for what in errors if is_better(own, errors[what], q.block, whole, ONE)]
+        better = [what for what in errors if is_better(error, errors[what], q.block, whole, ONE)]
         if not better:
             break
         what = min(better, key=lambda each: square(errors[each]))
         size = delayed if what == "delay" else pooled(q, columns, q.names.index(what))
-        told.append(Lack(what, _predicted(own, whole), _predicted(errors[what], whole), size))
-        columns, own = asked[what], errors[what]
-    if not is_better(whole, own, q.block, whole):
-        told.append(Lack("nothing", _predicted(own, whole), 0.0))
+        lacking.append(Lack(what, _predicted(error, whole), _predicted(errors[what], whole), size))
+        columns, error = asked[what], errors[what]
+    if not is_better(whole, error, q.block, whole):
+        lacking.append(Lack("nothing", _predicted(error, whole), 0.0))
     straight = [j for j in columns if q.names[j] != (DRIFT, OF_K1)]  # which holds the true beta
-    own = q.left_out(straight)
+    error = q.left_out(straight)
     others = [q.instead(k, straight) for k in range(1, len(q.betas))]
     vain = min((q.left_out(each) for each in others if each != straight), key=square, default=None)
-    if vain is not None and not is_better(vain, own, q.block, whole):
-        told.append(Lack("placebo", _predicted(own, whole), _predicted(vain, whole)))
-    return told
+    if vain is not None and not is_better(vain, error, q.block, whole):
+        lacking.append(Lack("placebo", _predicted(error, whole), _predicted(vain, whole)))
+    return lacking
 
 
 def _predicted(errors: np.ndarray, whole: np.ndarray) -> float:

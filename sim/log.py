@@ -80,8 +80,8 @@ class Log(Result):
             np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
 
     def unusable(self) -> str:
-        """What of it says nothing to an estimator: columns for which it rejects rows, in how many, and columns that
-        never change; in words, "" if there are none."""
+        """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
+        change; in words, "" if there are none."""
         from launchid_core import Config
         units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
         beyond, still = [], []
@@ -100,7 +100,7 @@ class Log(Result):
         return {name: x.tolist() for name, x in self.measured().items()}
 
     def summary(self, of: str | None = None) -> str:
-        """Its rows, its time, and the share of them in which each column is measured."""
+        """The log in words: rows, time, and the share of rows in which each column is measured."""
         shares = ", ".join(f"{name} {100.0 * np.isfinite(x).mean():.4g} %"
                            for name, x in self.measured().items() if name != "t")
         t = self.t[np.isfinite(self.t)]
@@ -280,7 +280,7 @@ def flown_columns(flight: "Flight") -> dict[str, np.ndarray]:
 
 
 def flown_log(flight: "Flight", path: str = "flight") -> Log:
-    """As it would be read."""
+    """The log of a flight, as it would be read."""
     return _made(path, flown_columns(flight), REQUIRED, ())
 
 

@@ -1,4 +1,4 @@
-"""Which column of a log is which, and its cells as numbers.
+"""The columns of a CSV log by name, and their cells as numbers.
 
 Rows become numbers in blocks, column by column: what a whole log takes is its columns, 8 bytes a number.
 """
@@ -45,8 +45,8 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
             return list(map(float, cells))
         except ValueError:  # an empty cell, most likely
             pass
-    found = [number(cell) for cell in cells]
-    return None if None in found else found  # type: ignore[return-value]
+    values = [number(cell) for cell in cells]
+    return None if None in values else values  # type: ignore[return-value]
 
 
 def shown(cell: str) -> str:
@@ -69,7 +69,7 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
 
 
 def _without(name: str, names: list[str]) -> str:
-    """That a column is missing, and what seems to be the reason."""
+    """One sentence on a missing column, and on what seems to be the reason."""
     if len(names) == 1:
         for character, words in DELIMITERS.items():
             if character in names[0]:
@@ -83,7 +83,7 @@ def _without(name: str, names: list[str]) -> str:
 
 
 class Columns:
-    """Which column of a CSV log is which: its header, read once, and its rows, as many at a time as there are.
+    """The columns of a CSV log: its header, read once, and its rows, as many at a time as there are.
 
     known, ignored   name -> place of the columns that are used; names of the others, those that have one
     InputError for a header that cannot be a log's.

@@ -38,13 +38,13 @@ def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
 
 
 def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
-    """Those of them that are causes of the catalogue; `moment_of` has the other."""
+    """The drawn offsets that are causes of the catalogue, as effects; `moment_of` has the other."""
     return tuple(effect(name, **{"rate" if name == "gyro_bias" else "angle": value})
                  for name, value in drawn.items() if name != "moment")
 
 
 def moment_of(drawn: dict[str, float]) -> float:
-    """[rad/s^2] on theta_ddot; -0.0, which changes no bit of a sum, where there is none."""
+    """The moment [rad/s^2] on theta_ddot; -0.0, which changes no bit of a sum, where there is none."""
     return drawn.get("moment", -0.0)
 
 
@@ -52,7 +52,7 @@ def moment_of(drawn: dict[str, float]) -> float:
 
 
 def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, effects: np.ndarray = CALM) -> np.ndarray:
-    """(steps + 1,) [rad] at every step [s] of the flight, or (0,) if it is calm.
+    """The wind angle (steps + 1,) [rad] at every step [s] of the flight, or (0,) if it is calm.
 
     effects  (n, N_COLUMNS) environment's rows: each source of chance is drawn by itself, the nominal's first
     """

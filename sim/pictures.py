@@ -1,4 +1,4 @@
-"""What a log holds and what a nominal believes, as pictures: of those who know how to draw themselves."""
+"""The pictures of a log and of a nominal's range."""
 
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from .canvas import UNIT, panels
 
 
 def log_figure(log: Any) -> Figure:
-    """What a log (`sim.log.Log`) holds."""
+    """A figure of a log's columns (`sim.log.Log`)."""
     units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
     names = [name for name in log.columns if name != "t"]
     figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)

@@ -1,4 +1,4 @@
-"""What there is to ask for, from what answers: the catalogue of effects, and every command with its options.
+"""The reference of what there is: the catalogue of effects, and every command with its options.
 
 `docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
 of `sim.cli.parser`.
@@ -37,12 +37,13 @@ def effects_report() -> dict[str, Any]:
         for name, cause in CATALOGUE.items()]}
 
 
-def _parameter_json(of: Parameter) -> dict[str, Any]:
-    left_out = of.default if of.neutral is None else of.neutral
-    limits = {name: value if math.isfinite(value) else None for name, value in (("low", of.low), ("high", of.high))}
-    return {"name": of.name, "unit": of.unit, "required": of.is_required,
+def _parameter_json(parameter: Parameter) -> dict[str, Any]:
+    left_out = parameter.default if parameter.neutral is None else parameter.neutral
+    limits = {name: value if math.isfinite(value) else None
+              for name, value in (("low", parameter.low), ("high", parameter.high))}
+    return {"name": parameter.name, "unit": parameter.unit, "required": parameter.is_required,
             "default": left_out if left_out is None or math.isfinite(left_out) else None, **limits,
-            "expected": of.expected}
+            "expected": parameter.expected}
 
 
 def effects_table() -> str:
@@ -56,10 +57,10 @@ def effects_table() -> str:
     return "\n".join(lines)
 
 
-def _in_words(of: Parameter) -> str:
-    if of.is_required:
-        return f"{of.expected}; required"
-    return f"{of.expected}; default {of.default if of.neutral is None else of.neutral:g}"
+def _in_words(parameter: Parameter) -> str:
+    if parameter.is_required:
+        return f"{parameter.expected}; required"
+    return f"{parameter.expected}; default {parameter.default if parameter.neutral is None else parameter.neutral:g}"
 
 
 class Effects(Answer):
@@ -106,8 +107,8 @@ def _words(action: argparse.Action) -> str:
     return f"`{_cell(_word(action))}`" + (" (required)" if action.required and action.option_strings else "")
 
 
-def _help(action: argparse.Action, of: argparse.ArgumentParser) -> str:
-    return (action.help or "") % {**vars(action), "prog": of.prog}
+def _help(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
+    return (action.help or "") % {**vars(action), "prog": parser.prog}
 
 
 def _cell(text: str) -> str:

@@ -1,4 +1,4 @@
-"""What every result, log and nominal can do for who looks at it: text, a picture, a table, a page of a notebook."""
+"""The base class of results, logs and nominals: text, a picture, a table, a page of a notebook."""
 
 import functools
 import io
@@ -23,11 +23,11 @@ class Result:
     """A class of its own says how: `summary`, `table` and, where there is something to draw, `_figure`."""
 
     def summary(self) -> str:
-        """It in words, the first line the most important."""
+        """The result in words, the first line the most important."""
         raise NotImplementedError
 
     def table(self) -> Columns:
-        """It as columns of equal length."""
+        """The result as columns of equal length."""
         raise NotImplementedError
 
     def _figure(self) -> "Figure":
@@ -71,6 +71,6 @@ def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
 
 
 def _png(figure: "Figure") -> bytes:
-    made = io.BytesIO()
-    figure.canvas.print_figure(made, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
-    return made.getvalue()
+    buffer = io.BytesIO()
+    figure.canvas.print_figure(buffer, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
+    return buffer.getvalue()

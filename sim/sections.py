@@ -51,7 +51,7 @@ class Forecast:
     path: str = ""    # of the CSV file it was read from
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Its angle [rad] at times t [s], held constant beyond the ends."""
+        """The wind angle [rad] at times t [s], held constant beyond the ends."""
         return np.interp(t, self.t, self.wind)
 
 
@@ -122,12 +122,12 @@ class Actuator:
 
     @property
     def frequency(self) -> float:
-        """[rad/s] w, or 1/T"""
+        """The frequency [rad/s]: w, or 1/T."""
         return 1.0 / self.time_constant if self.is_first_order else self.natural_frequency
 
     @property
     def lag(self) -> float:
-        """[s] by which it follows a slow command late, its delay apart."""
+        """The time [s] by which it follows a slow command late, its delay apart."""
         return self.time_constant if self.is_first_order else 2.0 * self.damping_ratio / self.natural_frequency
 
 
@@ -194,7 +194,7 @@ class Multisine:
     phase: tuple[float, ...]          # rad
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Its angle [rad] at times t [s]; -0.0, which changes no bit of a sum, outside."""
+        """The angle [rad] of the test input at times t [s]; -0.0, which changes no bit of a sum, outside."""
         angle = np.zeros(len(t))
         for frequency, amplitude, phase in zip(self.frequency, self.amplitude, self.phase, strict=True):
             angle += amplitude * np.sin(frequency * (t - self.start) + phase)
@@ -219,7 +219,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Simulation:
-    """How it is integrated."""
+    """The numbers of the integration ([simulation])."""
 
     duration: float                   # s
     step: float = 0.001               # s, Runge-Kutta 4
@@ -228,7 +228,8 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a model may be off by, one sigma, without being called wrong, and how far it is looked for."""
+    """The numbers of a diagnosis: what a model may be off by, one sigma, without being called wrong, and the search's
+    work."""
 
     tolerance: float = 0.02           # of a6 and k1, relative
     timing: float = 0.001             # s, of servo and transport times
@@ -240,7 +241,7 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Required:
-    """What the loop must keep ([margins]); 0: nothing."""
+    """The margins that the loop must keep ([margins]); 0: none is required."""
 
     gain_db: float = 6.0              # by which the gain may fall, and rise
     phase_deg: float = 30.0
@@ -287,7 +288,7 @@ class Nominal(Result):
         return {name: x.tolist() for name, x in given.items()}
 
     def summary(self) -> str:
-        """Its parameters with their ranges over time, its sensors, and what else it says something of."""
+        """The nominal in words: parameters with their ranges over time, sensors, and the other sections."""
         def span(x: np.ndarray) -> str:
             return f"{x[0]:.4g}" if np.ptp(x) == 0.0 else f"{np.min(x):.4g} .. {np.max(x):.4g}"
 

@@ -49,7 +49,7 @@ def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
 
 
 def slow_hint(period: float) -> str:
-    """What a log's period [s] says of the unit of its stamps; '' if nothing."""
+    """A hint from a log's period [s] at the unit of its stamps; '' if there is none."""
     if not period > SLOW:
         return ""
     unit, factor = ("milliseconds", 1e3) if period < SLOW * 1e3 else ("microseconds", 1e6)

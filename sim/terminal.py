@@ -1,4 +1,4 @@
-"""What the command says: talk and progress on stderr, data on stdout.  The only place that prints."""
+"""The command's output: messages and progress on stderr, data on stdout.  It is the only place that prints."""
 
 import errno
 import io
@@ -50,7 +50,7 @@ class Progress:
 
 
 class Counter:
-    """How many of so many are done, on a terminal only: one line that is written over."""
+    """A counter of what is done, on a terminal only: one line that is written over."""
 
     WIDTH = 20      # of the bar
     OFTEN = 0.2     # s, between two looks
@@ -62,7 +62,7 @@ class Counter:
         self._begun = self._shown = time.monotonic()
 
     def __call__(self, newly: int) -> None:
-        """So many more are done."""
+        """Count so many more as done, and show it."""
         self.done += newly
         if self._found is None:
             self._found = newly

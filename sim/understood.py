@@ -1,4 +1,4 @@
-"""What a command has no model of is refused in one line, not ignored."""
+"""The refusal, in one line, of what a command has no model of: it is not ignored."""
 
 from .errors import InputError
 from .nominal import Nominal

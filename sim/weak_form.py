@@ -116,7 +116,7 @@ def slope_rows(t: np.ndarray) -> int:
 
 
 def near_all(t: np.ndarray, period: float) -> np.ndarray:
-    """Which stamps are times of this log."""
+    """The stamps that are times of this log, as a mask."""
     return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
 
 
@@ -188,15 +188,15 @@ def term_integrals(rows: Rows, at: slice, terms: tuple[str, ...], beta: np.ndarr
 
 
 def window_increments(rows: Rows, at: slice, terms: tuple[str, ...]) -> tuple[np.ndarray, ...]:
-    """Of a window: times at which its increments begin and end, of theta_dot (k,), of the terms (k, q)."""
+    """The increments of a window: times at which they begin and end, of theta_dot (k,), of the terms (k, q)."""
     t = rows.t[at]
     if len(t) <= rows.span:
         return t[:0], t[:0], t[:0], np.zeros((0, len(terms)))
     integrals = np.column_stack([term_integrals(rows, at, terms, rows.beta), rows.theta_dot[at]])
-    first, made = increments(t, integrals, rows.span)
-    return t[first], t[first + rows.span], made[:, -1], made[:, :-1]
+    first, steps = increments(t, integrals, rows.span)
+    return t[first], t[first + rows.span], steps[:, -1], steps[:, :-1]
 
 
 def left(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """What least squares leaves of y."""
+    """The residual of y after least squares on phi."""
     return y - combined(phi, least_squares(phi, y)) if phi.shape[1] else y

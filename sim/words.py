@@ -21,28 +21,28 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
-    """Adds a command with its help and one example; returns its parser."""
+    """Add a command with its help and one example; returns its parser."""
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
     return sub
 
 
 def add_map(sub: argparse.ArgumentParser) -> None:
-    """Adds --map, which makes other people's files logs."""
+    """Add --map, which makes other people's files logs."""
     sub.add_argument("--map", metavar="MAP.toml",
                      help="read the log with this map of names and units: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet "
                           "or other text file; see docs/convert.md (default: none, the log is CSV in SI units)")
 
 
 def add_strict(sub: argparse.ArgumentParser) -> None:
-    """Adds --strict, which makes the data check's warning a refusal."""
+    """Add --strict, which makes the data check's warning a refusal."""
     sub.add_argument("--strict", action="store_true",
                      help="refuse a log in which the data check finds something (units, signs, stamps): exit status 3 "
                           "instead of a warning")
 
 
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
-    """Adds --json and, with `plot`, --plot: where the answer goes beside the terminal."""
+    """Add --json and, with `plot`, --plot: where the answer goes beside the terminal."""
     sub.add_argument("--json", metavar="PATH|-", help="also write the answer as JSON to this file; -: print the "
                                                       "JSON alone, on stdout (default: none)")
     if plot:
@@ -51,7 +51,7 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
 
 
 def add_choices(sub: argparse.ArgumentParser) -> None:
-    """Adds the options of an estimator that neither a log nor a nominal decides."""
+    """Add the options of an estimator that neither a log nor a nominal decides."""
     sub.add_argument("--compression", type=int, default=1, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")
     sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",

@@ -79,10 +79,10 @@ class Forked:
         self.returncode: int | None = None
 
     def kill(self) -> None:
-        """At once."""
+        """Kill the process at once."""
         os.kill(self.pid, signal.SIGKILL)
 
     def communicate(self) -> tuple[str, str]:
-        """What it said, at its end."""
+        """The output of the process, at its end."""
         self.returncode = _asked("", (), "", {}, "", "", self.pid)
         return tuple(Path(path).read_text() if Path(path).exists() else "" for path in (self._out, self._err))

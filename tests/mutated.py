@@ -57,7 +57,7 @@ def _inserted(r: Random, data: bytes) -> bytes:
 
 
 def _cells(r: Random, data: bytes) -> bytes:
-    """Some cells, or a column from some row on, or a whole row, are others."""
+    """The rows with some cells, or a column from some row on, or a whole row, changed."""
     table = [line.split(b",") for line in data.split(b"\n")]
     word = r.choice(CELLS).encode()
     first = r.randrange(len(table))

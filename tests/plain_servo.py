@@ -29,7 +29,7 @@ def generator(w: float, zeta: float, h: float) -> np.ndarray:
 
 
 def generator_slopes(w: float, zeta: float, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Its derivatives for w and zeta."""
+    """The generator's derivatives for w and zeta."""
     by_w, by_zeta = np.zeros((5, 5)), np.zeros((5, 5))
     by_w[2, 3], by_w[3, 2:5] = h, (-h, -2 * zeta * h, h)
     by_zeta[3, 3] = -2 * w * h
@@ -49,7 +49,7 @@ def constants(w: float, zeta: float, h: float) -> tuple[np.ndarray, list[np.ndar
 
 
 def nozzle_part(k1: float, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What constants, or derivatives of them, do to the state: (4, 4) from it, (4,) from a held command."""
+    """The effect of constants, or of their derivatives, on the state: (4, 4) from it, (4,) from a held command."""
     scale = np.array([k1, k1, 1.0, 1.0])
     return np.column_stack([np.zeros((4, 2)), scale[:, None] * c[:, :2]]), scale * c[:, 2]
 

@@ -58,12 +58,12 @@ def built(folder: Path, config: Config, *flags: str) -> Path:
 
 
 def as_text(samples: list[Sample]) -> str:
-    """As the port's programs read them."""
+    """The samples as the port's programs read them."""
     return "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
 
 
 def replayed(program: Path, samples: list[Sample]) -> list[str]:
-    """What the port answers."""
+    """The answers of the port."""
     done = subprocess.run([str(program)], input=as_text(samples), capture_output=True, text=True, check=True)
     assert done.stderr == ""
     return done.stdout.splitlines()
@@ -82,7 +82,7 @@ ROUGH = {"wind": Wind(walk=0.005, turbulence=0.005),
 
 
 def rough(**choices) -> Config:
-    """Of the constant nominal in wind, with every offset and with drift."""
+    """The configuration of the constant nominal in wind, with every offset and with drift."""
     return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **ROUGH)), **choices)
 
 
@@ -110,7 +110,7 @@ CONFIGS = {
 
 
 def some(*names: str, of: Iterable[str] = CONFIGS) -> list[Any]:
-    """Of these configurations the named ones in every run, the others, cases of the same law, with `-m campaign`."""
+    """The named ones of these configurations in every run, the others, cases of the same law, with `-m campaign`."""
     return [name if name in names else pytest.param(name, marks=pytest.mark.campaign) for name in of]
 
 

@@ -47,7 +47,7 @@ def top(module: str) -> str:
 
 
 def nowhere(faults: Iterable[str]) -> None:
-    """Fails with every fault in a line of its own."""
+    """Fail with every fault in a line of its own."""
     said = list(faults)
     assert not said, "\n".join(["", *said])
 
@@ -105,7 +105,7 @@ def kernels(path: Path) -> list[ast.FunctionDef]:
 
 
 def kernel_faults(function: ast.FunctionDef) -> list[str]:
-    """What must not stand in a flight kernel: it raises, may not end, or allocates."""
+    """The parts of a function that a flight kernel must not have: it raises, may not end, or allocates."""
     faults = []
     forbidden = (ast.Raise, ast.Try, ast.While, ast.ListComp, ast.DictComp, ast.SetComp, ast.GeneratorExp, ast.Lambda,
                  ast.With, ast.Assert, ast.Yield, ast.YieldFrom, ast.List, ast.Dict, ast.Set, ast.Global, ast.JoinedStr)
@@ -181,7 +181,7 @@ def test_the_walk_sees_every_fault_in_a_kernel(body):
 
 
 def needs_scipy(function: ast.FunctionDef) -> list[str]:
-    """What numba compiles only where scipy is installed: products of matrices, and all of np.linalg."""
+    """The calls that numba compiles only where scipy is installed: products of matrices, and all of np.linalg."""
     at = "{} in line {}".format
     return [at("@", node.lineno) for node in ast.walk(function)
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)] + [
@@ -221,7 +221,7 @@ def test_public_names_exist():
 
 
 def test_sim_takes_only_public_names_from_the_core():
-    """Only `from launchid_core import ...`, of what `__all__` lists."""
+    """The only form is `from launchid_core import ...`, of what `__all__` lists."""
     public = set(launchid_core.__all__)
     nowhere(place(path, line, module, *names) for path in SIM for module, names, line in imports(path)
             if top(module) == "launchid_core"

@@ -82,8 +82,8 @@ def test_recovers_constant_parameters_from_a_whole_flight(name):
 
 @pytest.mark.parametrize("name", PROFILED)
 def test_follows_a_known_profile(name):
-    """From 30 s on (before, a6 is next to nothing), without the command noise that these filters expect but here
-    could not tell from the parameters' effect."""
+    """The flight is judged from 30 s on (before, a6 is next to nothing), without the command noise that these filters
+    expect but here could not tell from the parameters' effect."""
     found = np.abs(errors(name, "vega_like", 5.0, command_noise=False)[6:])
     finite = np.isfinite(found)
     assert finite.mean() > 0.25  # launchid's filtered form refuses windows that say next to nothing, or only the trim
@@ -99,7 +99,7 @@ def test_edges_cut_whole_windows(window):
 
 
 def test_published_frequency_method_needs_windows_from_rest_to_rest():
-    """Why the comparison also runs it with the ends as unknowns."""
+    """The comparison also runs it with the ends as unknowns for this reason."""
     assert np.abs(errors("frequency domain", "constant", 10.0)).max() > 0.1
 
 

@@ -110,7 +110,7 @@ def test_windows_follow_each_other_and_a_last_partial_one_gives_none(bounds):
 
 
 def test_worse_sensors_never_lower_the_bound():
-    """On the same flight: only what the filter believes of its sensors changes."""
+    """The flight is the same: only what the filter believes of its sensors changes."""
     nominal = load_nominal("constant")
     variances = noise_variances(nominal, 0.01)
     good, bad = (bound_with(nominal, variances * [factor, factor, factor, 1, 1]) for factor in (1.0, 4.0))

@@ -246,5 +246,5 @@ def test_its_information_is_the_bounds_and_its_fits_spread_as_that_says():
 
 
 def unit_of(truth: np.ndarray) -> np.ndarray:
-    """What the bound's information is relative to."""
+    """The units that the bound's information is relative to."""
     return np.array([*truth[:4], 1.0])

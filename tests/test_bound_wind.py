@@ -156,7 +156,7 @@ def test_the_most_likely_parameters_of_many_logs_spread_as_the_bound_says(air, k
 
 
 def summit(values: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Where a function on a square grid is highest: of a parabola through the nine points about its highest one."""
+    """The highest place of a function on a square grid: of a parabola through the nine points about its highest one."""
     i, j = (min(max(at, 1), len(grid) - 2) for at in np.unravel_index(np.argmax(values), values.shape))
     v, step = values[i - 1:i + 2, j - 1:j + 2], grid[1] - grid[0]
     slope = np.array([v[2, 1] - v[0, 1], v[1, 2] - v[1, 0]]) / 2
@@ -191,7 +191,7 @@ def test_levels_of_zero_and_known_air_at_rest_change_no_bit():
 
 
 def test_larger_nuisances_never_lower_the_bound():
-    """On the same flight: only what the filter believes of the air changes."""
+    """The flight is the same: only what the filter believes of the air changes."""
     flight = fly_whole(short(wind=WINDY, offsets=UNSURE), 0)
     n = len(flight.t)
     z = np.column_stack([flight.theta, flight.theta_dot, flight.beta])
@@ -213,7 +213,7 @@ def test_larger_nuisances_never_lower_the_bound():
 
 
 def excited(nominal: Nominal) -> Nominal:
-    """With a multisine of 0.5 deg rms on the command."""
+    """The nominal with a multisine of 0.5 deg rms on the command."""
     tones = (1.5, 3.1, 5.0, 7.2, 9.9, 13.0)
     phase = tuple(-np.pi * k * (k + 1) / 6 for k in range(6))
     return dataclasses.replace(nominal, test_input=Multisine(
@@ -231,7 +231,8 @@ def excited(nominal: Nominal) -> Nominal:
         ("vega_like", 10.0, "calm", 1.5, 1.5), ("vega_like", 10.0, "excited", 28.0, 0.9),
         ("greensite_cr826", 10.0, "offsets", 7.0, 1.7)))])
 def test_median_bounds_of_the_built_in_vehicles_in_per_cent(name, window, air, a6, k1):
-    """Of an independent filter over simulated flights; medians of few windows, and other tones: within a third.
+    """The numbers are of an independent filter over simulated flights; medians of few windows, and other tones: within
+    a third.
 
     With unknown offsets those of vega_like and greensite_cr826 are of the likelihood's curvature: the gain's derivative
     left out, they would be 2.3 and 3.6 % (a6).
@@ -312,7 +313,7 @@ def test_a_measured_flight_path_s_noise_raises_the_bound():
 
 
 def test_a_change_of_k1_is_harder_to_see_in_wind():
-    """With the same time constants of the loop: what the wind does is taken for it."""
+    """The loop has the same time constants: what the wind does is taken for the change."""
     grown = [known_state_information(nominal, fly_whole(short(), 0), 10.0)[1]
              for nominal in (short(), short(wind=WINDY, offsets=UNSURE))]
     assert (grown[1][100:] < grown[0][100:]).all() and grown[1][-1] > 0.0

@@ -43,7 +43,7 @@ def fail_at_three(point: Point) -> dict[str, float | int | str]:
 
 
 def log_and_draw(folder: Path, point: Point) -> dict[str, float | int | str]:
-    """Leaves a mark each time that it runs."""
+    """Leave a mark each time that it runs."""
     with (folder / f"{point.seed}").open("a") as file:
         file.write("x")
     return draw(point)
@@ -178,7 +178,7 @@ def test_what_was_enough_before_a_kill_is_enough_after_it(tmp_path, reference):
 
 
 class Stop(Exception):
-    """Stands for Ctrl-C."""
+    """An exception in the place of Ctrl-C."""
 
 
 def interrupted(jobs: list[Point], folder: Path, path: Path, after: int) -> None:

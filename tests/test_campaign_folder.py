@@ -320,7 +320,7 @@ def test_a_lock_that_cannot_be_taken_is_one_line(place, capsys):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsys):
-    """Killed with its worker alive, which goes a second later: the lock is not the worker's."""
+    """The run is killed with its worker alive, which goes a second later: the lock is not the worker's."""
     nominal = nominal_of(tmp_path, 10.0)
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "150", "--workers", "1", "--out", str(tmp_path / "out")]
     journal = tmp_path / "out" / JOURNAL
@@ -338,7 +338,8 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsy
 
 
 def test_a_lock_s_file_that_is_taken_away_meanwhile_is_no_lock(tmp_path, monkeypatch):
-    """Its run has ended between the second's opening and locking it: the second locks the one that stands there."""
+    """The lock's run has ended between the second's opening and locking it: the second locks the one that stands
+    there."""
     lock = folder_lock._lock
 
     def late(handle: int) -> None:

@@ -20,7 +20,8 @@ def curves(rows: int = 1, columns: int = 1):
 
 @pytest.mark.parametrize("origin", [0.0, 1.7e9])
 def test_every_number_of_a_curve_is_there(origin):
-    """To a micrometre of a second, also of stamps since 1970, and five digits of what is drawn; unknown is a gap."""
+    """Times are there to a microsecond, also of stamps since 1970, and values to five digits; an unknown one is a
+    gap."""
     figure, axes = curves(2)
     t, x = origin + 0.01 * np.arange(500), np.random.default_rng(1).normal(size=500)
     x[17] = np.nan

@@ -165,7 +165,7 @@ def test_the_same_library_by_another_name_is_the_same_configuration():
 
 
 def signed(state: bytes) -> bytes:
-    """With a checksum that fits."""
+    """The state with a checksum that fits."""
     return state[:-checkpoint.END.size] + checkpoint.END.pack(zlib.crc32(state[:-checkpoint.END.size]))
 
 

@@ -122,6 +122,6 @@ def test_seed_zero_gives_a_state():
 
 
 def test_ten_thousandth_number_of_the_minimal_standard():
-    """From state 1, multiplier 48271: 399268537 (ISO C++, [rand.predef], minstd_rand)."""
+    """State 1 and multiplier 48271 give 399268537 (ISO C++, [rand.predef], minstd_rand)."""
     assert (MULTIPLIER, MODULUS) == (48271, 2**31 - 1)
     assert chosen([1] * 10000, 5000, 1)[1] == 399268537

@@ -63,7 +63,7 @@ def test_first_order_servo_is_the_exponential(time_constant):
 
 @pytest.mark.parametrize(("scale", "lag"), [(0.5, 0.0), (2.0, 0.0), (0.5, 1.0), (0.4, 0.3)])
 def test_bandwidth_scales_one_over_the_time_constant(scale, lag):
-    """With the lag's share before the servo a ramp is as late, T/scale."""
+    """A ramp is as late with the lag's share before the servo, T/scale."""
     flight = fly_whole(held_command(LAG, 2.0), 0, "ideal",
                        effects=[from_text(f"actuator_bandwidth:scale={scale},lag={lag}")])
     late = np.trapezoid(0.01 - flight.beta, flight.t) / 0.01
@@ -111,8 +111,8 @@ def test_logged_command_is_the_law_s_from_the_logged_rate(suite, limit, effects)
 
 
 def test_pi_law_against_python_control():
-    """From an error that is the law's alone: open loop in effect, kp and ki so small that the plant does not feel them,
-    scaled back."""
+    """The error is the law's alone: open loop in effect, kp and ki so small that the plant does not feel them, scaled
+    back."""
     tiny = 1e-9
     nominal = short(controller={**RATE, "kp": 0.9 * tiny, "ki": 1.1 * tiny}, actuator={"deflection_limit": 1.0})
     flight = fly_whole(nominal, 3)
@@ -166,7 +166,7 @@ def test_filters_are_scipy_s(sections):
 
 @pytest.mark.parametrize("law", [{}, RATE])
 def test_filtered_command_is_lfilter_of_the_law_s(law):
-    """After the law, before test input and limit: the log's command, from its own measurement."""
+    """The filters come after the law, before test input and limit: the log's command, from its own measurement."""
     probe = Multisine(0.1, 9.0, (5.0,), (0.004,), (0.3,))
     nominal = dataclasses.replace(short(controller={**law, "filters": (NOTCH, LOWPASS)}), test_input=probe)
     flight = alike(nominal)

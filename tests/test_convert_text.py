@@ -1,4 +1,5 @@
-"""Other people's files: tables of text wherever they begin, ArduPilot's logs, turns, and files that lie about sizes.
+"""The files of other people: tables of text wherever they begin, ArduPilot's logs, turns, and files that lie about
+sizes.
 
 Every table below is written from numbers that are known, and has to give them back.
 """

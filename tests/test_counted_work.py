@@ -43,7 +43,7 @@ def diagnosed(**changes):
 
 @pytest.fixture(scope="module")
 def patient():
-    """With all the time and effort that it needs."""
+    """A diagnosis with all the time and effort that it needs."""
     made = diagnosed()
     assert [each.cause for each in made.causes] == ["aero_damping"]
     assert not (made.is_cut_short or made.is_spent or report(made)["cut_short"] or report(made)["effort_spent"])
@@ -119,7 +119,7 @@ PYTHON, COMMAND = ("-c", ASKED, "LOG"), ("-m", "sim", "diagnose", "LOG", "consta
 @pytest.mark.parametrize(("words", "effect"), [
     (PYTHON, ""), *(pytest.param(words, DAMPED, marks=pytest.mark.campaign) for words in (PYTHON, COMMAND))])
 def test_threads_change_no_byte(tmp_path, words, effect):
-    """Of 70 s: sums over 21,000 numbers, which the linear algebra behind numpy splits among its threads."""
+    """A log of 70 s has sums over 21,000 numbers, which the linear algebra behind numpy splits among its threads."""
     log = tmp_path / "log.csv"
     write_flight(log, fly_whole(load_nominal("constant"), 1, effects=[from_text(effect)] if effect else ()))
     said = [subprocess.run([sys.executable, *(str(log) if word == "LOG" else word for word in words)], cwd=ROOT,

@@ -160,7 +160,7 @@ def test_rows_inside_a_longer_segment_use_the_central_weights():
 
 
 def test_what_the_fifth_point_adds_is_the_difference_from_the_cubic():
-    """At the middle of five rows: the slope less that of the cubic through the first four."""
+    """The fifth point adds, at the middle of five rows, the slope less that of the cubic through the first four."""
     time, x = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0.0, 1.0, 5.0, 2.0, -7.0])
     slope, fifth = np.empty(5), np.empty(5)
     differentiate(time, x, 5, np.zeros(5, np.int64), slope, fifth)

@@ -129,7 +129,7 @@ def test_losses_far_apart_or_of_other_signs_are_two(time, second, end, among):
 @AMONG
 @pytest.mark.parametrize(("frequency", "verdict"), [(10.0, "explained"), (7.3, "dominant")])
 def test_a_small_harmonic_belongs_to_its_line_and_another_line_does_not(frequency, verdict, among):
-    """Too small to be a cause of its own, too large to be nothing."""
+    """The harmonic is too small to be a cause of its own, too large to be nothing."""
     result = found("periodic_disturbance:amplitude=0.01,frequency=5",
                    f"periodic_disturbance:amplitude=6e-4,frequency={frequency}", among=among, nominal=lasting(45.0))
     assert result["verdict"] == verdict, (result["doubts"], result["leftover"])
@@ -251,7 +251,7 @@ def test_the_bootstrap_measures_the_threshold_once(tmp_path, monkeypatch):
 
 @AMONG
 def test_a_first_order_lag_and_a_delay_are_a_set(among):
-    """At this size no 100 Hz log tells them apart, whichever it is."""
+    """No 100 Hz log distinguishes them at this size, whichever it is."""
     for effect in ("actuator_bandwidth:scale=0.95,lag=1", "actuator_delay:delay=0.0015"):
         cause, = found(effect, among=among)["causes"]
         assert {cause["cause"], *cause["indistinguishable_from"]} == {"actuator_delay", "actuator_bandwidth"}
@@ -321,7 +321,7 @@ def test_the_same_log_gives_the_same_bytes(tmp_path, capsys):
 
 
 def test_the_predictor_without_noise_is_the_simulator():
-    """With exact gains or none, a flight without noise leaves no innovation."""
+    """A flight without noise leaves no innovation, with exact gains or none."""
     quiet = dataclasses.replace(
         NOMINAL, sensors=dataclasses.replace(NOMINAL.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0),
         actuator=dataclasses.replace(NOMINAL.actuator, command_noise_std=0.0),

@@ -25,7 +25,7 @@ def forward(x, every):
 
 @pytest.mark.parametrize(("channel", "every"), [("theta", 10), ("beta", 4)])
 def test_a_channel_of_another_rate_that_was_filled_forward_is_as_slow_as_it_is(channel, every):
-    """It was a late attitude, or a slow servo."""
+    """The verdict was a late attitude, or a slow servo."""
     log = dataclasses.replace(flown(""), **{channel: forward(getattr(flown(""), channel), every)})
     made = check(log, NOMINAL)
     assert made.masks[channel].sum() == pytest.approx(len(log.t) / every, abs=1)
@@ -88,7 +88,7 @@ def test_a_vehicle_of_the_other_sign_is_told_so():
 
 @pytest.mark.parametrize("walk", [0.005, 0.03])
 def test_a_calm_day_contradicts_no_wind_that_was_declared(walk):
-    """Held at half the declared the wind was too strong for the log, and a6 or a friction made it weaker."""
+    """The wind held at half the declared was too strong for the log, and a6 or a friction made it weaker."""
     result = judged(flown(""), dataclasses.replace(NOMINAL, wind=Wind(walk=walk, turbulence=2.0 * walk)))
     assert result["verdict"] == "consistent"
 

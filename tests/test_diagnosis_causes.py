@@ -1,4 +1,4 @@
-"""What the records of the causes are asked for: limits, look-alikes, forms, words, what a flight computer takes off."""
+"""The use of the causes' records: limits, look-alikes, forms, words, what a flight computer takes off."""
 
 import math
 from types import SimpleNamespace
@@ -38,7 +38,7 @@ def test_where_a_search_starts_and_a_limit_is_given_is_an_effect_within_its_rang
 
 
 def test_a_limit_of_what_begins_at_some_time_is_of_one_that_begins_within_the_log():
-    """Wherever its clock begins."""
+    """The log's clock may begin anywhere."""
     for first in (0.0, 100.0, -60.0):
         log = SimpleNamespace(**vars(RECORD) | {"t": RECORD.t + first})
         timed = [(name, dict(zip([free.name for free in record.free[1:]], record.limit_at(log), strict=True)))
@@ -63,7 +63,7 @@ def test_what_the_columns_cannot_show_is_not_sought(name, channels, known):
 
 
 def calm():
-    """What a model without wind has to absorb an effect with: nothing."""
+    """A model without wind, which has nothing to absorb an effect with."""
     made = object.__new__(Absorbing)
     made.levels, made.costs = np.zeros((0, 5)), np.zeros(0)
     return made

@@ -61,7 +61,7 @@ QUICK = [("kp_scale=1.1", 0.045)]  # in the default run
     for effect in ("kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
                    "kp_scale=1.1,delay=0.01") for tau in (0.05, 0.045) if (effect, tau) not in QUICK)])
 def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
-    """Between the rows the log has neither command nor attitude; with another derivative filter or without."""
+    """The log has neither command nor attitude between its rows; with another derivative filter or without."""
     if (effect, tau) == ("kp_scale=1.1,delay=0.01", 0.045):
         request.applymarker(pytest.mark.xfail(strict=True, reason="kd 1.022 of 1, bound 2 %, since timing is free"))
     nominal = lasting(45.0)
@@ -103,7 +103,7 @@ def test_another_filter_is_no_gain_in_every_other_command_either():
 
 
 def test_controller_run_backwards_finds_the_errors_between_its_rows():
-    """Of a noiseless log that answers an odd number of periods late: the commands between are the flown ones."""
+    """A noiseless log answers an odd number of periods late: the commands between are the flown ones."""
     nominal = dataclasses.replace(NOMINAL, actuator=dataclasses.replace(NOMINAL.actuator, command_noise_std=0.0))
     late = flown("controller_mismatch:delay=0.01", nominal=nominal)
     every_other = flown("controller_mismatch:delay=0.01", nominal=nominal, period=SLOW)
@@ -117,7 +117,7 @@ def test_controller_run_backwards_finds_the_errors_between_its_rows():
 
 @pytest.mark.parametrize("effect", [pytest.param("gyro_bias:rate=0.005", marks=LONG), "gyro_scale:scale=0.94"])
 def test_a_wrong_gyro_is_no_other_controller(effect):
-    """Between the rows of a slow log the errors are predicted by that gyro."""
+    """The errors between the rows of a slow log are predicted by that gyro."""
     made = diagnose(flown(effect, period=SLOW), NOMINAL)
     assert made.controller.kind == "none"
     assert [cause.cause for cause in made.causes] == [effect.split(":")[0]]
@@ -197,7 +197,7 @@ FILTERED = dataclasses.replace(NOMINAL, controller=dataclasses.replace(NOMINAL.c
 
 
 def told_of_filtered(effect, rows=slice(None), period=None):
-    """What is found of a controller with filters by these rows of a flight."""
+    """The check of a controller with filters by these rows of a flight."""
     log = flown(*effect, nominal=FILTERED, period=period)
     log = dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
     return with_commands(record(log, FILTERED, check(log, FILTERED)), NominalFollower())[1]
@@ -258,7 +258,7 @@ def test_a_test_input_between_the_rows_is_in_the_commands(delay):
                                                           (500.0, 450.0, False)])
 def test_another_controller_is_confirmed_by_what_the_nozzle_has_for_it_over_the_nominal_s(
         monkeypatch, nominal_s, others, sees):
-    """[nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
+    """The evidence [nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
     believed, found = object(), ControllerCheck(NONE, 1.0, 1.0, evidence=refined_module.UNCONFIRMED + 1.0)
     evidence = SimpleNamespace(noise=1.0, residual=lambda x: np.zeros(3),
                                of_nozzle=lambda of: nominal_s if of is believed else others)

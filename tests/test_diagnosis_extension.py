@@ -31,7 +31,7 @@ def nominal(**changed):
 
 
 def log_of(flight, faster):
-    """As a logger would write it whose clock runs `faster` times too fast."""
+    """The log as a logger would write it whose clock runs `faster` times too fast."""
     unknown = np.full(len(flight.t), math.nan)
     return Log("flight.csv", ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref"), (), flight.t * faster,
                flight.theta, flight.theta_dot, flight.beta, unknown, flight.beta_cmd, flight.theta_ref)
@@ -47,7 +47,8 @@ def test_of_a_vehicle_without_an_instability_the_gain_in_k1_is_told_and_none_in_
 
 
 def test_a_window_is_judged_by_the_vehicle_of_its_centre():
-    """Where a6 and k1 change over the flight: exact estimates there are no error, those of the window's end are one."""
+    """The a6 and k1 change over the flight: exact estimates of the centre are no error, those of the window's end are
+    one."""
     changing = nominal(vehicle=Profile(np.array([0.0, 100.0]), np.array([1.0, 3.0]), np.array([-5.0, -9.0])))
     window = {"t_start": 40.0, "t_end": 60.0, "a6_std": 0.1, "k1_std": 0.2}
     assert _judged(changing, SimpleNamespace(**window, a6=2.0, k1=-7.0)) == pytest.approx((0.0, 0.0, 0.0, 0.0))
@@ -89,7 +90,7 @@ def turned(theta, reference=None):
 
 @given(st.floats(-20.0, 20.0), st.floats(-0.3, 0.3), st.integers(0, 2**32 - 1))
 def test_an_attitude_logged_within_one_turn_gets_its_turns_back(start, slope, seed):
-    """Up to the turns before the log's beginning, which nothing tells; lost rows tell none either way."""
+    """The turns before the log's beginning stay unknown; lost rows show none either way."""
     theta = start + np.cumsum(slope + 0.1 * np.random.default_rng(seed).uniform(-1.0, 1.0, 300))
     wrapped = np.angle(np.exp(1j * theta))
     wrapped[100:103] = math.nan

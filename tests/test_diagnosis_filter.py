@@ -78,7 +78,7 @@ def test_a_known_scale_factor_changes_the_unit_of_the_rate_and_nothing_else(reco
 
 @pytest.mark.parametrize("scale", [0.5, -1.0, 2.0])
 def test_gains_of_a_scaled_gyro_are_those_of_a_good_one_with_its_noise(record, scale):
-    """Shown in rad/s its noise is the sensor's over the factor."""
+    """The gyro's noise, shown in rad/s, is the sensor's over the factor."""
     levels = declared(record)
     log, point = scaled(record, scale)
     dyn = dynamics(log, point)
@@ -91,7 +91,7 @@ def test_gains_of_a_scaled_gyro_are_those_of_a_good_one_with_its_noise(record, s
 
 
 def test_innovations_are_refiltered_from_what_the_scaled_gyro_made_of_them(record):
-    """From any filter's innovations the same likelihood: those of the run itself."""
+    """The likelihood is the same from any filter's innovations: that of the run itself."""
     log, point = scaled(record, 0.4)
     dyn, levels = dynamics(log, point), declared(log)
     other = levels.copy()
@@ -162,7 +162,7 @@ def test_predictions_in_undeclared_weather_are_no_longer_than_it_lasts(record):
 
 
 def test_a_moment_that_nothing_names_is_no_noise(record):
-    """What it makes of a prediction counts as error, but for the slow moment that is nobody's fault."""
+    """The error that it makes of a prediction counts, but for the slow moment that is nobody's fault."""
     source = sought(SLOW_MOMENT, record.nominal, 0.001, 1.0, most=0.3)
     log = dataclasses.replace(record, world=record.world.with_weather(source))
     levels = declared(log)
@@ -221,7 +221,7 @@ def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():
 
 
 def test_a_wind_from_abeam_is_the_end_of_what_is_searched():
-    """More than a radian off the nose a vehicle does not fly: whatever it stands for, it is not this cause."""
+    """A vehicle does not fly more than a radian off the nose: whatever it stands for, it is not this cause."""
     for name, rest in (("steady_wind", ()), ("gust", (5.0, 2.0))):
         assert [Cause(RECORDS[name], (angle, *rest)).is_at_an_end for angle in (-1.0, -0.9, 0.9, 1.0)] == [
             True, False, False, True]
@@ -246,7 +246,8 @@ def test_a_first_look_sees_what_the_acceleration_noise_has_taken_in(record, monk
     ("declared", "gyro_delay", 1.0, False), ("free", "gyro_delay", 3.0, False)])
 def test_a_gyro_as_noisy_as_it_may_be_beside_a_cause_of_a_sensor_does_not_fit(record, monkeypatch, noise, name, factor,
                                                                               disagree):
-    """As of a rate that a device has filtered: a delay is the nearest, and no cause is told from what is left."""
+    """A rate that a device has filtered is like that: a delay is the nearest, and no cause can be named from what is
+    left."""
     log = dataclasses.replace(record, noise=noise)
     levels = declared(log)
     levels[THETA_DOT] *= factor

@@ -1,4 +1,4 @@
-"""Where noise stands for what is not modelled, predictions decide which cause may stand, and nowhere else."""
+"""Predictions decide which cause may stand where noise stands for what is not modelled, and nowhere else."""
 
 import math
 from types import SimpleNamespace
@@ -98,7 +98,7 @@ def test_a_model_that_leaves_the_log_predicts_worst_and_is_compared_in_every_cha
 
 
 def test_a_ranking_leaves_out_what_one_of_less_evidence_outdoes(monkeypatch):
-    """Of two that explain a trim alike, the one that predictions speak for."""
+    """Two causes explain a trim alike: the one that predictions speak for stays."""
     nominal = as_simulated(on_grid(flown(NOMINAL, "steady_wind:angle=0.03"), NOMINAL))
     record, allowed = nominal.fit.record, [RECORDS["steady_wind"], RECORDS["attitude_bias"]]
 

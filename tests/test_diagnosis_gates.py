@@ -106,7 +106,7 @@ def test_a_share_of_what_a_place_s_causes_explain_may_be_left_there(shape, bound
 
 
 def test_a_cause_that_leaves_a_line_of_an_eighth_is_not_even_dominant():
-    """Of what it explains; one of a fifteenth may stay beside it."""
+    """The line's share is of what the cause explains; one of a fifteenth may stay beside it."""
     for share, doubted in ((1.0 / 15.0, 0), (1.0 / 8.0, 1)):
         assert len(doubts(cause(evidence=20000.0), left=(left(share * 20000.0, shape="sin(3 t)"),),
                           bounds=DOMINANT)) == doubted
@@ -186,7 +186,7 @@ def test_nobody_predicts_an_unstable_vehicle_for_more_than_three_of_its_times(a6
 
 
 def test_errors_remain_only_beyond_chance():
-    """Of 50 horizons side by side a mean square is off by a fifth, one sigma."""
+    """A mean square of 50 horizons side by side is off by a fifth, one sigma."""
     chance = CHANCE * math.sqrt(2.0 / 50.0)
     for excess, said in ((INSIDE * chance, 0), (OUTSIDE * chance, 1)):
         assert len(measure.of_gain(gained(share=excess / 2.0, excess=2.0, horizons=50.0), EXPLAINED)) == said
@@ -260,7 +260,7 @@ def test_what_no_cause_is_is_not_in_the_extension():
 
 
 def test_a_number_told_by_nothing_costs_a_nat_with_a_variance_of_five():
-    """Of two halves: fitted to the one, judged on the other, and the other way round."""
+    """The log is two halves: fitted to the one, judged on the other, and the other way round."""
     z = np.random.default_rng(3).standard_normal((2, 200_000))
     gained = 2.0 * z[0] * z[1] - 0.5 * (z**2).sum(axis=0)
     assert np.mean(gained) == pytest.approx(-1.0, abs=0.03) and np.var(gained) == pytest.approx(5.0, rel=0.03)
@@ -268,7 +268,7 @@ def test_a_number_told_by_nothing_costs_a_nat_with_a_variance_of_five():
 
 @pytest.mark.parametrize(("extended", "worse"), [(2.8, False), (3.2, True)])
 def test_a_less_stable_vehicle_may_be_off_by_more(extended, worse):
-    """In a closed loop the commands of the horizon know what pushed the vehicle in it: a model that leaves out what
+    """The commands of a horizon in a closed loop know what pushed the vehicle in it: a model that leaves out what
     makes it less stable is off by less."""
     gain = Gain((0.0, 1.0), 50.0, {1.0: {}}, {"theta": (1.0, extended, 1.0, 3.0)}, None, "", {"theta": 50.0},
                 {"theta": 2.0})

@@ -1,5 +1,5 @@
-"""What the gates of the diagnosis judge by: whether a size is the same all along the log, what is left beside the
-causes, which noise is not the declared."""
+"""The gates of the diagnosis: whether a size is the same all along the log, what is left beside the causes, which noise
+is not the declared."""
 
 import dataclasses
 import math
@@ -57,7 +57,7 @@ def test_a_true_scale_factor_is_outdone_by_no_shape():
 
 @pytest.mark.parametrize("ceiling", [0.5, 0.7])
 def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
-    """Its cube, or a kink, explains more than any factor, or as much and something beside it."""
+    """The rate's cube, or a kink, explains more than any factor, or as much and something beside it."""
     top = []
 
     def saturated(rate):
@@ -126,7 +126,7 @@ def test_an_a6_that_swings_is_no_mode_and_a_mode_and_a_line_are(cause, swings, e
 
 
 def test_a_tone_that_comes_and_goes_is_no_mode():
-    """What rolling makes of a moment: two lines and a slosh together imitated it; one slosh is outdone at once."""
+    """A moment as rolling makes it: two lines and a slosh together imitated it; one slosh is outdone at once."""
     columns, _ = fly(draw_spec(9700, "roll_beat", "constant", 2.0, rate=100.0, duration=25.0))
     log = on_grid(log_of(SimpleNamespace(**columns)), NOMINAL)
     found = select_from(as_simulated(log), (RECORDS["slosh"],), THRESHOLD, 1, lambda text: None)
@@ -138,7 +138,7 @@ def test_a_tone_that_comes_and_goes_is_no_mode():
 @pytest.mark.parametrize(("hidden", "told"), [
     ({"cause": "attitude_walk"}, True), ({"effects": (hide("gyro_bias", {"rate": 1e-4}),)}, False)])
 def test_an_attitude_reference_that_drifts_is_no_bias_of_the_gyro(hidden, told):
-    """They differ by a6 times the drift only: in calm air that is enough."""
+    """The two differ by a6 times the drift only: in calm air that is enough."""
     columns, _ = fly(draw_spec(9700, nominal="constant", factor=2.0, rate=100.0, **hidden))
     log = on_grid(log_of(SimpleNamespace(**columns)), NOMINAL)
     found = select_from(as_simulated(log), (RECORDS["gyro_bias"],), THRESHOLD, 1, lambda text: None)
@@ -163,9 +163,9 @@ def test_two_oscillations_that_a_log_does_not_resolve_are_one_that_changes(cause
 
 
 def sized(*parts, seed=0, logarithmic=False, settled=True, rows=slice(None), deviation=None):
-    """A model of 1600 rows with two causes much alike: the second's size is off by `parts` in parts of the log of equal
-    length; settled: the fit is at its minimum;  rows: that alone tell it;  deviation: what the nominal leaves open of a
-    number with the second's very response."""
+    """A model of 1600 rows with two causes much alike.  The second's size is off by `parts` in parts of the log of
+    equal length; settled: the fit is at its minimum;  rows: that alone tell it;  deviation: what the nominal leaves
+    open of a number with the second's very response."""
     rng, n = np.random.default_rng(seed), 1600
     slopes = rng.standard_normal((3 * n, 3))
     slopes[:, 1] += 0.7 * slopes[:, 0]
@@ -235,7 +235,8 @@ def test_the_constants_of_constancy_go_with_its_parts():
 
 
 def test_what_may_be_left_is_as_rare_in_noise_for_a_shape_a_line_and_a_line_at_a_mode():
-    """Once in 1e4 logs: of white noise one free number gains half a chi-squared of 1, a line half of one of 2."""
+    """The rarity is once in 1e4 logs: of white noise one free number gains half a chi-squared of 1, a line half of one
+    of 2."""
     shapes = len(list(_shapes(dict.fromkeys(
         ("theta", "theta_dot", "beta", "beta_dot", "u", "time", "seen theta", "seen theta_dot", "seen beta"),
         np.ones(2)))))
@@ -253,7 +254,7 @@ def test_a_shape_that_grows_with_time_may_leave_more_than_others_and_less_than_a
 
 
 def leftovers_with(monkeypatch, found_lines, causes=(), shapes=()):
-    """What `_shaped` makes of these lines and shapes beside these causes, 0.1 rad/s resolved."""
+    """The result of `_shaped` for these lines and shapes beside these causes, 0.1 rad/s resolved."""
     record = SimpleNamespace(rows=1000, period=2.0 * math.pi / 100.0)
     fit = SimpleNamespace(record=record, filter=None)
     monkeypatch.setattr(leftover_module, "Problem", lambda *given: None)
@@ -373,7 +374,8 @@ def test_a_noise_level_differs_if_it_does_beyond_doubt(monkeypatch):
 
 
 def test_of_the_world_s_levels_the_declared_are_reported(monkeypatch):
-    """What nobody declared, the slow moment below the limits and weather that is sought, is no noise of the nominal."""
+    """The levels that nobody declared, the slow moment below the limits and weather that is sought, are no noise of the
+    nominal."""
     sources = (Source("a moment", 2, 0.1, 0.1, 20.0), Source("declared", WIND, 0.2, 0.2, 1.0, WEATHER),
                Source("sought", WIND, 0.3, 0.3, 1.0, (1e-3, 40.0)), Source("a constant", WIND, 0.0, 0.1))
     record = SimpleNamespace(channels=("theta",), command_is_known=False, world=World(sources))

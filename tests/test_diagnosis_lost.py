@@ -96,7 +96,8 @@ def test_a_command_that_is_logged_when_it_changes_is_held_and_believed():
 
 
 def test_only_lost_rows_have_the_commands_noise():
-    """Their own blocks, with the variance that enters the nozzle; the others as in a log that lost none."""
+    """The lost rows have blocks of their own, with the variance that enters the nozzle; the others are as in a log that
+    lost none."""
     log = holed(flown(""), **SINGLE)
     r = record(log, NOMINAL, check(log, NOMINAL))
     whole, own = dynamics(dataclasses.replace(r, lost=None), Point()), dynamics(r, Point())

@@ -1,4 +1,4 @@
-"""Where something that stays begins (`sim.diagnosis.search.onsets`): the adjoint against the responses themselves."""
+"""The onset of something that stays (`sim.diagnosis.search.onsets`): the adjoint against the responses themselves."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ DECLARED = Wind(turbulence=0.005, walk=0.002)
 
 
 def posed(wind=None, effect=None, mask=None, period=0.01, masked=None, believed=()):
-    """(the problem of a flight of `constant` in this weather, what is believed of it, fitted by nothing)"""
+    """The problem of a flight of `constant` in this weather, and what is believed of it, fitted by nothing."""
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=14.0),
                                   sensors=dataclasses.replace(nominal.sensors, period=period), wind=wind)
@@ -51,7 +51,7 @@ def posed(wind=None, effect=None, mask=None, period=0.01, masked=None, believed=
     {"believed": [("gyro_scale", (0.7,))], "effect": "gyro_scale:scale=0.7"},  # of neither the filter knows
 ])
 def test_score_and_information_are_those_of_the_response(cause, is_loss, given):
-    """To the linear dynamics' 1 %, of a loss to 6 %: the nozzle moves within a row."""
+    """The score agrees to the linear dynamics' 1 %, of a loss to 6 %: the nozzle moves within a row."""
     close = 0.06 if is_loss else 0.01
     problem, base = posed(**given)
     score, information = scores(problem, base, pushes(problem.record, base, is_loss))

@@ -68,7 +68,8 @@ def test_the_covariances_know_the_nozzle_s_inertia():
 
 @pytest.mark.parametrize("start", [0.0, 20.0, 1.0e6])
 def test_a_slope_turns_about_the_log_s_centre_and_so_does_its_extension(tmp_path, start):
-    """Also of a log that begins in flight, and of one on a calendar's clock (its grid begins at 0)."""
+    """The centre is also that of a log that begins in flight, and of one on a calendar's clock (its grid begins at
+    0)."""
     of = recorded(tmp_path, start, duration=10.0)
     centre = start + 0.5 * 9.99
     flown = vehicle(of, Point((effect("control_slope", slope=0.01),)))
@@ -86,7 +87,8 @@ def test_a_slope_turns_about_the_log_s_centre_and_so_does_its_extension(tmp_path
 
 
 def test_the_slopes_of_a_drift_are_small_enough_for_its_ridge(tmp_path):
-    """In trim the nozzle's part is like the angle's; what is left of one beside the other must not hang on the step."""
+    """The nozzle's part is like the angle's in trim; what is left of one beside the other must not depend on the
+    step."""
     of = recorded(tmp_path, cause="lateral_drift", factor=2.0, duration=40.0)
     base = as_simulated(of)
     problem = Problem(of, base.fit.filter)

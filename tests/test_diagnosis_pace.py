@@ -1,4 +1,4 @@
-"""How many steps of the grid are integrated at once, and that it changes nothing that a log could tell."""
+"""The number of steps of the grid that are integrated at once, and that it changes nothing that a log could show."""
 
 import dataclasses
 

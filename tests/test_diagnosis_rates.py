@@ -96,7 +96,7 @@ def test_where_it_cannot_be_told_nothing_is_said():
 
 
 def test_the_verdict_names_the_controller_and_gives_its_extension():
-    """It was `consistent`: a rate's law was looked at by nobody."""
+    """The verdict was `consistent`: a rate's law was not checked."""
     made = diagnose(log_of(1.3), missile(), hypotheses=())
     assert (made.verdict, made.where) == ("explained", "controller")
     assert made.causes[0].values["kp_scale"] == pytest.approx(1.3, abs=1e-3)

@@ -223,7 +223,7 @@ def test_shares_are_one_pair_of_numbers_and_never_all_where_something_remains(di
 
 
 def test_evidence_has_another_name_where_it_is_another_number(folders):
-    """Beside the causes of the steps before alone, and beside all that joined later."""
+    """The evidence beside the causes of the steps before alone, and beside all that joined later, are two numbers."""
     words = read(folders["explained"]).words
     assert "evidence at that step [nats]" in words and "evidence beside all others in it [nats]" in words
     assert "evidence [nats]" not in words
@@ -258,7 +258,7 @@ def test_a_size_has_the_digits_of_its_deviation():
 
 
 def test_plus_minus_is_one_standard_deviation_and_the_first_says_so(diagnoses):
-    """It was a 95 % half-width here, and a standard deviation in `identify`."""
+    """The number was a 95 % half-width here, and a standard deviation in `identify`."""
     made = diagnoses["explained"]
     cause = made.causes[0]
     said = [line for line in lines(made) if " +- " in line]
@@ -322,7 +322,7 @@ def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, 
 
 
 def test_a_log_without_nozzle_command_and_reference_has_a_report(tmp_path):
-    """Only theta and theta_dot beside beta: no closed loop, no controller check, no actuator."""
+    """The log has theta alone beside beta: no closed loop, no controller check, no actuator."""
     log, nominal = measured()
     none = np.full(len(log.t), np.nan)
     made = diagnose(replace(log, beta_cmd=none, theta_ref=none, theta_dot=none), nominal,
@@ -381,7 +381,7 @@ def browser() -> str:
 
 
 def console(page: Path, profile: Path) -> list[str]:
-    """What the browser's console says while it loads a page, up to a last line of the page's own."""
+    """The lines of the browser's console while it loads a page, up to a last line of the page's own."""
     command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
                f"--user-data-dir={profile}", "--enable-logging=stderr", "--virtual-time-budget=3000", "--dump-dom",
                page.as_uri()]

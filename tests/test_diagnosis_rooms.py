@@ -39,7 +39,7 @@ def imported(path: Path) -> set[str]:
 
 
 def circles(graph: dict[str, set[str]]) -> list[str]:
-    """What is left of a graph when what needs nothing else in it, or is needed by nothing, is taken away again and
+    """The rest of a graph when what needs nothing else in it, or is needed by nothing, is taken away again and
     again."""
     graph = {name: (needs & set(graph)) - {name} for name, needs in graph.items()}
     while ends := [name for name, needs in graph.items()
@@ -99,7 +99,7 @@ def test_the_data_check_visits_stamps_channels_and_relations_once(visit):
 
 
 def test_a_log_is_checked_and_put_on_its_grid_once():
-    """And a second log, which is another one, once."""
+    """The second log, which is another one, is put on its grid once too."""
     body = tree_of(DIAGNOSIS / "verdict.py").body
     functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
     for name, where in (("check", "diagnose"), ("record", "diagnose"), ("with_commands", "_examined"),

@@ -37,7 +37,7 @@ def flight(effect="", seed=6):
 
 
 def read_at(whole, period, jitter, begin=0.0, seed=3):
-    """(rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
+    """The values (rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
     n = int((whole.t[-1] - begin - 0.1) / period)
     away = np.random.default_rng(seed).uniform(-jitter, jitter, n)
     return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))
@@ -103,21 +103,21 @@ def test_another_gain_of_the_controller_is_no_gain_of_the_actuator(scale):
 
 
 def checked(clock, effect):
-    """What is found of the controller by the nominal's vehicle alone."""
+    """The check of the controller by the nominal's vehicle alone."""
     return with_commands(recorded(clock, effect=effect), NominalFollower())[1]
 
 
 @pytest.mark.parametrize("clock", [(0.012, 0.0), (0.007, 0.0), (0.01, 0.002)])
 @pytest.mark.parametrize(("kp", "kd"), [(1.2, 1.0), (1.0, 0.7), (0.9, 1.25)])
 def test_other_gains_are_told_of_rows_about_as_fast_as_the_controller(clock, kp, kd):
-    """Also of faster ones, which miss no command."""
+    """The gains are also found of faster rows, which miss no command."""
     found = checked(clock, f"controller_mismatch:kp_scale={kp},kd_scale={kd}")
     assert found.kind == "gain"
     assert found.kp_scale == pytest.approx(kp, abs=0.01) and abs(found.kd_scale - kd) < 3.0 * max(found.std[1], 1e-6)
 
 
 def test_computing_time_is_told_where_the_vehicle_moves():
-    """Of a quiet flight commands that are two periods late are 165 nats at 7 ms, and none at 25 ms."""
+    """Commands of a quiet flight that are two periods late are 165 nats at 7 ms, and none at 25 ms."""
     found = checked((0.007, 0.0), "controller_mismatch:delay=0.02")
     assert "delay" in found.kind and found.delay == pytest.approx(2.0 * TICK)
     assert checked((0.025, 0.0), "controller_mismatch:delay=0.02") is None
@@ -134,7 +134,7 @@ def test_what_is_no_controller_s_is_not_called_so(clock, effect):
 @pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003), (0.01, 0.002)])
 @pytest.mark.parametrize("drop", ["", "theta_ref"])
 def test_unseen_commands_are_off_by_what_is_said(clock, drop):
-    """In the mean over a row: less than lines, and as said."""
+    """The error is the mean over a row: less than lines, and as stated."""
     before = recorded(clock, drop)
     made, controller = with_commands(before, NominalFollower())
     true = flown_commands(made, flight())
@@ -239,13 +239,13 @@ def test_between_two_rows_at_the_limit_the_command_is_there():
 
 @pytest.mark.parametrize("period", [0.015, 0.025, 0.033])
 def test_what_was_wrong_at_the_limit_is_forgotten_after_it(period):
-    """Without reference nothing tells what was asked there: what the derivative remembers of it is not believed."""
+    """Nothing shows without reference what was commanded there: what the derivative remembers of it is not believed."""
     made, off = with_stairs(period, "theta_ref", size=0.2)
     assert np.max(np.abs(off[~made.lost[:len(off)]])) < 10.0 * made.fill_gain * NOMINAL.sensors.theta_std
 
 
 def test_a_reference_that_the_controller_did_not_have_is_not_believed():
-    """What it would have heard is no noise: what it was asked is made of its commands."""
+    """The difference is no noise: the reference is computed from the commands instead."""
     log = logged((0.025, 0.0))
     half = dataclasses.replace(log, theta_ref=0.5 * log.theta_ref)
     unsure = [with_commands(record(each, NOMINAL, check(each, NOMINAL)), NominalFollower())[0].unsure
@@ -299,7 +299,7 @@ def test_a_trimmed_vehicle_whose_nozzle_is_logged_now_and_then_shows_nothing(dro
 
 
 def test_undeclared_turbulence_about_a_trim_is_no_loss_of_control():
-    """Without gyro and reference the nozzle answers nothing but the wind, which half of k1 explains nearly as well."""
+    """The nozzle answers nothing but the wind without gyro and reference, which half of k1 explains nearly as well."""
     calm = dataclasses.replace(NOMINAL, guidance=Guidance((0.0, 1.0), (0.0, 0.0)))
     windy = fly_whole(calm, 5, period=TICK, effects=[from_text("turbulence:level=0.015,time_constant=1")])
     made = diagnose(log_of(windy, ("theta_ref", "beta_cmd", "theta_dot")), calm)

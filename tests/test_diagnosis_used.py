@@ -1,4 +1,4 @@
-"""Which rows of a large log are fitted (`sim.diagnosis.data.used`): fewer rows, the same motion."""
+"""The rows of a large log that are fitted (`sim.diagnosis.data.used`): fewer rows, the same motion."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ from sim.nominal import built_in, load_nominal
 
 
 def logged(period, duration=6.0, drop=()):
-    """(A flight of `constant` as a log of this period [s], its nominal)"""
+    """A flight of `constant` as a log of this period [s], and its nominal."""
     nominal = load_nominal(built_in("constant"))
     nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration),
                                   sensors=dataclasses.replace(nominal.sensors, period=period))
@@ -42,8 +42,8 @@ def followed(r, *effects):
 
 @pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
 def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
-    """But for how many steps are integrated at once: a controller's commands stay, every one, where the log is faster
-    and where it is slower."""
+    """The motion is the same but for how many steps are integrated at once: a controller's commands stay, every one,
+    where the log is faster and where it is slower."""
     r = as_record(period)
     thin = thinned(r, every)
     kept = slice(r.held_phase, None, every)

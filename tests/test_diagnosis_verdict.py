@@ -114,7 +114,7 @@ def test_a_gyro_s_scale_that_the_stamps_make_is_none(judged):
 
 @pytest.mark.parametrize(("is_all", "where"), [(True, "sensor"), (False, "plant")])
 def test_a_column_of_another_time_is_the_sensor_s_where_nothing_is_left_beside_it(judged, is_all, where):
-    """And is said beside whatever else is in doubt."""
+    """The column is also named beside whatever else is in doubt."""
     late = SimpleNamespace(words="a column beta that is late", is_all=is_all)
     of = cause("aero_damping")
     assert judged(Found(of)).made.verdict == "explained"
@@ -147,7 +147,7 @@ def test_causes_that_pass_every_test_explain_the_strongest_first(judged):
     Found(cause("gyro_bias"), weather=weather()),
     Found(cause("gyro_bias"), weather=weather(name=SLOW_MOMENT))])
 def test_what_forbids_explained_alone_is_dominant_and_says_what_remains(judged, found):
-    """And gain, extension and size are there as for explained."""
+    """The gain, extension and size are there as for explained."""
     made = judged(found).made
     named = [each.cause for each in made.causes if not each.is_weather]
     if found.weather is not None and found.weather.is_wind:   # wind that passes is itself a cause
@@ -159,7 +159,7 @@ def test_what_forbids_explained_alone_is_dominant_and_says_what_remains(judged, 
 
 
 def test_a_cause_that_a_shape_explains_as_well_as_is_not_believed(judged):
-    """What nobody listed is then the better answer; no gain is measured before."""
+    """The better answer is then one that is not listed; no gain is measured before."""
     each = judged(Found(cause("gyro_bias"), rival=Rival("gyro_bias", "theta_dot", "theta_dot^3", 1.1)))
     assert each.made.verdict == "unexplained" and [near.cause for near in each.made.nearest] == ["gyro_bias"]
     assert each.made.doubts == ("gyro_bias: a disturbance proportional to theta_dot^3 at the theta_dot alone explains "
@@ -314,7 +314,7 @@ def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(
 
 
 def test_causes_come_in_the_order_of_the_error_they_remove(judged):
-    """Not of their evidence; where that is not known of all of them, of the evidence."""
+    """The order is not that of their evidence, unless the error is not known for all of them."""
     strong, weak = cause("slosh", 90.0), cause("gyro_bias", 30.0)
     said = judged(Found(strong, weak, shares=(0.2, 0.6), is_told=True)).made.causes
     assert [(each.cause, each.removed) for each in said] == [("gyro_bias", 0.6), ("slosh", 0.2)]
@@ -353,7 +353,7 @@ def test_what_makes_sense_together_only_stands_together_where_a_further_cause_is
 
 
 def test_weather_alone_that_is_in_doubt_ends_nothing(judged):
-    """There is no strongest cause."""
+    """A search that found weather alone has no strongest cause."""
     made = judged(Found(weather=weather(), nats=-1.0)).made
     assert (made.verdict, made.causes) == ("unexplained", ())
 
@@ -564,7 +564,7 @@ def test_faults_of_rows_are_masked_and_faults_of_columns_are_not(checked, kinds,
 
 
 def test_too_few_rows_left_are_bad_data(checked):
-    """Where two of five rows can be used; three of five are enough."""
+    """Two of five usable rows are too few; three of five are enough."""
     for usable, examined in ((600, True), (400, False)):
         made, reached = checked(("stamps",), usable)
         assert reached == examined and (examined or (made.verdict, made.where) == ("bad-data", "data"))

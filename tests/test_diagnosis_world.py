@@ -67,12 +67,12 @@ def without(log, *columns):
 
 
 def rows(log, kept):
-    """Of the log these rows."""
+    """The log with these rows."""
     return dataclasses.replace(log, **{name: getattr(log, name)[kept] for name in REQUIRED + OPTIONAL})
 
 
 def has_size(cause, parameter, truth, share):
-    """Within a share of the truth, and within five of its own standard deviations."""
+    """Whether a size is within a share of the truth, and within five of its own standard deviations."""
     value = cause["parameters"][parameter]
     return abs(value["value"] - truth) < min(share * abs(truth), 5.0 * value["std"])
 
@@ -108,7 +108,8 @@ def test_the_predictor_and_the_linear_filter_carry_the_same_world(period):
 
 @pytest.mark.parametrize("period", [0.01, 0.005])
 def test_predictions_are_off_by_what_the_noise_gives_them(period):
-    """Of clean flights in declared wind, over 0.5 s: the mean square of the errors over their variance is 1."""
+    """The flights are clean, in declared wind, predicted over 0.5 s: the mean square of the errors over their variance
+    is 1."""
     ratios = []
     for seed in (1, 2):
         log = flown(dataclasses.replace(UNSURE, simulation=dataclasses.replace(WINDY.simulation, duration=20.0)),
@@ -216,7 +217,7 @@ def test_what_is_left_of_a_wind_that_the_path_turns_with(z_alpha):
     (-0.09, 0.0, 1), pytest.param(0.06, 0.0, 2, marks=pytest.mark.campaign),
     pytest.param(-0.03, -0.1, 3, marks=pytest.mark.campaign)])
 def test_a_flight_path_that_drifts_turns_with_the_wind(z_alpha, z_beta, seed):
-    """In declared wind its numbers are within three of their standard deviations, and it is no wind."""
+    """The drift's numbers in declared wind are within three of their standard deviations, and it is no wind."""
     whole = dataclasses.replace(WHOLE, wind=WINDY.wind)
     effect = f"lateral_drift:z_alpha={z_alpha},z_beta={z_beta}"
     result = judged(flown(whole, effect, seed=seed), whole, SLOW)
@@ -227,7 +228,7 @@ def test_a_flight_path_that_drifts_turns_with_the_wind(z_alpha, z_beta, seed):
 
 
 def test_a_measured_flight_path_is_known_wind():
-    """Of a flight that drifts by much: with its column consistent under a nominal that does not know of the drift."""
+    """A flight that drifts by much is, with its column, consistent under a nominal that does not know of the drift."""
     drifting = dataclasses.replace(NOMINAL, drift=DRIFT)
     log = flown(drifting, seed=5)
     r = on_grid(log, NOMINAL)
@@ -256,7 +257,7 @@ def test_a_first_order_servo_is_diagnosed():
 
 
 def test_a_rate_law_is_diagnosed():
-    """Its command is the nominal's own."""
+    """The law's command is the nominal's own."""
     result = judged(flown(RATE, LATE, seed=6), RATE)
     assert (result["verdict"], names(result)) == ("explained", ["actuator_delay"]), result["doubts"]
     assert has_size(result["causes"][0], "delay", 0.02, 0.1) and result["controller"]["mismatch"] == "none"
@@ -326,7 +327,7 @@ def test_a_spike_and_missing_rows_change_no_verdict_and_are_said():
 @pytest.mark.parametrize("effect", ["control_effectiveness:scale=0.7", pytest.param(
     "slosh:coupling=0.3,frequency=4", marks=pytest.mark.campaign)])
 def test_a_model_with_a_cause_more_is_at_least_as_likely(effect):
-    """Whatever the cause, the true one and all others."""
+    """The law holds for the true cause and all others."""
     base = as_simulated(on_grid(flown(NOMINAL, effect), NOMINAL))
     found = _ranking(base.fit.record, base, [each for each in SOUGHT if not each.is_line])
     assert found
@@ -353,7 +354,7 @@ def test_input_of_another_time_names_no_cause_of_input_or_actuator(place):
 @pytest.mark.parametrize("effects", [("control_effectiveness:scale=0.6", "moment_step:acceleration=0.01,time=18"),
                                      (LATE, "periodic_disturbance:amplitude=0.01,frequency=7")])
 def test_the_same_flight_at_twice_the_rate_keeps_its_verdict(effects):
-    """With fresh noise; the first cause is known to the search, the second is not."""
+    """The noise is drawn anew; the first cause is known to the search, the second is not."""
     hypotheses = tuple(h for h in SOUGHT if h.cause != effects[1].partition(":")[0])
     slow, fast = (report(diagnose(flown(WINDY, *effects, seed=seed, period=period), WINDY, hypotheses=hypotheses))
                   for seed, period in ((1, 0.01), (2, 0.005)))
@@ -385,8 +386,8 @@ def explained_by(nominal):
 
 
 def absorbed_by_a_fit(model, change):
-    """[nats] that a cause with this change of the residual gains over a model without, whose levels are fitted: mean of
-    both signs, in which what the noise has in common with it cancels."""
+    """The evidence [nats] that a cause with this change of the residual gains over a model without, whose levels are
+    fitted: mean of both signs, in which what the noise has in common with it cancels."""
     record, base = model.fit.record, model.fit
     shift = np.einsum("kab,kb->ka", base.filter.low, change[:3 * record.rows].reshape(-1, 3))
     own = fit_levels(record, model.dynamics, base.innovations, base.filter, base.filter.levels)

@@ -59,21 +59,21 @@ def code_of(path: Path) -> Iterator[str]:
 
 
 def anchors(path: Path) -> set[str]:
-    """What the headings of a page are called in a link."""
+    """The names of a page's headings in a link."""
     headings = re.findall(r"^#+ (.+)$", FENCED.sub("", text_of(path)), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @functools.cache
 def help_of(*words: str) -> str:
-    """What `launchid WORDS --help` prints."""
+    """The text that `launchid WORDS --help` prints."""
     with contextlib.redirect_stdout(io.StringIO()) as said, pytest.raises(SystemExit):
         main([*words, "--help"])
     return said.getvalue()
 
 
 def commands() -> list[str]:
-    """Those that `launchid --help` lists."""
+    """The commands that `launchid --help` lists."""
     return re.findall(r"^    ([a-z][a-z-]+)(?: |$)", help_of(), re.MULTILINE)
 
 
@@ -174,7 +174,7 @@ def test_the_readme_has_every_command():
 
 
 def test_the_test_command_can_be_extracted():
-    """As `.ci/run` does: the shell block behind the marker."""
+    """The shell block behind the marker is the command that `.ci/run` takes."""
     block = re.search(r"<!-- test command -->\n```sh\n(.+)\n```\n", text_of(README))
     assert block is not None and block[1].endswith("-m pytest")
 

@@ -179,7 +179,7 @@ def test_truth_has_the_effects_on_a6_and_k1():
 
 
 def test_two_gusts_add_up():
-    """Of a linear vehicle in open loop: the answer to both is the sum of the answers."""
+    """The answer of a linear vehicle in open loop to both is the sum of the answers."""
     gusts = [from_text("gust:angle=0.02,time=0.5,duration=1"), from_text("gust:angle=-0.01,time=1,duration=1.5")]
     plain, first, second, both = (fly_whole(probed(), 0, "ideal", effects=e).theta for e in
                                   ([], gusts[:1], gusts[1:], gusts))
@@ -260,8 +260,8 @@ def test_bandwidth_is_the_servo_s_natural_frequency():
 
 @pytest.mark.parametrize("wind_up", [0.0, 0.5])
 def test_rate_limit_is_the_saturated_servo(wind_up):
-    """Against plain Python in steps twenty times as fine, and |b'| <= rate to the bit of a sum; the rate that is asked
-    for runs ahead of the limit by its wind-up."""
+    """The reference is plain Python in steps twenty times as fine, and |b'| <= rate to the bit of a sum; the rate that
+    is demanded for runs ahead of the limit by its wind-up."""
     rate, w, zeta, fine = 0.03, 50.0, 0.7, 20
     reach = (1.0 + wind_up) * rate
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_rate_limit", rate=rate, wind_up=wind_up)])
@@ -284,7 +284,8 @@ def test_wind_up_changes_the_flight():
 
 
 def test_lag_before_the_servo():
-    """Against plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the slowing."""
+    """The reference is plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the
+    slowing."""
     scale, w, zeta, fine = 0.5, 50.0, 0.7, 100
     tau = 2.0 * zeta / w * (1.0 / scale - 1.0)
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=scale, lag=1.0)])
@@ -313,7 +314,7 @@ def test_no_lag_makes_a_servo_faster():
 
 
 def test_play_operator():
-    """Drives at its edges, rests between, is the identity without play, and plays in series add."""
+    """The backlash drives at its edges, rests between, is the identity without play, and plays in series add."""
     u = np.cumsum(np.random.default_rng(1).normal(0, 0.3, 400))
     w, last = [], 0.0
     for x in u.tolist():

@@ -56,7 +56,7 @@ def test_a_level_as_an_effect_is_the_flight_of_that_level_in_the_nominal(text, w
 
 
 def test_chance_draws_from_streams_of_its_own():
-    """Its noises left alone, two of a kind unlike each other, the nominal's wind as it was."""
+    """The other noises stay, two of a kind differ from each other, and the nominal's wind is as it was."""
     rough = [from_text("turbulence:level=0.01"), from_text("wind_walk:level=0.02")]
     calm = fly_whole(short(1.0, controller={"kp": 0.0, "kd": 0.0}), 4)
     blown = fly_whole(short(1.0, controller={"kp": 0.0, "kd": 0.0}), 4, effects=rough)
@@ -176,7 +176,7 @@ def test_a_jump_of_the_rate_is_felt_by_the_slosh():
 
 
 def test_nozzle_inertia_is_of_the_actual_nozzle_behind_its_rate_limit():
-    """Where the rate stands at its limit nothing accelerates; theta_ddot is logged as it is flown."""
+    """Nothing accelerates where the rate stands at its limit; theta_ddot is logged as it is flown."""
     limit = from_text("actuator_rate_limit:rate=0.03")
     flight = fly_whole(probed(), 0, "ideal", effects=[limit, effect("nozzle_inertia", coefficient=-0.02)])
     rest = flight.theta_ddot - MODEL_A6 * flight.theta - MODEL_K1 * flight.beta

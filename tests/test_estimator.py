@@ -175,7 +175,7 @@ def test_compression_keeps_the_answer_on_clean_data(a6, k1, seed, compression):
 
 @given(seed=hs.integers(0, 2**32 - 1), noise=hs.floats(1e-4, 1e-2))
 def test_noisy_least_squares_is_numpy_s(seed, noise):
-    """Its standard deviations: `test_honest_windows.py`."""
+    """The standard deviations are tested in `test_honest_windows.py`."""
     samples = [s._replace(theta_ddot=s.theta_ddot + e)
                for s, e in zip(flight(2.0, -7.0), (noise * np.random.default_rng(seed).standard_normal(256)).tolist(),
                                strict=True)]
@@ -231,7 +231,7 @@ def test_nearly_dependent_columns_lose_digits_and_then_are_refused(apart):
 @pytest.mark.parametrize("formulation", REGRESSIONS)
 @given(a6=a6_values, k1=k1_values)
 def test_one_tone_is_rank(formulation, a6, k1):
-    """Along a single sine theta_ddot = -w^2 theta: any a6 fits with the k1 that makes up for it."""
+    """A single sine has theta_ddot = -w^2 theta: any a6 fits with the k1 that makes up for it."""
     assume(abs(4.5**2 + a6) > 0.1)
     assert_refused(one(config_of(formulation, 64), flight(a6, k1, 64, tones=TONES[1:2])), EstimateStatus.RANK)
 
@@ -267,7 +267,7 @@ def test_dropout_of_most_of_the_window_is_gap(formulation):
 
 @pytest.mark.parametrize("formulation", REGRESSIONS)
 def test_nothing_is_differenced_or_integrated_across_a_gap(formulation):
-    """Behind the gap the vehicle is on quite another trajectory; a6 and k1 are found all the same."""
+    """The vehicle is on quite another trajectory behind the gap; a6 and k1 are found all the same."""
     before, after = flight(2.0, -7.0)[:110], flight(2.0, -7.0, first=0.0, tones=((0.06, 3.0, 4.0), (0.04, 6.0, 0.1)))
     estimate = one(config_of(formulation), before + after[140:])
     assert estimate.valid and estimate.gaps == 1
@@ -297,7 +297,7 @@ def test_few_samples_at_the_end_stop_are_left_out_and_bias_nothing():
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # without JIT numpy tells of every overflow
 def test_overflow_is_refused_with_numerics():
-    """Only beyond the default ranges: an acceleration of 1.7e308."""
+    """An acceleration of 1.7e308 is possible beyond the default ranges only."""
     samples = [s._replace(theta_ddot=math.copysign(1.7e308, s.theta)) for s in flight(2.0, -7.0, 64)]
     estimate = one(config_of("measured", 64, theta_ddot_limit=INF), samples)
     assert_refused(estimate, EstimateStatus.NUMERICS)
@@ -436,7 +436,7 @@ def test_largest_t_limit_keeps_windows_around_their_samples():
 @pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta"])
 @pytest.mark.parametrize("size", [0.0, 0.01, 0.1, 1.0])
 def test_filtered_forgets_one_outlier_within_the_ranges(channel, size):
-    """Up to ten windows after it may be refused; then estimates are valid again, and nothing valid is far off."""
+    """The ten windows after it may be refused; then estimates are valid again, and nothing valid is far off."""
     nominal = load_nominal("constant")
     config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=onboard_model(nominal))
     estimator = Estimator(config)
@@ -566,7 +566,7 @@ def allocating(n):
 
 @pytest.fixture
 def allocations():
-    """Counts what numba's runtime allocates during a call."""
+    """The allocations of numba's runtime during a call."""
     if not JIT:
         pytest.skip("NUMBA_DISABLE_JIT=1: numba's runtime allocates nothing to count")
     assert hasattr(_nrt_python, "memsys_enable_stats"), "numba's allocation statistics moved: mend this test"
@@ -592,7 +592,7 @@ def test_positive_control_allocates_with_every_pass(allocations):
 
 
 def test_a_kernel_that_allocates_does_not_compile():
-    """Without numba's run time: what the decorators of `launchid_core.kernels` rest on."""
+    """A kernel has no numba run time, which the decorators of `launchid_core.kernels` rest on."""
     if JIT:
         with pytest.raises(numba.core.errors.TypingError):
             kernels.kernel(allocating)(1)
@@ -672,7 +672,7 @@ def test_wrong_value_is_named_with_its_field_and_range(field, value, allowed):
     ({"sample_period": 0.026}, "^sample_period=0.026: "), ({"delay": 3.0}, "^model.delay=3.0: "),
     ({"natural_frequency": 1e7}, "^model.natural_frequency=.*a first-order one")])
 def test_what_the_filter_cannot_do_is_refused_by_name(changes, named):
-    """As `constant` flies it is taken, at 2.5 of the controller's periods too."""
+    """The model of `constant` is taken as it flies, at 2.5 of the controller's periods too."""
     model = onboard_model(load_nominal("constant"))
     Config(formulation="filtered", model=model)
     Config(formulation="filtered", model=model, sample_period=0.025)

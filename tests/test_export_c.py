@@ -46,7 +46,7 @@ FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md"
 
 
 def bits(x: float) -> str:
-    """Of a double; all NaN are one."""
+    """The bits of a double; all NaN are one."""
     return "nan" if math.isnan(x) else struct.pack(">d", x).hex()
 
 
@@ -85,7 +85,7 @@ def note_words(estimator: Estimator) -> list[str]:
 
 
 def expected(config: Config, samples: list[Sample]) -> list[list[str]]:
-    """What the estimator answers, in the port's words."""
+    """The estimator's answers, in the port's words."""
     estimator, said = Estimator(config), []
     for sample in samples:
         status = estimator.update(sample)
@@ -127,7 +127,7 @@ def test_a_minus_zero_of_the_nominal_keeps_its_sign(tmp_path):
 
 @needs_compiler
 def test_a_sudden_change_at_no_time_is_the_same(tmp_path):
-    """Where factors overflow the onset is no number, and so is the nominal there."""
+    """The onset is no number where factors overflow, and so is the nominal there."""
     model = dataclasses.replace(onboard_model(load_nominal("vega_like")), profile_t=(0.0, 50.0),
                                 profile_a6=(7538.0, 100.0), profile_k1=(-11275.0, -100.0), theta_dot_std=2.7e-6)
     config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=model)

@@ -53,7 +53,7 @@ def config(formulation: str = "integral", **choices) -> Config:
 
 @dataclasses.dataclass
 class Flown:
-    """What an estimator answered."""
+    """The answers of an estimator."""
 
     estimator: Estimator
     statuses: list[Status]
@@ -104,7 +104,7 @@ def assert_honest(flown: Flown, most: float = 7.0) -> None:
 
 
 def assert_believed_again(flown: Flown, end: float, within: float) -> None:
-    """Of the windows that begin `within` s after the fault's end, nine of ten are valid."""
+    """Nine of ten windows that begin `within` s after the fault's end are valid."""
     later = [estimate.valid for estimate in flown.estimates if estimate.t_start >= end + within]
     assert len(later) >= 5 and sum(later) >= 0.9 * len(later)
 
@@ -251,7 +251,7 @@ def test_twice_the_rate_is_used(formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("origin", [1.7e9, -1.7e9, 9.9e9])
 def test_stamps_since_1970_change_nothing_that_matters(formulation, origin):
-    """Their rounding, 2.4e-7 s (1.9e-6 s at 1e10), is all that differs."""
+    """The stamps' rounding, 2.4e-7 s (1.9e-6 s at 1e10), is all that differs."""
     here, there = (fly(config(formulation), (s._replace(t=s.t + first) for s in flight()[:1500]))
                    for first in (0.0, origin))
     assert there.statuses == here.statuses
@@ -314,7 +314,7 @@ def test_a_coarse_sensor_is_not_stuck(coarse):
 
 
 def test_a_sensor_at_its_end_stop_is_not_stuck():
-    """What stands still there is left out as saturated."""
+    """A value that stands still there is left out as saturated."""
     rows = hit(range(2000, 2030), lambda s: s._replace(theta=0.05))
     assert fly(config(theta_saturation=0.05), rows).counted["STUCK"] == 0
     assert fly(config(), rows).counted["STUCK"] == 1
@@ -428,7 +428,7 @@ def test_turns_are_forgotten_across_a_gap_and_a_spike_is_no_turn():
 
 
 def test_a_dead_actuator_is_not_called_an_effect():
-    """From 20 s on the nozzle stays where it is, whatever is commanded; the vehicle goes its way."""
+    """The nozzle stays where it is from 20 s on, whatever is commanded; the vehicle goes its way."""
     rows, random = list(flight()[:2000]), np.random.default_rng(2)
     theta, rate, beta = rows[-1].theta, rows[-1].theta_dot, rows[-1].beta
     for k in range(2000, 2300):
@@ -451,7 +451,8 @@ def test_a_dead_actuator_is_not_called_an_effect():
                                 config("filtered", model=onboard_model(IN_WIND))],
                          ids=["integral", "filtered", "filtered in wind"])
 def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
-    """Within a window, at the first use; then everything is as of a new estimator that begins with that sample."""
+    """The change is seen within a window, at the first use; then everything is as of a new estimator that begins with
+    that sample."""
     rows = flight()[:400]
     one = fly(of, rows[:155]).estimator
     saved, counted = one.save(), one.counts
@@ -468,7 +469,7 @@ def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
 
 @pytest.mark.parametrize("place", [0, 10])
 def test_a_row_of_the_block_that_changes_by_itself_is_seen(place):
-    """At 1 kHz a block is gathered ten samples at a time: its rows wait from one to the next."""
+    """A block at 1 kHz is gathered ten samples at a time: its rows wait from one to the next."""
     of = config("filtered", window=0.5, sample_period=0.001, model=onboard_model(CONSTANT, 0.001))
     rows = [Sample(0.001 * k, 1e-4 * math.sin(k), 1e-4 * math.cos(k), 1e-4 * math.sin(2 * k), NAN, 0.0)
             for k in range(200)]
@@ -547,7 +548,7 @@ def test_what_cannot_be_is_not_sound_each_by_itself():
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])
 def test_what_is_not_sound_is_forgotten_and_said(part):
-    """By whatever way it came about: the seals fit."""
+    """The way it came about does not matter: the seals fit."""
     one = fly(config("filtered"), flight()[:1500]).estimator
     getattr(one._parts.state.filter, part).flat[0] = NAN
     reseal(one)

@@ -62,7 +62,7 @@ def flight() -> list[Sample]:
 
 
 def words(estimate: Estimate) -> tuple[object, ...]:
-    """What leaves with a window, to be compared to the bit."""
+    """The values that leave with a window, to be compared to the bit."""
     return tuple(repr(getattr(estimate, f.name).tolist() if isinstance(getattr(estimate, f.name), np.ndarray)
                       else getattr(estimate, f.name)) for f in dataclasses.fields(estimate))
 
@@ -108,12 +108,12 @@ def moved(now: Estimate, was: Estimate) -> float:
 
 
 def noted(estimator: Estimator) -> int:
-    """What the estimator has said beside estimates."""
+    """The number of notes that the estimator has given beside estimates."""
     return sum(estimator.counts.get(name, 0) for name in ("OUTLIER", "RESTART", "STUCK", "WRAP"))
 
 
 def judged(of: Course, estimator: Estimator, first: int, status: Status | None) -> tuple[str, float]:
-    """What became of a fault before row `first`, whose sample was answered by `status`: (words, how far it moved)."""
+    """The outcome of a fault before row `first`, whose sample was answered by `status`: (words, how far it moved)."""
     if status is not None and status < 0:
         return REFUSED, 0.0
     before, flagged = noted(estimator), status not in (None, Status.ACCEPTED, Status.WINDOW_COMPLETE)
@@ -148,7 +148,7 @@ Found = Counter[tuple[str, str, str]]  # (field or part, kind, what became of it
 
 
 def sweep(formulation: str, every: int = 1) -> tuple[Found, dict[str, float]]:
-    """What became of every fault, or of one of so many, and by how much each kind moved a6 or k1 at most."""
+    """The outcome of every fault, or of one of so many, and by how much each kind moved a6 or k1 at most."""
     of, estimator, found, most = course(formulation), Estimator(config(formulation)), Counter(), {}
     for number, (field, kind, k, sample) in enumerate(faults(of)):
         if number % every == 0:
@@ -161,7 +161,7 @@ def sweep(formulation: str, every: int = 1) -> tuple[Found, dict[str, float]]:
 
 
 def flips(formulation: str, number: int, seed: int = 0, seconds: float = math.inf) -> Found:
-    """What became of so many flipped bits (or as many as fit into the time), anywhere in the state, at any sample."""
+    """The outcome of so many flipped bits (or as many as fit into the time), anywhere in the state, at any sample."""
     of, estimator, found = course(formulation), Estimator(config(formulation)), Counter()
     parts = list(persisting(estimator).items())
     ends = np.cumsum([own.size for _, own in parts])
@@ -193,8 +193,9 @@ def test_a_fault_at_every_sample_field_and_kind_of_a_regression_is_refused_or_fo
 
 @pytest.mark.campaign
 def test_a_fault_at_every_sample_field_and_kind_of_the_filter_is_refused_flagged_forgotten_or_a_measurement():
-    """What is none of these is a measurement within eight sigma of what the filter expects, a step of the clock within
-    a sample, or a command, which nothing contradicts but its range: it moves a6 and k1 as far as one sample may."""
+    """A fault that is none of these moves a6 and k1 as far as one sample may.  It is a measurement within eight sigma
+    of what the filter expects, a step of the clock within a sample, or a command, which nothing contradicts but its
+    range."""
     found, most = sweep("filtered", 4)
     assert {field for field, _, what in found if what == MORE} <= {"t", "theta", "theta_dot", "beta", "beta_cmd"}
     assert share_of(found, MORE) < 0.15

@@ -73,7 +73,7 @@ def test_a_log_is_read_from_a_fifo(tmp_path, log, capsys):
 
 
 def test_a_log_is_read_from_a_process_s_output_and_from_standard_input(log, capsys):
-    """As a shell does with `<(cat LOG)` and with `< LOG`."""
+    """The log is given as a shell does with `<(cat LOG)` and with `< LOG`."""
     if not os.path.isdir("/dev/fd"):
         pytest.skip("no /dev/fd here")
     expected = identified(log, capsys)
@@ -416,7 +416,7 @@ def writes(tree: ast.AST) -> list[int]:
 
 
 def test_files_are_written_by_one_door():
-    """Elsewhere a write stands within `atomic_path`; a campaign's journal is no output."""
+    """A write elsewhere stands within `atomic_path`; a campaign's journal is no output."""
     found = []
     for path in sorted((ROOT / "sim").rglob("*.py")):
         source = path.read_text(encoding="utf-8")

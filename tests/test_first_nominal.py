@@ -110,7 +110,7 @@ def swinging(rows: int = 3000, period: float = 0.01, angle: float = 0.3) -> dict
 def test_beta_of_zero_tells_no_k1_but_a6(tmp_path, capsys):
     status, said, words = nominal_of(saved(tmp_path / "free.csv", swinging()), capsys)
     assert status == 3 and not (tmp_path / "free.toml").exists()
-    assert words.count("\n") == 1 and "k1 cannot be told: beta is 0 throughout" in words
+    assert words.count("\n") == 1 and "k1 cannot be determined: beta is 0 throughout" in words
     assert said["k1"] is None and off(said["a6"], -20.0) < WITHIN
 
 
@@ -142,7 +142,7 @@ def test_shifted_input_is_a_placebo(tmp_path, capsys, share):
     columns = {"t": flight.t, "theta": flight.theta, "theta_dot": flight.theta_dot, "beta": np.roll(flight.beta, shift),
                "beta_cmd": np.roll(flight.beta_cmd, shift)}
     status, said, words = nominal_of(saved(tmp_path / "placebo.csv", columns), capsys)
-    assert status == 3 and said["k1"] is None and "k1 cannot be told" in words
+    assert status == 3 and said["k1"] is None and "k1 cannot be determined" in words
 
 
 COLUMNS = (("theta", "theta_dot", "beta", "beta_cmd"), ("theta", "beta", "beta_cmd"), ("theta_dot", "beta", "beta_cmd"),

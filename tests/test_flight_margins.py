@@ -125,7 +125,7 @@ def test_a_published_launchers_decoupled_loop():
 @pytest.mark.parametrize("std", SPREADS.values(), ids=SPREADS)
 @pytest.mark.parametrize("mean", CENTRES[:3], ids=["no delay", "ridge of the phase", "delay"])
 def test_intervals_are_those_of_brute_force(mean, std):
-    """Against the 2.5 and 97.5 % quantiles of 4,000 drawn loops: each end within 0.25 standard deviations."""
+    """The reference is the 2.5 and 97.5 % quantiles of 4,000 drawn loops: each end within 0.25 standard deviations."""
     of = known(mean, std)
     draws = np.random.default_rng(3).multivariate_normal(of.mean, of.covariance, 4000, check_valid="ignore")
     draws[:, 2:4] = np.maximum(draws[:, 2:4], 1e-3)
@@ -211,7 +211,7 @@ def made(flight):
 
 
 def test_margins_of_a_flight_are_the_frozen_truths(made):
-    """Before and after 45 % of k1 are lost."""
+    """The margins are judged before and after 45 % of k1 are lost."""
     for window, tracked in ((made.windows[4], made.windows[4].tracked), (made.windows[9], made.windows[13].tracked)):
         k1 = -7.0 if window.t_end < 32.0 else -7.0 * 0.55
         truth = margin_table(loops(plants_of(np.array([[2.0, k1, 50.0, 0.7, 0.0]])), PD))[0]
@@ -376,14 +376,14 @@ def test_a_servo_far_from_the_one_believed_is_reached():
 
 
 def test_a_known_servo_that_is_another_one_lies(slow):
-    """Why it is asked for: the phase margin believed is beyond its interval in every window."""
+    """The servo's sigma is needed: without it the phase margin is beyond its interval in every window."""
     truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
     found = launchid.margins(slow, CONSTANT)
     assert all(each.window.spread.phase_deg.low > truth[2] for each in found.windows)
 
 
 def test_not_knowing_the_servo_widens_the_intervals(slow):
-    """Beside knowing the very servo that was estimated, of which the values are."""
+    """The narrow intervals are those of knowing the very servo that was estimated, of which the values are."""
     unknown = launchid.margins(slow, unsure())
     mean = dict(zip(("natural_frequency", "damping_ratio", "delay"), unknown.servo.mean.tolist(), strict=True))
     sure = launchid.margins(slow, replace(CONSTANT, actuator=replace(CONSTANT.actuator, **mean)))

@@ -322,7 +322,7 @@ def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
 def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
-    """Of the information, the triangle's square; whatever a block lasts."""
+    """The nine tenths are of the information, the triangle's square; whatever a block lasts."""
     learner, scratch, size = np.triu(np.ones((4, 4))), np.zeros(200), LARGEST._replace(terms=3, states=2, columns=6)
     for _ in range(round(1.0 / dt)):
         absorb_structure(size, learner, np.zeros((6, 6)), scratch, dt)
@@ -373,7 +373,7 @@ def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples)
 
 
 def test_the_filter_is_linearised_about_the_member_that_drifts(samples):
-    """So that a drift does not pass for noise."""
+    """A drift does then not pass for noise."""
     estimator = flown(samples[:400])
     state = estimator._parts.state
     assert state.counts[rb.WAITING] == 0  # a block has just closed

@@ -134,7 +134,7 @@ def test_what_is_taken_over_is_what_the_hypothesis_believes(cut):
 
 
 def test_a_gust_that_is_taken_over_leaves_k1_open(cut):
-    """It may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
+    """The gust may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
     state = cut.state
     mean, covariance = guessed(state.gust, 6)
     state.watch.counts[ch.KEPT] = 5
@@ -158,7 +158,8 @@ def gusty(angle: float) -> Flight:
 
 @pytest.mark.parametrize("angle", [0.01, -0.05])
 def test_a_gust_after_calm_is_no_sudden_change_and_misleads_nobody(angle):
-    """Up to ten times the declared turbulence; without the hypothesis a change and 27 standard deviations of k1."""
+    """A gust of up to ten times the declared turbulence; without the hypothesis a change and 27 standard deviations of
+    k1."""
     flight = gusty(angle)
     estimates, estimator = run(config(), (sample for sample in flight.samples() if sample.t < 48.0))
     assert estimator.changes() == ()

@@ -92,7 +92,7 @@ def an_integral_part(seed):
 
 
 def test_an_integral_part_in_every_other_command_is_no_other_gain(tmp_path):
-    """Nor a filter: gains that leave three times the noise explain nothing."""
+    """No filter is named either: gains that leave three times the noise explain nothing."""
     columns, _ = fly(an_integral_part(11))
     write_csv(tmp_path / "log.csv", columns)
     log, nominal = read_log(tmp_path / "log.csv", ("t", "theta")), load_nominal("vega_like")
@@ -103,7 +103,7 @@ def test_an_integral_part_in_every_other_command_is_no_other_gain(tmp_path):
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_an_integral_part_in_every_other_command_is_not_named(tmp_path, seed):
-    """Nor is what the nozzle did between them its own fault."""
+    """The nozzle's motion between them is not its own fault either."""
     result, label, _ = diagnosed(tmp_path, an_integral_part(seed))
     assert (result["verdict"], result["where"], result["causes"]) == ("unexplained", "controller", []), label
 
@@ -164,8 +164,8 @@ def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
 
 
 def test_a_first_order_lag_of_the_servo_is_a_delay_and_no_slower_servo(tmp_path):
-    """Why `actuator_bandwidth` in its other form is answered by a set: responses of the innovations, the same noise in
-    all."""
+    """The set that answers `actuator_bandwidth` in its other form is right: responses of the innovations, the same
+    noise in all."""
     craft, slower = vehicle("constant"), -4.0
     lag = 2.0 * craft.servo_damping / craft.servo_frequency * (1.0 / (1.0 + slower / 100.0) - 1.0)
     hidden = [(), (Hidden("lazy_servo", (("percent", slower),), OTHER),),

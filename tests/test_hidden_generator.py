@@ -47,7 +47,7 @@ def rms(x):
 
 
 def change(columns, clean):
-    """What an effect did to the measured columns, each in units of its rms, as one vector."""
+    """The change of the measured columns by an effect, each in units of its rms, as one vector."""
     n = min(len(columns["t"]), len(clean["t"]))
     return np.concatenate([(columns[name][:n] - clean[name][:n]) / rms(clean[name]) for name in MEASURED])
 
@@ -185,7 +185,7 @@ def test_backlash_holds_the_nozzle_within_its_play_of_the_command():
 
 @pytest.mark.parametrize("variant", [PLAIN, OTHER])
 def test_rate_limit_holds(variant):
-    """Also with the noise that drives the nozzle fastest."""
+    """The limit also holds with the noise that drives the nozzle fastest."""
     noise = Noise(nozzle=0.0)
     limited = fly(Spec(noise=noise, duration=20.0, effects=(hide("actuator_rate_limit", {"rate": 0.1}, variant),)))[0]
     free = fly(Spec(noise=noise, duration=20.0))[0]

@@ -36,7 +36,7 @@ def test_turbulence_has_its_level_and_its_correlation_from_the_first_instant(mak
 
 
 def test_both_spectra_are_as_strong_where_they_are_slow():
-    """Their integral times are the same: that of exp(-s/T) is T, that of exp(-s/(2T)) (1 - s/(4T)) too."""
+    """The integral times are the same: that of exp(-s/T) is T, that of exp(-s/(2T)) (1 - s/(4T)) too."""
     s = np.linspace(0.0, 60.0, 200_001)
     integral = np.trapezoid(np.exp(-s / 2.0) * (1.0 - s / 4.0), s)
     assert integral == pytest.approx(1.0, rel=1e-6)

@@ -140,7 +140,7 @@ def test_intervals_hold_under_autocorrelated_noise(rho):
 @pytest.mark.parametrize("name", ["constant", "vega_like"])
 @pytest.mark.parametrize("window", [1.0, 10.0])
 def test_intervals_of_clean_flights_hold(name, window):
-    """Before: 0.66 to 0.91 of 1 s windows, 0.00 to 0.24 of 10 s windows."""
+    """The share was 0.66 to 0.91 of 1 s windows, 0.00 to 0.24 of 10 s windows."""
     nominal, inside = load_nominal(name), []
     for seed in range(3):
         flight = fly_whole(nominal, seed)
@@ -292,7 +292,7 @@ def test_a_beta_that_explains_nothing_has_no_delay(clean):
 
 
 def test_without_a_rate_the_attitude_s_slope_judges():
-    """What moves a lot, as a test stand does: the same law, and a beta of another time has no valid window."""
+    """A test stand moves a lot: the same law holds, and a beta of another time has no valid window."""
     t = np.arange(0.0, 30.0, PERIOD)
     beta = np.repeat(np.random.default_rng(2).choice([-0.1, 0.0, 0.1], 60), 50)
     rate = np.cumsum(-7.0 * beta) * PERIOD
@@ -329,7 +329,7 @@ def test_a_trim_that_the_library_lacks_refuses_windows(tmp_path, name, effect, r
 
 
 def test_windows_without_increments_are_not_refused(clean):
-    """Shorter than an increment: nothing is said against them."""
+    """The windows are shorter than an increment: nothing is said against them."""
     config, estimates = windows(clean, 0.15, formulation="difference", threshold=0.0)
     estimates = [dataclasses.replace(e, valid=True, status=EstimateStatus.OK, support=np.ones((2, 3), bool))
                  for e in estimates]
@@ -361,7 +361,7 @@ def test_odd_stamps_and_a_body_at_rest_are_judged_or_not_but_never_a_crash(stamp
 
 
 def test_one_rate_that_is_not_measured_costs_little(clean):
-    """What differencing may be off is of the row that was differenced alone (if of all, half of the windows went)."""
+    """The error of differencing is of the row that was differenced alone (if of all, half of the windows went)."""
     rate = clean.theta_dot.copy()
     rate[150::200] = np.nan
     whole, holed = (windows(log, 5.0)[1] for log in (clean, dataclasses.replace(clean, theta_dot=rate)))
@@ -369,7 +369,7 @@ def test_one_rate_that_is_not_measured_costs_little(clean):
 
 
 def test_a_late_beta_of_a_vehicle_that_drifts_is_named_over_the_whole_log(clean):
-    """Where pieces are long a6 and k1 may bend, and the shift is asked for beside that."""
+    """The a6 and k1 of long pieces may bend, and the shift is fitted beside that."""
     log = early(clean, 6)
     made = identify(log, window="all")
     assert "delay" in [lack["what"] for lack in made.report["lacks"]]

@@ -71,7 +71,7 @@ def run(capsys, *words: object) -> tuple[int, str, str]:
 
 @pytest.fixture(scope="module")
 def nominal() -> Nominal:
-    """Of 20 s."""
+    """The constant nominal, of 20 s."""
     found = load_nominal("constant")
     assert found.simulation is not None
     return dataclasses.replace(found, simulation=dataclasses.replace(found.simulation, duration=20.0))
@@ -93,7 +93,7 @@ def folder(tmp_path_factory, nominal) -> Path:
 @pytest.mark.parametrize("words", ["identify LOG --nominal N --window 5", "identify LOG --window 5",
                                    "uncertainty LOG N --window 5"])
 def test_degrees_are_warned_of_and_refused_with_strict(folder, capsys, words):
-    """Without a nominal degrees of every column are degrees of nothing: then only the nominal could tell."""
+    """Degrees of every column cannot be seen without a nominal: then only the nominal could tell."""
     given = words.replace("LOG", str(folder / "degrees.csv")).replace(" N", f" {folder / 'n.toml'}").split()
     status, out, err = run(capsys, *given)
     assert status == 0 and out
@@ -104,7 +104,7 @@ def test_degrees_are_warned_of_and_refused_with_strict(folder, capsys, words):
 
 
 def test_fit_lft_refuses_degrees(folder, capsys):
-    """It wrote a range of 9.5."""
+    """The command wrote a range of 9.5."""
     status, out, err = run(capsys, "fit-lft", folder / "degrees.csv", folder / "n.toml", "--out", folder / "new.toml")
     assert (status, out) == (3, "") and "degrees" in err and len(err.splitlines()) == 1
     assert not (folder / "new.toml").exists()
@@ -136,7 +136,7 @@ def test_the_version_is_said(capsys):
 
 @pytest.mark.skipif(not os.path.exists("/dev/fd") or os.name != "posix", reason="no pipes by name here")
 def test_a_reader_that_has_gone_is_no_traceback(folder):
-    """`launchid identify LOG | head -1`"""
+    """The command is `launchid identify LOG | head -1`."""
     command = subprocess.Popen([sys.executable, "-m", "sim", "effects"], cwd=ROOT, stdout=subprocess.PIPE,
                                stderr=subprocess.PIPE)
     assert command.stdout is not None and command.stderr is not None
@@ -149,7 +149,7 @@ def test_a_reader_that_has_gone_is_no_traceback(folder):
 
 @pytest.mark.campaign
 def test_the_truth_is_recognised_and_nothing_is_explained_by_it(nominal):
-    """Its own noise-free flight was EXPLAINED by a size of 1 +- 1.9e-07, its `ideal` suite UNEXPLAINED."""
+    """The nominal's own noise-free flight was EXPLAINED by a size of 1 +- 1.9e-07, its `ideal` suite UNEXPLAINED."""
     quiet = dataclasses.replace(nominal, sensors=dataclasses.replace(
         nominal.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
     log = launchid.simulate(quiet, seed=3).log.measured()
@@ -164,14 +164,14 @@ def test_the_truth_is_recognised_and_nothing_is_explained_by_it(nominal):
 
 @pytest.mark.campaign
 def test_a_million_rows_are_diagnosed_and_it_is_said_which(nominal):
-    """There was no answer, and no warning."""
+    """A log of that size had no answer, and no warning."""
     assert nominal.simulation is not None
     period, once = 0.001, 1_000_000
     long = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=once * period))
     log = launchid.simulate(long, seed=3, period=period).log
     assert len(log.t) == once
     made = launchid.diagnose(log, long)
-    used = made.made.used
+    used = made.diagnosis.used
     assert used is not None and used.rows <= MOST
     assert math.isclose(used.end - used.begin, used.rows * used.every * period, rel_tol=0.01)
     assert f"  {used.words}" in made.summary().splitlines()

@@ -78,7 +78,7 @@ def test_both_installations_in_either_order_twice_leave_a_working_command(tmp_pa
 
 
 def test_caches_that_an_earlier_version_left_in_the_packages_shadow_nothing(tmp_path, sources):
-    """Until version 0.1 numba kept its files in the packages, where pip leaves them."""
+    """The files of numba were kept in the packages until version 0.1, where pip leaves them."""
     place = Environment(tmp_path)
     for name in ("launchid_core", "sim"):
         left = place.packages / name / "__pycache__"

@@ -86,7 +86,7 @@ class Toy:
                                 text=True, cwd=self.root, env=environment)
 
     def run(self, code: str = RUN, **variables: str) -> tuple[float, float, int]:
-        """(what the entries return, how many of them were compiled)"""
+        """The values that the entries return, and how many of them were compiled."""
         return self.result(self.start(code=code, **variables))
 
     def result(self, process: subprocess.Popen | Forked) -> tuple[float, float, int]:

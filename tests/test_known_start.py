@@ -1,4 +1,4 @@
-"""Where a log begins at a state that the nominal knows, its start is evidence."""
+"""A log's start is evidence where it begins at a state that the nominal knows."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ BIAS = 0.01        # rad, twice what the flight's rest would tell from none
 
 
 def believed(begins: str) -> Nominal:
-    """Of 20 s."""
+    """The constant nominal, of 20 s, whose log begins so."""
     found = load_nominal("constant")
     assert found.simulation is not None
     return replace(found, simulation=replace(found.simulation, duration=20.0),

@@ -29,7 +29,7 @@ def called(name):
 
 
 def bits(found):
-    """Of numbers; a NaN is a NaN."""
+    """The bits of numbers; a NaN is a NaN."""
     found = np.array(found, dtype=float)
     return np.where(np.isnan(found), np.nan, found).tobytes()
 

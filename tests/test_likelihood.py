@@ -70,7 +70,7 @@ def written_out(block, f, q, c, r, p, resets, variances):
 
 
 def innovations(z, block, f, c, gains, resets, held):
-    """(n, 3) of a filter with these gains that starts at 0."""
+    """The innovations (n, 3) of a filter with these gains that starts at 0."""
     x, found = np.zeros(f.shape[1]), np.zeros((ROWS, 3))
     for k in range(ROWS):
         if resets[k]:

@@ -252,7 +252,7 @@ def test_scaled_columns_have_unit_norm(problem):
 
 @pytest.mark.parametrize("power", [-308, -170, -160, -155, 155, 170, 300])
 def test_columns_whose_squares_are_no_numbers_are_scaled_all_the_same(power):
-    """Below 1e-154 a square has lost digits, below 1e-162 it is 0, above 1e154 it is inf."""
+    """A square has lost digits below 1e-154, below 1e-162 it is 0, above 1e154 it is inf."""
     column = np.array([3.0, -1.0, 2.5, 4.0, 0.5]) * 10.0**power
     scaled, norms = column[None].copy(), np.zeros(1)
     scale_columns(scaled, norms)

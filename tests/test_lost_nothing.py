@@ -82,7 +82,7 @@ def launchid(*words: object, **options: object) -> subprocess.Popen:
 
 @pytest.mark.parametrize("words", [["identify", "LOG", "--json", "-"], ["effects"], ["--help"]], ids=" ".join)
 def test_a_reader_that_leaves_is_no_error(folder, words):
-    """As of `| head -1`, which reads a line and goes; here before the first byte."""
+    """A reader such as `| head -1` reads a line and goes; here before the first byte."""
     read, write = os.pipe()
     os.close(read)
     process = launchid(*(folder / "log.csv" if word == "LOG" else word for word in words), stdout=write)
@@ -123,7 +123,8 @@ while True:
     (signal.SIGKILL, (0.02, 0.37)), (signal.SIGINT, (0.05, 0.23)),
     pytest.param(signal.SIGKILL, (0.05, 0.11, 0.23), marks=pytest.mark.campaign)])
 def test_a_run_that_ends_anywhere_leaves_a_whole_file(tmp_path, folder, number, delays):
-    """Ended while it writes the same log over and over: the log is one of those whole, and nothing else stays."""
+    """The run is ended while it writes the same log over and over: the log is one of those whole, and nothing else
+    stays."""
     out = tmp_path / "log.csv"
     words = ["simulate", str(folder / "short.toml"), "--out", str(out)]
     whole = set()

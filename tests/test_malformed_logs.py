@@ -95,7 +95,7 @@ def feed(pipe: Path, data: bytes) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX pipes")
 def test_a_pipe_without_an_end_of_line_is_left_in_time(tmp_path, capsys):
-    """As of a device that gives zeros for ever."""
+    """A device that gives zeros for ever is such a pipe."""
     os.mkfifo(tmp_path / "pipe")
 
     def pour() -> None:
@@ -111,7 +111,7 @@ def test_a_pipe_without_an_end_of_line_is_left_in_time(tmp_path, capsys):
 
 
 def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_path):
-    """Written in pieces that end anywhere, as a file's buffer is flushed."""
+    """The log is written in pieces that end anywhere, as a file's buffer is flushed."""
     log = tmp_path / "log.csv"
     whole = HEAD + b"".join(b"%d.5,0.25,-0.125\n" % k for k in range(8_000))
     log.write_bytes(whole[:8_000])
@@ -143,7 +143,7 @@ def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_p
 
 @pytest.mark.parametrize("count", [1, BLOCK - 1, BLOCK, BLOCK + 1])
 def test_a_cut_line_is_the_last_whatever_the_file_has_got_meanwhile(tmp_path, count):
-    """Here its other half, by the time that the line is asked for again; also where a block of rows ends."""
+    """The file has the line's other half by the time that it is read again; also where a block of rows ends."""
     log = tmp_path / "log.csv"
     log.write_bytes(HEAD + b"".join(b"%d.5,0.25,-0.125\n" % k for k in range(count - 1)) + b"77.5,0.2")
 
@@ -199,7 +199,7 @@ def test_an_odd_layout_is_read(tmp_path, layout):
 
 
 def test_words_for_what_is_not_measured_and_for_infinity(tmp_path):
-    """As C, Python, MATLAB and numpy print them; infinite is data out of range."""
+    """The words are those that C, Python, MATLAB and numpy print; infinite is data out of range."""
     words = ["", " ", "nan", "NaN", "-nan", "+NAN", "inf", "-Inf", "INFINITY", "1e400", "-1e9999"]
     rows = "".join(f"{k},1,2,{word}\n" for k, word in enumerate(words))
     (tmp_path / "log.csv").write_text("t,theta,beta,theta_dot\n" + rows)

@@ -43,7 +43,7 @@ def test_gains_that_keep_what_is_required_pass():
 @pytest.mark.parametrize("gains", [(3.0, 1.25), (3.0, 0.5), (1.2, 1.25), (1.25, 0.5)])
 @pytest.mark.parametrize("k1", [-3.0, -7.0, -14.0])
 def test_what_passes_keeps_the_required_margins(gains, k1):
-    """And what does not pass misses one, where a6 and k1 are known all but exactly; what misses one passes where the
+    """Gains that do not pass miss one, where a6 and k1 are known all but exactly; what misses one passes where the
     legacy gains miss it by more."""
     truth = margin_table(loops(plants_of(np.array([[2.0, k1, 50.0, 0.7, 0.0]])), CONSTANT.controller, *gains))[0]
     legacy = margin_table(loops(plants_of(np.array([[2.0, k1, 50.0, 0.7, 0.0]])), CONSTANT.controller))[0]
@@ -118,7 +118,7 @@ def test_what_cannot_be_kept_leaves_the_legacy_gains_and_says_why():
 
 
 def test_nothing_required_changes_no_bit_of_what_is_believed(monkeypatch):
-    """Beside a supervisor without a gate."""
+    """The reference is a supervisor without a gate."""
     free = lossy((("gain_db", 0.0), ("phase_deg", 0.0)))
     monkeypatch.setattr(rc.Supervisor, "passed", lambda self, estimate, belief: belief)
     lossy.cache_clear()

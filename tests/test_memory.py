@@ -50,7 +50,7 @@ def flown(config: Config, samples: int = 230) -> Estimator:
 
 
 def carried_in_use(config: Config) -> np.ndarray:
-    """Of every word that is carried on, and sealed, whether it belongs to the extents in use."""
+    """A mask of the words that are carried on and sealed: those that belong to the extents in use."""
     held = Estimator(config)._memory
     held.words[:] = 0
     for _, array in memory.named_arrays(held.parts):
@@ -63,7 +63,7 @@ def carried_in_use(config: Config) -> np.ndarray:
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_after_a_flight_every_word_that_is_sealed_and_outside_the_extents_in_use_is_zero(name):
-    """So the seal of the whole is that of C, which has these extents alone."""
+    """The seal of the whole is therefore that of C, which has these extents alone."""
     estimator = flown(CONFIGS[name])
     words, used = estimator._memory.words, carried_in_use(CONFIGS[name])
     assert estimator.counts["WINDOW_COMPLETE"] >= 4 and words[used].any()
@@ -72,7 +72,7 @@ def test_after_a_flight_every_word_that_is_sealed_and_outside_the_extents_in_use
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_word_outside_the_extents_in_use_that_flips_is_seen_and_forgotten(name):
-    """Begun anew it is zero again: what is saved then goes on anywhere else."""
+    """The word is zero again in an estimator begun anew: what is saved then goes on anywhere else."""
     estimator, other = flown(CONFIGS[name], 205), Estimator(CONFIGS[name])
     saved, words = estimator.save(), estimator._memory.words
     spare = np.flatnonzero(~carried_in_use(CONFIGS[name])).tolist()

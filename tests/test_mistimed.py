@@ -43,7 +43,7 @@ def test_a_column_of_another_time_is_no_cause(column, late):
 
 @every("late", [0.4, 1.1, 2.3, 3.0, 4.7])
 def test_how_late_a_column_is_is_the_top_of_the_parabola_between_the_tries(monkeypatch, late):
-    """Either way, of parts of a row; and as far as the tries go where it never falls."""
+    """The time is found either way, of parts of a row; and as far as the tries go where it never falls."""
     def found(way, likelihood):
         monkeypatch.setattr(mistimed, "moved", lambda record, channel, rows: rows)
         monkeypatch.setattr(mistimed, "profile", lambda rows, *given: SimpleNamespace(log_likelihood=likelihood(rows)))

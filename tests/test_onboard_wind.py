@@ -278,7 +278,7 @@ def test_offsets_wander_where_a_window_ends_and_the_wind_does_not():
 
 
 def test_a_window_begins_with_what_is_declared_of_the_nuisances():
-    """Its rows say: x + s (p - p_bar) + d, over the declared spread, is 0 with unit variance."""
+    """The window's rows say: x + s (p - p_bar) + d, over the declared spread, is 0 with unit variance."""
     cut = cut_of(config())
     belief, fil, acc, model = cut.fixed.belief, cut.state.filter, cut.state.acc, onboard_model(WINDY)
     random = np.random.default_rng(5)
@@ -319,7 +319,7 @@ def test_the_filter_in_wind_is_a_plain_kalman_filter():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_covariance_stays_one_for_a_whole_flight(seed):
-    """What is not symmetric would grow as the vehicle does, e^(2 1.4 t), and lose the filter its sensors."""
+    """An asymmetry would grow as the vehicle does, e^(2 1.4 t), and the filter would lose its sensors."""
     estimator = Estimator(config())
     p = estimator._parts.state.filter.p
     for k, sample in enumerate(windy_flight(seed).samples()):
@@ -356,8 +356,8 @@ def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_
 
 
 def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise():
-    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end; the
-    information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
+    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end.
+    The information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
     wind."""
     declared = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
                                    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
@@ -559,7 +559,7 @@ def checked(blocks: np.ndarray, check=None, level=None):
 
 
 def test_white_innovations_are_as_the_statistic_says_and_raise_nothing_in_two_hours():
-    """Its standard deviation is 16.3; over 2 h at a memory of 10 s, some 360 values are independent."""
+    """The statistic's standard deviation is 16.3; over 2 h at a memory of 10 s, some 360 values are independent."""
     _, raised, statistic = checked(np.random.default_rng(1).standard_normal((72000, 3)))
     settled = statistic[1000:]
     assert raised == 0
@@ -581,7 +581,7 @@ def test_what_stays_or_swings_raises_it_and_it_clears(channel, habit):
 
 
 def test_half_a_standard_deviation_that_stays_contradicts_within_20_s_and_a_quarter_does_not():
-    """Of every block, in one sensor: four of five times at least against one of ten at most."""
+    """Every block of one sensor has it: four of five times at least against one of ten at most."""
     raised = {0.25: 0, 0.5: 0}
     for seed in range(100):
         noise = np.random.default_rng(seed).standard_normal((200, 3))
@@ -604,7 +604,7 @@ def test_a_surprise_is_cut_and_what_a6_and_k1_may_be_is_in_the_variance():
 
 
 def test_a_block_s_innovations_are_those_about_the_tracked_belief():
-    """What the filter was linearised about is another's, and moves its innovations by h (p_bar - p)."""
+    """The filter was linearised about another belief, which moves its innovations by h (p_bar - p)."""
     cut = cut_of(config(CALM))
     check, total = cut.state.check, np.array([0.02, -0.03, 0.0, 0.0, 0.0])
     p_bar, p = np.array([0.1, -0.2]), total[:2]
@@ -730,7 +730,7 @@ def test_one_window_s_test_is_believed_for_that_window_and_two_within_20_s_or_on
 
 
 def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_information():
-    """Before the first manoeuvre of `constant` the transient that the misalignment makes tells of a6.  With the
+    """The transient that the misalignment makes tells of a6 before the first manoeuvre of `constant`.  With the
     attitude's bias beside the true theta a6 was 2.4 of its standard deviations off (RMS of 100 flights), 12 at most."""
     declared = dataclasses.replace(CALM, offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
     far = []
@@ -745,7 +745,7 @@ def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_infor
 
 
 def test_the_attitude_s_bias_is_told_where_the_air_is_still():
-    """Beside a misalignment of nothing a steady attitude bias is all that bends the trim."""
+    """A steady attitude bias is all that bends the trim beside a misalignment of 0."""
     declared = dataclasses.replace(CALM, offsets=Offsets(attitude_bias=0.005))
     flight = fly_whole(declared, 4, a6_factor=1.2)
     value, std = run(config(declared), list(flight.samples()))[0][-1].offsets["attitude_bias"]
@@ -836,7 +836,7 @@ def test_limits_of_absent_terms_shrink_with_the_window():
 
 
 def test_a_limit_of_an_absent_term_is_the_95_percent_one_of_least_squares():
-    """Of the term added alone to the active ones, by numpy; the quantile is the standard library's."""
+    """The reference is the term added alone to the active ones, by numpy; the quantile is the standard library's."""
     cut = cut_of(config(CALM, library="quadratic"))
     acc, active, out = cut.state.acc, cut.state.active, cut.state.outcome
     n, q = len(acc.psi), len(active)

@@ -118,7 +118,7 @@ def test_the_text_has_the_digits_of_the_standard_deviation():
                                      terms_std={"theta": 1.6, "sin(theta)": 0.25})], "changes": [change],
                   "samples": {"accepted": 1, "rejected": {}}, "filter": {}})
     assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25 +- 0.25" in said
-    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 (size 2.432 +- 0.071)" in said
+    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 1/s^2 (size 2.432 +- 0.071)" in said
 
 
 # ---- uncertainty, and the paper's figures
@@ -191,7 +191,7 @@ def test_predictions_are_the_equations_solution():
     found = rs.residuals(log, exact)
     assert np.max(np.abs(found.residual)) < 1e-3
     for each in found.predicted:
-        assert np.max(np.abs(each.own - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
+        assert np.max(np.abs(each.within - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
 
 
 def test_too_few_predictions_have_no_fit():
@@ -209,7 +209,8 @@ def truth(identification: Identification) -> list:
 
 @pytest.mark.parametrize("has_rate", [True, False])
 def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
-    """Where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope too."""
+    """The law holds where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope
+    too."""
     rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
     found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
     for each in found.predicted[:2]:

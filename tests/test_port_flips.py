@@ -23,7 +23,7 @@ FLIPPED = {
 
 
 def fates(folder: Path, config: Config, flips: int, flags: tuple[str, ...], seed: int = 1) -> dict[str, int]:
-    """How many flips came to what."""
+    """The number of flips by their outcome."""
     written(folder, config)
     subprocess.run([str(CC), *STRICT, *flags, "-I.", str(SHARED / "port_flips.c"), "launchid.c", "-lm", "-o", "flips"],
                    cwd=folder, check=True)

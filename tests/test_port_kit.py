@@ -1,4 +1,4 @@
-"""What an export brings along: vectors and their checker, here and on emulated targets; stack and loops."""
+"""The kit of an export: vectors and their checker, here and on emulated targets; stack and loops."""
 
 import re
 import shutil

@@ -36,7 +36,7 @@ def categories() -> dict[str, str]:
 
 
 def findings(folder: Path, tool: str = "cppcheck") -> Counter[str]:
-    """How often launchid.c breaks which rule, by cppcheck's MISRA add-on."""
+    """The number of times that launchid.c breaks each rule, by cppcheck's MISRA add-on."""
     done = subprocess.run([tool, "--std=c99", "--addon=misra", "-D__STDC__", "-U__FAST_MATH__", "-UFLT_EVAL_METHOD",
                            "--enable=style", "-q", "--template={id}", "launchid.c"], cwd=folder, capture_output=True,
                           text=True, check=True)

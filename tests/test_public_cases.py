@@ -86,7 +86,7 @@ def test_the_paper_s_clean_logs_through_the_command(tmp_path, capsys, nominal, p
 @pytest.mark.parametrize("formulation", ["integral", "difference"])
 @pytest.mark.parametrize("column", ["gamma", "alpha"])
 def test_gamma_and_alpha_are_what_a6_multiplies(column, formulation):
-    """Without the column 6 and 4 standard deviations off."""
+    """The estimates without the column are 6 and 4 standard deviations off."""
     flight = flights.fly(20.0, drift=0.4)
     gamma = flight.pop("gamma")
     known = flight | ({"gamma": gamma} if column == "gamma" else {"alpha": flight["theta"] - gamma})

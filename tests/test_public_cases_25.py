@@ -80,7 +80,7 @@ def numbers(value):
 @pytest.mark.parametrize("drop", [(), pytest.param(("theta",), marks=pytest.mark.campaign)],
                          ids=["all columns", "without theta"])
 def test_a_body_that_spins_through_300_turns_is_judged(columns, tmp_path, drop):
-    """Its drag is found; no row is worth more than it can be: 20 standard deviations of every channel."""
+    """The body's drag is found; no row is worth more than it can be: 20 standard deviations of every channel."""
     assert np.max(np.abs(columns["theta"])) > 300 * 2.0 * math.pi
     made = diagnose(log_of({name: x for name, x in columns.items() if name not in drop}), nominal(tmp_path))
     assert made.verdict in ("explained", "dominant") and made.causes[0].cause == "aero_damping"

@@ -138,7 +138,7 @@ def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
 @pytest.mark.parametrize("period", [0.01, 0.02])
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_all_angles_in_degrees_are_told_as_all(name, period, columns):
-    """At 50 Hz nothing was said; with theta_ref that alone was, and wind was to be declared."""
+    """There was no warning at 50 Hz; with theta_ref there was one of it alone, and wind was to be declared."""
     nominal = short(name, period=period)
     log = flown_log(fly_whole(nominal, 2)).measured()
     said = faults(log_of({"t": log["t"], **{column: log[column] / DEGREE for column in columns}}), nominal)
@@ -243,7 +243,7 @@ def test_clean_flights_raise_nothing(name, period):
 
 
 def test_beta_in_microseconds_is_refused_for_its_range_with_the_count_of_rows(plain):
-    """It was "expected a longer log"."""
+    """The message was "expected a longer log"."""
     log = log_of(plain | {"beta": 1500.0 + 400.0 * plain["beta"]})
     said = identify(log, window=8.0)
     assert "beta is beyond 1000 rad in 2000 of 2000 rows" in said.summary() and "longer" not in said.summary()
@@ -268,7 +268,7 @@ def test_a_log_in_which_nothing_moves_says_which_columns(nominal):
 
 
 def test_a_servo_far_faster_than_a_row_flies(tmp_path):
-    """At 60,000 rad/s and steps of 1 ms the vehicle was LOST in its first row."""
+    """The vehicle was LOST in its first row at 60,000 rad/s and steps of 1 ms."""
     nominal = short("constant", 5.0)
     assert nominal.actuator is not None
     fast = dataclasses.replace(nominal, actuator=dataclasses.replace(nominal.actuator, natural_frequency=60000.0))

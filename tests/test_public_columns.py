@@ -52,7 +52,7 @@ def asked(columns: dict[str, np.ndarray], window: float | str = "all", **choices
 
 
 def off(made: Identification) -> list[float]:
-    """By how many of its standard deviations each number of the valid windows is off."""
+    """The errors of each number of the valid windows, in its standard deviations."""
     return [abs(w[name] - true) / w[f"{name}_std"] for w in made.report["windows"] if w["valid"]
             for name, true in (("a6", A6), ("k1", K1))]
 
@@ -71,7 +71,7 @@ def test_all_commands(seed):
 @pytest.mark.parametrize("every", [25, 5, 2])
 @pytest.mark.parametrize("seed", TRIED)
 def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(seed, every):
-    """They were OK, 13 and 6 standard deviations off, without a word."""
+    """The windows were OK, 13 and 6 standard deviations off, without a word."""
     flight = flown(seed)
     for window in ("all", 2.0):
         made, said = asked(flight | {"beta": slower(flight["beta"], every, INTERPOLATED)}, window)
@@ -84,7 +84,7 @@ def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(seed, e
 @pytest.mark.parametrize("every", [25, 5])
 @pytest.mark.parametrize("seed", TRIED)
 def test_a_command_of_a_slower_topic_is_said_and_its_numbers_know_of_it(seed, every):
-    """It had "froze": a topic that is slower than what it is of is half its period late."""
+    """The column had "froze": a topic that is slower than what it is of is half its period late."""
     flight = flown(seed)
     for window in ("all", 4.0, 2.0):
         made, said = asked(flight | {"beta": slower(flight["beta"], every, HELD)}, window)
@@ -159,7 +159,7 @@ def test_what_is_of_the_log_s_own_rate(x):
 @pytest.mark.parametrize("share", [0.5, 0.7, 0.9])
 @pytest.mark.parametrize("seed", TRIED)
 def test_a_clipped_gyro_is_told_from_its_column(seed, share):
-    """It was OK, 3 to 10 standard deviations off."""
+    """The window was OK, 3 to 10 standard deviations off."""
     flight = flown(seed, seconds=20.0)
     stop = share * np.max(np.abs(flight["theta_dot"]))
     made, said = asked(flight | {"theta_dot": np.clip(flight["theta_dot"], -stop, stop)})

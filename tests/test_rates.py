@@ -30,7 +30,7 @@ def at_rate(name: str, rate: int) -> Nominal:
 
 
 def statuses(nominal: Nominal, seed: int) -> list[EstimateStatus]:
-    """Of the windows of a clean flight."""
+    """The statuses of the windows of a clean flight."""
     flight = fly_whole(nominal, seed)
     config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(nominal))
     return [estimate.status for estimate in run(config, flight.samples())[0]]
@@ -65,5 +65,5 @@ def test_a_controller_forgets_its_start_in_a_quarter_of_a_second(rate, periods):
 
 @pytest.mark.parametrize(("rate", "window"), [(10, 0.5), (25, 0.2), (50, 0.2), (100, 0.2), (400, 0.2)])
 def test_the_supervisor_reads_the_tracked_estimate_in_seconds(rate, window):
-    """And in five samples at least."""
+    """The window is also five samples at least."""
     assert Supervisor(at_rate("constant", rate), 1.0 / rate).estimator.config.window == pytest.approx(window)

@@ -110,7 +110,7 @@ def test_too_uncertain_estimate_is_not_believed(std):
 
 
 def test_where_a6_is_not_known_k1_alone_is_believed():
-    """In wind: a6 known to a half, k1 to 3 %."""
+    """The vehicle is in wind: a6 is known to a half, k1 to 3 %."""
     rule = rc.Rule(nominal("constant"))
     rough = tracked(rule, 30.0, 1.2, 0.8, 0.03)._replace(a6_std=1.0)
     assert rule.spread(30.0, rough) > rc.NOT_SURE >= rule.spread_of_k1(30.0, rough)

@@ -1,4 +1,5 @@
-"""What help says: every option with its text, unit and default, an example that parses, and the page made of them."""
+"""The texts of `--help`: every option with its text, unit and default, an example that parses, and the page made of
+them."""
 
 import argparse
 import json

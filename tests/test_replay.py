@@ -16,7 +16,7 @@ from launchid_core import Sample, Status
 
 
 def differences(committed: list[dict[str, str]], here: list[dict[str, str]]) -> list[str]:
-    """What changed, a line a cell."""
+    """The cells that changed, a line each."""
     found = []
     for number, (was, now) in enumerate(zip_longest(committed, here, fillvalue={})):
         for column in dict.fromkeys([*was, *now]):

@@ -1,4 +1,4 @@
-"""What flights prove: the numbers of the literature, a confidence that holds under stopping, the words of it."""
+"""The proof by flights: the numbers of the literature, a confidence that holds under stopping, its words."""
 
 import functools
 import math

@@ -128,7 +128,7 @@ def test_interrupted_and_continued_is_the_same_folder(tmp_path):
     whole = campaign(nominal, out=tmp_path / "whole", flights=400, requirement=asked, stop="never", workers=1)
 
     class Stop(Exception):
-        """Stands for Ctrl-C."""
+        """An exception in the place of Ctrl-C."""
 
     done = 0
 
@@ -269,11 +269,11 @@ def test_a_nominal_that_cannot_fly_is_said_before_anything_is_written(tmp_path, 
 
 
 def test_too_few_flights_are_said_before_they_are_flown(tmp_path, capsys):
-    """With the literature's 1,705 flights nothing is proved by who may stop; as a plan they do."""
+    """The literature's 1,705 flights prove nothing if the campaign may stop; as a plan they do."""
     nominal = nominal_of(tmp_path)
     said = foreseen(nominal, 1705, "lost<0.00135@0.9", "decided")
-    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; as a plan, "
-                    "--stop never, 1705",)
+    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; with --stop "
+                    "never 1705 would",)
     assert foreseen(nominal, 1705, "lost<0.00135@0.9", "never") == ()
     assert "1705 without" in foreseen(nominal, 1704, "lost<0.00135@0.9", "never")[0]
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "5", "--workers", "1", "--out", str(tmp_path / "o")]

@@ -305,7 +305,7 @@ def test_step_above_max_gap_is_after_gap():
 
 @every("period", [1e-3, 0.01, 1.0])
 def test_stamps_a_millionth_of_a_period_apart_are_one_instant(period):
-    """What rounding makes of k*period in a clock since 1970 is far below; a jitter that can be meant is above."""
+    """The rounding of k*period in a clock since 1970 is far below; a jitter that can be meant is above."""
     for share, status in ((0.0, Status.DT_ZERO), (0.9e-6, Status.DT_ZERO), (-0.9e-6, Status.DT_ZERO),
                           (1.2e-6, Status.ACCEPTED), (-1.2e-6, Status.DT_NEGATIVE)):
         estimator = Estimator(Config(window=100.0 * period, sample_period=period))

@@ -55,7 +55,8 @@ def here(tmp_path_factory) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def locales(tmp_path_factory) -> dict[str, str]:
-    """Where glibc finds the German and the Turkish locale: of the system, or compiled for the test."""
+    """The environment in which glibc finds the German and the Turkish locale: of the system, or compiled for the
+    test."""
     known = subprocess.run(["locale", "-a"], capture_output=True, text=True, check=False).stdout.lower() \
         if shutil.which("locale") else ""
     if "de_de.utf8" in known and "tr_tr.utf8" in known:
@@ -84,7 +85,7 @@ def test_the_bytes_are_the_same(tmp_path, request, here, place):
 @pytest.mark.skipif(os.name != "posix", reason="POSIX file names")
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
 def test_any_name_of_a_file_can_be_said(tmp_path, encoding):
-    """On a terminal that knows ASCII alone, and of bytes that are no text."""
+    """The name is printed on a terminal that knows ASCII alone, and if its bytes are no text."""
     logs = [os.path.join(os.fsencode(tmp_path), name) for name in ("\u00e9t\u00e9.csv".encode(), b"\xff\xfe.csv")]
     rows = "".join(f"{k / 100},{k % 7 / 100},{k % 5 / 100}\n" for k in range(300))
     for log in logs:

@@ -339,7 +339,7 @@ def test_profile_is_linear_between_nodes_and_held_beyond():
 
 
 def toml_of(table: dict) -> str:
-    """Just enough of a TOML writer for nominals."""
+    """A TOML writer that is just enough for nominals."""
     def literal(value) -> str:
         if isinstance(value, bool):
             return str(value).lower()

@@ -47,7 +47,7 @@ def test_a_5_hz_log_is_refused_in_one_line(tmp_path, capsys, command):
 
 
 def test_missing_commands_widen_the_deviations():
-    """Of the same samples: with the commands between them said to be missing, and said to be held."""
+    """The samples are the same: the commands between them are declared missing, and declared held."""
     nominal = load_nominal("constant")
     flight = fly_whole(nominal, 3, "flight", 2 * PERIOD)
     model = onboard_model(nominal)

@@ -124,7 +124,7 @@ def test_noise_free_sparse_truth_is_found(solver, seed, q):
 @pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
 @given(seed=seeds, q=st.integers(1, 8), threshold=thresholds)
 def test_orthogonal_columns_keep_exactly_the_coefficients_above_the_raw_threshold(solver, seed, q, threshold):
-    """Whatever the norms of the columns: the threshold is in units of each coefficient."""
+    """The norms of the columns do not matter: the threshold is in units of each coefficient."""
     rng = np.random.default_rng(seed)
     norms = 10.0 ** rng.uniform(-2, 2, q)
     basis = np.linalg.qr(rng.standard_normal((3 * q, q + 1)))[0]  # the last one is noise no column sees
@@ -215,7 +215,8 @@ def test_ssr_is_the_plain_algorithm(problem):
 @pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
 @given(problem=tall_problems())
 def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, problem):
-    """On the factor of a solve with these columns; the Gram matrix is harmless at these conditions."""
+    """The covariance is from the factor of a solve with these columns; the Gram matrix is harmless at these
+    conditions."""
     a, y, threshold = problem
     _, xi, active, work = solve(solver, a, y, threshold)
     q, r = np.linalg.qr(a)
@@ -257,7 +258,7 @@ def test_dependent_columns(kind, solver, threshold):
 
 @pytest.mark.parametrize("kind", ["sum of two", "zero"])
 def test_lasso_chooses_among_dependent_columns(kind):
-    """It never solves on all columns, so only a dependent support fails."""
+    """The lasso never solves on all columns, so only a dependent support fails."""
     rng = np.random.default_rng(3)
     a, _ = three_columns(rng)
     a = np.column_stack((a, a[:, 0] + a[:, 2] if kind == "sum of two" else np.zeros(20)))

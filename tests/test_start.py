@@ -1,4 +1,4 @@
-"""What starting costs: help, wrong words and missing files import no numba; the core little beside it."""
+"""The cost of starting: help, wrong words and missing files import no numba; the core little beside it."""
 
 import os
 import re
@@ -122,7 +122,7 @@ def test_who_ignores_interrupts_goes_on_ignoring_them():
 
 @pytest.mark.parametrize("words", ["identify LOG --plot x.png", "uncertainty LOG vega_like --plot x.png"])
 def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
-    """As in an environment with the wheel alone."""
+    """The environment is like one with the wheel alone."""
     log = tmp_path / "log.csv"
     log.write_text("t,theta,beta\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
     (tmp_path / "without.py").write_text("import sys; sys.modules['matplotlib'] = None\n"

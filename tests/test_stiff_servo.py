@@ -89,8 +89,8 @@ def test_a_line_has_the_integrals_that_it_was_drawn_for(values, h):
 @pytest.mark.parametrize(("w", "zeta"), [(400.0, 0.7), (547.7, 4.619), (3000.0, 1.0)])
 @pytest.mark.parametrize("rate", [0.05, 2.0, 20.0])
 def test_a_rate_limit_is_that_of_small_steps(w, zeta, rate):
-    """Over ten steps of 2.5 ms, from rest to 0.05 rad: apart by what it moves in a part of a step, where it begins and
-    where it ends."""
+    """The nozzle moves over ten steps of 2.5 ms, from rest to 0.05 rad: apart by what it moves in a part of a step,
+    where it begins and where it ends."""
     h, parts = 0.0025, 2000
     ours, state = (0.0, 0.0), np.zeros(2)
     for _ in range(10):
@@ -105,7 +105,8 @@ def test_a_rate_limit_is_that_of_small_steps(w, zeta, rate):
 @pytest.mark.parametrize("servo", [STIFF, first_order(60_000.0), {"natural_frequency": 60_000.0, "damping_ratio": 0.7}],
                          ids=["60 and 5000", "60000, first order", "60000"])
 def test_the_vehicle_turns_as_the_nozzle_and_its_inertia_have_it(servo):
-    """Of a step of 1 ms, exactly: at the start of each period of the held command, against the matrix exponential."""
+    """The motion over a step of 1 ms is exact: at the start of each period of the held command, against the matrix
+    exponential."""
     c, flying = -0.02, probed(**servo)
     flight = fly_whole(flying, 0, "ideal", effects=[effect("nozzle_inertia", coefficient=c)])
     w = flying.actuator.frequency
@@ -153,7 +154,7 @@ def test_a_servo_in_two_forms_is_one_servo_to_the_bound():
 
 
 def test_a_diagnosis_is_the_same_in_both_forms():
-    """Of a flight with a slow servo, and of one with a gust."""
+    """The flights are one with a slow servo, and one with a gust."""
     for text, cause in (("actuator_bandwidth:scale=0.4", "actuator_bandwidth"),
                         ("gust:angle=0.02,time=6,duration=2", "gust")):
         found = []

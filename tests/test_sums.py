@@ -24,7 +24,7 @@ def test_a_basis_is_orthonormal_and_gives_the_columns_back(scale):
 
 
 def test_a_column_that_depends_on_those_before_is_nothing_and_one_that_hardly_does_is_kept():
-    """Off by rounding, or by a part in 1e10 of its length."""
+    """A column that is off by rounding, or by a part in 1e10 of its length."""
     of_others = A[:, 0] - 2.0 * A[:, 1]
     length = np.linalg.norm(of_others)
     for off, kept in ((0.0, False), (1e-15, False), (1e-10, True)):

@@ -136,7 +136,7 @@ def test_the_servo_is_found_in_declared_wind(tmp_path):
 
 @pytest.mark.campaign
 def test_the_port_runs_on_an_emulated_board(tmp_path):
-    """Where a compiler or the emulator is missing, the cells say so; the test is then skipped."""
+    """The cells say so where a compiler or the emulator is missing; the test is then skipped."""
     said = "".join(check("to_c", tmp_path))
     assert "FAILED" not in said
     assert said.count("0 differences") + said.count("skipped, ") == 2

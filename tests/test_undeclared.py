@@ -48,14 +48,15 @@ def state():
 
 
 def sudden(name: str, effect: str) -> Estimator:
-    """After a flight whose nominal declares nothing."""
+    """The estimator after a flight whose nominal declares nothing."""
     nominal = load_nominal(name)
     return run(config(nominal), fly_whole(nominal, SEED, effects=[from_text(effect)]).samples())[1]
 
 
 @functools.cache
 def flown(name: str, effect: str = ""):
-    """Of one flight whose nominal declares nothing: windows, whether it was there at their ends, which of them lie."""
+    """The windows of one flight whose nominal declares nothing, whether it was there at their ends, which of them
+    lie."""
     nominal, effects = load_nominal(name), [from_text(effect)] if effect else []
     flight = fly_whole(nominal, SEED, effects=effects)
     estimator, windows, there = Estimator(config(nominal)), [], []
@@ -253,7 +254,7 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
 
 @pytest.mark.parametrize("blocks", [1, 2, ch.ONSETS - 1, ch.ONSETS])
 def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_looks_back_more(state, blocks):
-    """After each number of blocks: the mean says in how many it was learned."""
+    """The law holds after each number of blocks: the mean says in how many it was learned."""
     restart(state)
     for taken in range(1, 4 * ch.ONSETS):
         begin_block(state)
@@ -270,7 +271,8 @@ def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_lo
 
 @pytest.mark.parametrize(("name", "seed"), [("constant", 300006), ("constant", 300100), ("vega_like", 300018)])
 def test_a_loss_that_passed_for_wind_until_it_was_found_is_not_taken_back(name, seed):
-    """What the tenth of a second before the alarm told of wind stood after it: `MODEL` followed two seconds later."""
+    """The wind that was learned in the tenth of a second before the alarm stood after it: `MODEL` followed two seconds
+    later."""
     nominal = load_nominal(name)
     duration, rng = nominal.simulation.duration, np.random.default_rng((734, seed))
     deviation, onset = 0.25 * rng.uniform(-1.0, 1.0, 2), rng.uniform(6.5, duration - 8.0)
@@ -290,7 +292,7 @@ def test_a_loss_of_control_is_one_and_stays_one(name, fraction):
 
 
 def test_what_a_contradiction_follows_within_20_s_is_withdrawn():
-    """Not what it follows later, nor what comes after it; a window without a number keeps its own reason."""
+    """Windows that it follows later, or that come after it, stay; a window without a number keeps its own reason."""
     windows, _, _ = flown("constant")
     given = [dataclasses.replace(w, status=EstimateStatus.MODEL, valid=False) if k == 8 else w
              for k, w in enumerate(windows)]
@@ -309,7 +311,7 @@ def test_what_a_contradiction_follows_within_20_s_is_withdrawn():
 @pytest.mark.parametrize("effect", ["", "thrust_misalignment:angle=0.003", "steady_wind:angle=0.0087"])
 @pytest.mark.parametrize("name", NOMINALS)
 def test_identify_gives_no_number_that_a_contradiction_follows(name, effect):
-    """On board a wind or misalignment that nobody declared is told after some windows, which then are believed."""
+    """A wind or misalignment that nobody declared is known on board after some windows, which then are believed."""
     windows, _, lies = flown(name, effect)
     told = [w.t_end for w in windows if w.status is EstimateStatus.MODEL]
     made = report(windows, run(config(load_nominal(name)), ())[1], tracked=True)
@@ -356,7 +358,8 @@ def test_drifting_a6_and_k1_are_none():
 @pytest.mark.parametrize("library", ["rigid-body", "quadratic"])
 @pytest.mark.parametrize("air", ["still", "wind"])
 def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
-    """What a kernel leaves out of its seal may flip unseen: all but the gate's clock and counts, and the outcome."""
+    """A word that a kernel leaves out of its seal may flip unseen: all but the gate's clock and counts, and the
+    outcome."""
     nominal = load_nominal("constant")
     if air == "wind":
         nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005), offsets=Offsets(gyro_bias=1e-3))

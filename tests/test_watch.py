@@ -256,7 +256,7 @@ def test_the_page_s_intervals_hold_the_truth_at_all_times(flights, low, high):
 
 
 def test_what_is_tracked_is_a_share_of_the_profile_of_its_time():
-    """Between two blocks the share stays, and the profile goes on: at the last sample, whenever it is asked."""
+    """The share stays between two blocks, and the profile goes on: at the last sample, whenever it is read."""
     vega = load_nominal("vega_like")
     estimator = Estimator(Config(window=2.0, sample_period=0.01, formulation="filtered", model=onboard_model(vega)))
     shares, ends = [], 0
@@ -277,7 +277,7 @@ def test_what_is_tracked_is_a_share_of_the_profile_of_its_time():
 
 
 def test_a_growing_file_with_torn_lines(folder, nominal, identified, tmp_path):
-    """At ten times real speed, in pieces that end anywhere, watched by a page that comes late."""
+    """The file grows at ten times real speed, in pieces that end anywhere, watched by a page that comes late."""
     log = tmp_path / "growing.csv"
     data = (folder / "flight.csv").read_bytes()
     log.write_bytes(data[:70])
@@ -573,7 +573,7 @@ def test_the_period_is_that_of_the_first_rows_however_they_come(nominal):
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
-    """As many as may be open, none of which takes a byte after its request."""
+    """The pages are as many as may be open, none of which takes a byte after its request."""
     data = (folder / "flight.csv").read_bytes()
 
     def seconds(pages: int) -> tuple[float, int]:
@@ -643,7 +643,7 @@ def test_it_listens_on_the_loopback_only(server):
 
 
 def test_the_newest_pages_are_told_and_the_oldest_goes_for_one_more(server):
-    """It hears why, and does not come again by itself."""
+    """The oldest page hears why, and does not come again by itself."""
     pages = [Listener(server.server_address[1])]
     Session.until(lambda: bool(pages[0].last))
     for k in range(MOST_PAGES):

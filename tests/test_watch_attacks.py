@@ -48,7 +48,7 @@ def rows(nominal) -> list[bytes]:
 
 
 def followed(nominal: Nominal, *pieces: bytes) -> Follower:
-    """What is followed out of these, at its end."""
+    """The follower of these pieces, at their end."""
     follower, lines = Follower("udp:1", nominal), Lines("udp:1", False, lambda text: None)
     for piece in pieces:
         for log in lines.logs(piece):
@@ -73,7 +73,7 @@ def is_right(now: dict, quiet: dict) -> bool:
 
 @pytest.fixture
 def many_descriptors() -> Iterator[None]:
-    """As many as an attack needs on both of its ends."""
+    """The limit of open files raised to what an attack needs on both of its ends."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if hard != resource.RLIM_INFINITY and hard < 6000:
         pytest.skip("too few descriptors on this machine")
@@ -84,7 +84,7 @@ def many_descriptors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def connections(port: int, n: int, first: bytes = b"") -> Iterator[list[socket.socket]]:
-    """So many, each of which sends this and no more."""
+    """The connections, each of which sends this and no more."""
     made = []
     try:
         for _ in range(n):
@@ -355,7 +355,7 @@ REQUESTS = [
 
 
 def test_no_request_of_a_browser_is_rows(nominal, rows, quiet):
-    """However it is cut; among them a sender of rows, which is heard as if it were alone."""
+    """The request may be cut anywhere; among them a sender of rows is heard as if it were alone."""
     said: list[str] = []
     source = open_source("tcp:0", once=True, say=said.append)
     session = Session(source, nominal)

@@ -57,7 +57,7 @@ def row(memory):
 
 @pytest.mark.parametrize("damage", [set_back, set_forward, late, unbegun, row])
 def test_memory_that_is_damaged_begins_anew_in_the_same_way(damage):
-    """Seen by the loop, by the step of the sample that closes, or by the close."""
+    """The damage is seen by the loop, by the step of the sample that closes, or by the close."""
     samples = samples_of(read("integral"))
     one, two = (Estimator(VECTORS["integral"].config) for _ in range(2))
     for estimator in (one, two):

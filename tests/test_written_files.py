@@ -239,7 +239,7 @@ def test_a_source_that_is_gone_is_written_anew_and_says_so(own, tmp_path):
 
 
 def test_a_long_list_over_many_lines_costs_no_square(own, tmp_path, monkeypatch):
-    """What is parsed in all is a few times the file, not its lines times the file."""
+    """The text parsed in all is a few times the file, not its lines times the file."""
     t = ",\n ".join(f"{0.01 * k:.2f}  # [{k}]" for k in range(4000)).replace("  #", " , #").replace(",\n", "\n")
     own.write_text(OWN.replace("[0.0,         # s\n     5.0,         # the step [see the plan]\n     20.0]", f"[{t}\n]")
                    .replace("[0.0, 0.05,\n  0.0]", f"[{', '.join(['0.0'] * 4000)}]"))

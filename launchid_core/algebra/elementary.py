@@ -44,19 +44,19 @@ ERFC = np.array([
 
 @asked
 def fraction_of(x):
-    """x / 2^exponent_of(x), of magnitude 0.5 to 1; written in C by hand"""
+    """The fraction x / 2^exponent_of(x), of magnitude 0.5 to 1; the C port has a function of its own for it."""
     return math.frexp(x)[0]
 
 
 @asked
 def exponent_of(x):
-    """of two; written in C by hand"""
+    """The exponent of two of x, x = m 2^e with 0.5 <= |m| < 1; the C port has a function of its own for it."""
     return math.frexp(x)[1]
 
 
 @asked
 def scaled(x, n):
-    """x 2^n, rounded once; written in C by hand"""
+    """The product x 2^n, rounded once; the C port has a function of its own for it."""
     return math.ldexp(x, n)
 
 
@@ -124,7 +124,7 @@ def erfc_of(x):
 
 @asked
 def difference(a, b):
-    """a - b as the rounded difference and what rounding took from it, exactly (Knuth 1969)"""
+    """The difference a - b as the rounded one and what rounding took from it, exactly (Knuth 1969)."""
     rounded = a - b
     back = rounded - a
     return rounded, (a - (rounded - back)) - (b + back)

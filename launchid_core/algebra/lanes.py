@@ -33,7 +33,8 @@ def dot(a, b, start, stop):
 
 @inner
 def dot_by_place(a, b, start, stop):
-    """As `dot`, number i in partial sum i mod 4; where there is no whole four all are in the first."""
+    """The dot product as `dot` has it, but number i goes into partial sum i mod 4; without a whole four all go into the
+    first."""
     s0 = 0.0
     s1 = 0.0
     s2 = 0.0
@@ -64,7 +65,7 @@ def dot_by_place(a, b, start, stop):
 
 @inner
 def subtract(y, s, x, start, stop):
-    """y[i] -= s*x[i]"""
+    """Subtract a multiple: y[i] -= s*x[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] -= s * x[i]
@@ -72,7 +73,7 @@ def subtract(y, s, x, start, stop):
 
 @inner
 def multiply(y, x, start, stop):
-    """y[i] *= x[i]"""
+    """Multiply: y[i] *= x[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] *= x[i]
@@ -80,21 +81,21 @@ def multiply(y, x, start, stop):
 
 @inner
 def scale(y, by, start, stop):
-    """y[i] *= by"""
+    """Multiply by a number: y[i] *= by, i in start..stop-1."""
     for k in range(start, stop):
         y[U(k)] *= by
 
 
 @inner
 def divide(y, by, start, stop):
-    """y[i] /= by"""
+    """Divide by a number: y[i] /= by, i in start..stop-1."""
     for k in range(start, stop):
         y[U(k)] /= by
 
 
 @inner
 def standard(y, x, centre, scale, start, stop):
-    """y[i] = (x[i] - centre)/scale"""
+    """Standardise: y[i] = (x[i] - centre)/scale, i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] = (x[i] - centre) / scale
@@ -112,7 +113,7 @@ def reflect(v, tau, columns, first, last, start, stop):
 
 @inner
 def reflect_sized(v, tau, columns, first, last, start, stop, squares):
-    """As `reflect`; squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
+    """Apply `reflect` and also give squares[j] (n,) out: the sum of the new c[i]*c[i], i in start+1..stop-1."""
     for j in range(first, last):
         column = columns[j]
         s = tau * (column[start] + dot_by_place(v, column, start + 1, stop))
@@ -130,7 +131,7 @@ def lagged(a, b, first, last, n, sums):
 
 @inner
 def weigh(y, x, s, start, stop):
-    """y[i] *= x[i] - s*y[i]"""
+    """Weigh: y[i] *= x[i] - s*y[i], i in start..stop-1."""
     for k in range(start, stop):
         i = U(k)
         y[i] *= x[i] - s * y[i]

@@ -5,16 +5,16 @@ the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
 window costs one tall QR and every later solve is q x q; that with all columns is
 factored once for the window's equations (`factor_whole`).
 
-A term stays by one of two measures.  A threshold is in raw units of each coefficient, as in pysindy's STLSQ.  `own`
+A term stays by one of two measures.  A threshold is in raw units of each coefficient, as in pysindy's STLSQ.  `needed`
 has no unit but that of y'y: what a term must explain by itself, in squares, so that it does not depend on the units of
-the variables.  `stls` and `ssr` then leave out the weakest term while leaving it out loses less than `own` (backward
+the variables.  `stls` and `ssr` then leave out the weakest term while leaving it out loses less than `needed` (backward
 elimination; of nearly dependent terms, which explain much in common and little by themselves, one stays); `sr3` and
 `lasso` compare |coefficient| times |column| with its root.
 
-Each solver: (q, mt, whole, y, threshold, own, xi, active, work) -> number of passes, where
+Each solver: (q, mt, whole, y, threshold, needed, xi, active, work) -> number of passes, where
 mt (>=q, >=q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
-Q'y, xi (q,) and active (q,) are results, `work` a SparseWork; one of threshold and own is 0.  After it xi solves least
-squares on the active columns and is 0 elsewhere.
+Q'y, xi (q,) and active (q,) are results, `work` a SparseWork; one of threshold and needed is 0.
+After it xi solves least squares on the active columns and is 0 elsewhere.
 """
 
 import numpy as np
@@ -169,8 +169,8 @@ def solve_ssr(q, mt, whole, y, threshold, xi, active, work):
 
 
 @inner
-def solve_own(q, mt, y, own, xi, active, work):
-    """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `own`.
+def solve_own(q, mt, y, needed, xi, active, work):
+    """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `needed`.
 
     What a term explains by itself is the square of its coefficient over its entry of (M'M)^-1: by so much the sum of
     squares grows without it (Draper & Smith, Applied Regression Analysis, the extra sum of squares).
@@ -184,7 +184,7 @@ def solve_own(q, mt, y, own, xi, active, work):
             if active[j]:
                 size += 1
         invert_active(q, work, size)
-        weakest, least = -1, own
+        weakest, least = -1, needed
         place = 0
         for j in range(q):
             if active[j]:
@@ -209,13 +209,13 @@ def load_scaled(q, mt, work):
 
 
 @inner
-def solve_lasso(q, mt, y, threshold, own, xi, active, work):
+def solve_lasso(q, mt, y, threshold, needed, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
     Penalties are weighted by |column|^2, so that with orthogonal columns exactly
     the coefficients below the raw threshold vanish; the refit removes shrinkage.
     """
-    root = np.sqrt(own)
+    root = np.sqrt(needed)
     load_scaled(q, mt, work)
     scaled = work.scaled[:q * q].reshape((q, q))
     residual = work.auxiliary[:]
@@ -240,19 +240,19 @@ def solve_lasso(q, mt, y, threshold, own, xi, active, work):
         if largest_step <= 1.0e-12 * largest:
             break
     for j in range(q):
-        active[j] = work.solution[j] != 0.0 or threshold + own == 0.0
+        active[j] = work.solution[j] != 0.0 or threshold + needed == 0.0
     return -1 if solve_active(q, mt, y, active, xi, work) > 0 else sweeps
 
 
 @inner
-def solve_sr3(q, mt, whole, y, threshold, own, xi, active, work):
+def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
     """Sparse relaxed regularized regression (Zheng et al., IEEE Access 7, 2019), hard threshold, then refit.
 
     min |y - C u|^2 + nu |u - w|^2 with w = u cut at the threshold; [C; sqrt(nu) I] is factored once.
     """
     load_scaled(q, mt, work)
     scaled = work.scaled[:q * q].reshape((q, q))
-    root, least = np.sqrt(SR3_RELAXATION), np.sqrt(own)
+    root, least = np.sqrt(SR3_RELAXATION), np.sqrt(needed)
     active[:] = True
     if solve_whole(q, whole, y, xi, work) > 0:
         return -1
@@ -285,14 +285,14 @@ def solve_sr3(q, mt, whole, y, threshold, own, xi, active, work):
 
 
 @inner
-def sparse_solve(solver, q, mt, whole, y, threshold, own, xi, active, work):
+def sparse_solve(solver, q, mt, whole, y, threshold, needed, xi, active, work):
     """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
     if solver == SR3:
-        return solve_sr3(q, mt, whole, y, threshold, own, xi, active, work)
+        return solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work)
     if solver == LASSO:
-        return solve_lasso(q, mt, y, threshold, own, xi, active, work)
-    if own > 0.0:
-        return solve_own(q, mt, y, own, xi, active, work)
+        return solve_lasso(q, mt, y, threshold, needed, xi, active, work)
+    if needed > 0.0:
+        return solve_own(q, mt, y, needed, xi, active, work)
     if solver == SSR:
         return solve_ssr(q, mt, whole, y, threshold, xi, active, work)
     return solve_stls(q, mt, whole, y, threshold, xi, active, work)

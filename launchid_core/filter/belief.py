@@ -1,4 +1,4 @@
-"""What the filtered formulation believes, as its kernels read it."""
+"""The filtered formulation's model, as its kernels read it."""
 
 from ..kernels import inner
 

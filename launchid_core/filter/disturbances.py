@@ -1,4 +1,4 @@
-"""What the world does beside the vehicle, in the filter: wind, offsets, the flight path.
+"""The world beside the vehicle, in the filter: wind, offsets, the flight path.
 
 What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of a model with wind levels are those
 of its nominal: whitening that moves with a6 would want the log-determinant in the fit of a6.
@@ -52,7 +52,7 @@ def fill_push(belief, a6, k1, push):
 
 @inner
 def guessed_wind(belief, x):
-    """What the filter believes of the angle of attack that is neither known beforehand nor theta as measured [rad]."""
+    """The estimate [rad] of the angle of attack that is neither known beforehand nor theta as measured."""
     wind = 0.0
     for j in range(belief.size.nuisances):
         if belief.role[j] == WALK or belief.role[j] == TURBULENCE:
@@ -91,7 +91,7 @@ def follow_path(belief, air, fil, h, gamma):
 
 @inner
 def add_wind(belief, fil, gamma_variance):
-    """What the wind may have changed over the step, and gamma's noise as an acceleration [rad^2/s^4]."""
+    """Add what the wind may have changed over the step, and gamma's noise as an acceleration [rad^2/s^4]."""
     h, keep = fil.step[STEP], fil.step[KEEP]
     for j in range(belief.size.nuisances):
         k, at = N_STATES + j, belief.level[j]
@@ -110,7 +110,7 @@ def add_wind(belief, fil, gamma_variance):
 
 @inner
 def let_offsets_wander(belief, fil, span):
-    """What offsets may have changed in `span` [s], added where a window ends.
+    """Add what offsets may have changed in `span` [s], where a window ends.
 
     They are constants to a window.  Over a flight no misalignment and no bias is, and a filter that believed so would
     hold on for ever to how an offset and a6 once were related (`OFFSET_TIME`).

@@ -50,7 +50,7 @@ def start_window(size, acc):
 
 @inner
 def set_identity(size, matrix):
-    """matrix (n, n) out"""
+    """Set a matrix (n, n) out to the identity."""
     for i in range(size.states):
         for j in range(size.states):
             matrix[i, j] = 1.0 if i == j else 0.0
@@ -58,7 +58,7 @@ def set_identity(size, matrix):
 
 @inner
 def believe_nuisances(belief, fil, acc, t):
-    """What is declared of the nuisances at t [s], where the offset begins, as rows of the window: an offset d and
+    """Enter what is declared of the nuisances at t [s], where the offset begins, as rows of the window: an offset d and
     deviations p of the terms make a nuisance x + s (p - p_bar) + d, which is 0 with its declared spread.
 
     Nothing else of the past enters a window.
@@ -208,7 +208,7 @@ def is_full(acc, rows):
 
 @inner
 def left_after(share, left):
-    """What is left after `share` times BLOCK where `left` is after one."""
+    """The share that is left after `share` times BLOCK where `left` is after one."""
     return left * exp_of((share - 1.0) * log_of(left))
 
 

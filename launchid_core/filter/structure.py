@@ -1,4 +1,4 @@
-"""Which terms the vehicle has, learned on many windows' information.
+"""The terms that the vehicle has, learned on many windows' information.
 
 Per window the data cannot tell ten terms apart under sensor noise; the whitened
 innovations of the last ten seconds can.  Backward elimination by t-value on a

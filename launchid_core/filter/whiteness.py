@@ -1,4 +1,4 @@
-"""Is the model true?  A test of the innovations, block by block.
+"""The test whether the model is true, on the innovations, block by block.
 
 For the right model, parameters and noise levels the sum of a block's normalised innovations, less what the
 uncertainty of a6 and k1 adds to its variance, is a white sequence for each channel.  Anything else that acts (wind
@@ -164,7 +164,7 @@ def take_block(check, dt):
 
 @inner
 def contradict(check, t):
-    """At t [s] something is wrong that no block shows: the model is contradicted for CHECK_MEMORY."""
+    """Contradict the model for CHECK_MEMORY from t [s] on: something is wrong that no block shows."""
     check.number[RESTLESS] = t
     check.flag[IS_RESTLESS], check.flag[RAISED], check.flag[BEYOND_CHANCE] = 1, 1, 1
 
@@ -228,8 +228,8 @@ def judge_window(check, level, unexplained, t):
 
 @inner
 def watch_model(check, level, undeclared, t, dt):
-    """After a block: take those that have waited, judge; returns True where the model is believed again after it was
-    contradicted beyond chance."""
+    """Take the blocks that have waited and judge the model, after a block; returns True where the model is believed
+    again after it was contradicted beyond chance."""
     if check.flag[WAITING] >= ONSETS:
         take_block(check, dt)
     return judge_model(check, level, undeclared, t)

@@ -1,4 +1,4 @@
-"""Has memory changed behind the estimator's back?  Seals over everything that steers it or is carried on.
+"""Seals over the memory that steers the estimator or is carried on: they show whether it changed by itself.
 
 A seal is the exclusive or of all words of what it guards, so any one word that changed by itself is seen, whichever
 bits of it did (radiation, a stray write).  Three of them:
@@ -24,13 +24,13 @@ CONTROL, CARRIED = range(2)
 
 @inner
 def xor_integer(seal, n):
-    """seal xor n"""
+    """The seal with the integer n taken in: seal xor n."""
     return seal ^ n
 
 
 @inner
 def xor_double(seal, x):
-    """seal xor the bits of the double x"""
+    """The seal with the bits of the double x taken in: seal xor these."""
     return seal ^ np.float64(x).view(np.int64)
 
 

@@ -26,7 +26,7 @@ N_LEARNED = 2
 
 @inner
 def place(counts, ring, k):
-    """Where row k of the closed window stands in the ring."""
+    """The place of row k of the closed window in the ring."""
     first = counts[rb.HEAD] - counts[rb.CLOSED_BACK] - counts[rb.CLOSED_ROWS]
     return (first + ring.shape[0] + k) % ring.shape[0]
 
@@ -72,7 +72,7 @@ def improbable(share, run):
 
 @inner
 def contradiction(ring, counts, column, first, last):
-    """By how much its neighbour says that a channel moved while it stood still, rows `first` to `last` [its unit]."""
+    """The motion of a channel, by its neighbour, while its value stood still, rows `first` to `last` [its unit]."""
     begin, end = ring[place(counts, ring, first)], ring[place(counts, ring, last)]
     span = end[T] - begin[T]
     if column == BETA:

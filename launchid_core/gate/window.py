@@ -1,4 +1,4 @@
-"""What a window's close leaves behind."""
+"""The outcome that a window's close leaves behind."""
 
 import numpy as np
 

@@ -44,13 +44,13 @@ class Memory(NamedTuple):
         return (self.parts,) if numba.config.DISABLE_JIT else self.block  # type: ignore[attr-defined]
 
     def state_arrays(self) -> list[tuple[str, np.ndarray]]:
-        """What persists between samples by name, in the order in which it is saved."""
+        """The arrays that persist between samples, by name, in the order in which they are saved."""
         apart = [(name, self.apart[name]) for name, part, *_ in tb.APART[self.struct.name] if part == STATE]
         return [*me.named_arrays(self.parts.state, STATE), *apart]
 
 
 def size_of(config: Config) -> tb.Size:
-    """How much of the memory a configuration uses."""
+    """The sizes of the memory that a configuration uses."""
     model = config.model
     q = len(config.terms)
     if config.formulation == "filtered":

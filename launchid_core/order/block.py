@@ -98,7 +98,7 @@ def remind(belief, fil, bank, work, dt):
 
 @inner
 def accept_gust(belief, state, factor, dt):
-    """Where wind has likely begun the filter takes it over; returns whether it has.
+    """Let the filter take over wind that has likely begun; returns whether it has.
 
     It may have been a loss of k1 after all, which a quiet loop tells no better from a gust: k1 is open as after an
     alarm, so that the tracked estimate follows it and says that it is not known.
@@ -118,8 +118,8 @@ def accept_gust(belief, state, factor, dt):
 
 @inner
 def relinearise_about(belief, fil, bank):
-    """About the quick member, so that a drift does not pass for noise; with nuisances about the mixture, or each
-    wandering of the quick one along what the data do not tell apart would take them along."""
+    """Linearise about the quick member, so that a drift does not pass for noise; with nuisances about the mixture, or
+    each wandering of the quick one along what the data do not tell apart would take them along."""
     if belief.size.states > N_STATES:
         relinearise(belief, fil, bank.total[MEAN_A6], bank.total[MEAN_K1])
     else:
@@ -129,7 +129,7 @@ def relinearise_about(belief, fil, bank):
 
 @inner
 def give_up_window(fixed, state, t):
-    """What this block and the window so far say is dropped: the next window begins after t [s]."""
+    """Drop what this block and the window so far say: the next window begins after t [s]."""
     begin_window(fixed, state, t)
     state.acc.score[:] = 0.0
     state.acc.information[:, :] = 0.0
@@ -137,7 +137,7 @@ def give_up_window(fixed, state, t):
 
 @inner
 def span_of(fixed, state):
-    """(the block's time [s], its end [s])"""
+    """The block's time [s] and its end [s]."""
     t_end = state.filter.time[LAST]
     return t_end - state.acc.start[0] + fixed.limits[rb.PERIOD], t_end
 
@@ -202,7 +202,7 @@ def reduce_rows(block, rows):
 
 @kernel
 def follow_wind(block, profile):
-    """What the block says of wind and misalignment that nobody declared."""
+    """Take what the block says of wind and misalignment that nobody declared."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     dt, t_end = span_of(fixed, state)
     follow_undeclared(fixed.belief, profile, state.filter, state.undeclared, work.undeclared, work.acc.triangle,
@@ -277,7 +277,7 @@ def use_rows(block):
 
 @kernel
 def end_block(block):
-    """Whether the model is true; then the next block begins."""
+    """Judge whether the model is true; then begin the next block."""
     fixed, state = block[0].fixed, block[0].state
     acc, fil, bank, check = state.acc, state.filter, state.bank, state.check
     dt, t_end = span_of(fixed, state)

@@ -1,4 +1,4 @@
-"""What the table of an estimator's memory says: the structured type of its block, views by name, what is sealed."""
+"""The memory that an estimator's table describes: the structured type of its block, views by name, what is sealed."""
 
 import math
 from collections import namedtuple

@@ -122,7 +122,7 @@ def look_at_sensors(block, ring):
 
 @kernel
 def choose_terms(block):
-    """Which of many terms there are."""
+    """Choose which of many terms there are."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     term = fixed.belief.term
     select_terms(fixed.belief.size.terms, state.learner.r, term[AT_THETA], term[AT_BETA], state.active[:],
@@ -265,7 +265,7 @@ def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, 
 
 @kernel
 def restart_filtered(block, rows, words):
-    """What is not zero before the first sample."""
+    """Set what is not zero before the first sample."""
     fixed, state = block[0].fixed, block[0].state
     size, acc = fixed.belief.size, state.acc
     clear_outcome(state.outcome, SHORT)

@@ -36,7 +36,7 @@ FIXED, STATE, WORK = "fixed", "state", "work"  # never changes in flight; persis
 
 
 class Size(NamedTuple):
-    """How much of the memory is in use: integers that never change."""
+    """The sizes of the memory in use: integers that never change."""
 
     terms: int          # of the library
     states: int         # of the filter

@@ -1,4 +1,4 @@
-"""From a window's rows to coefficients: the library's QR, the three equations' sparse solutions, what is known of them.
+"""The step from a window's rows to coefficients: the library's QR, the three equations' sparse solutions, their errors.
 
 The entries of a close between its rows and its end; `regress` is their order.
 Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
@@ -132,7 +132,7 @@ def factor_library(block, phi, target, drift, count, pieces):
 
 @inner
 def thresholds_of(fixed, y, count):
-    """(threshold in raw units, what a term must explain by itself of the squares of y)"""
+    """The threshold in raw units, and what a term must explain by itself of the squares of y."""
     return fixed.threshold[RAW], fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
 
 
@@ -149,8 +149,8 @@ def choose_by_share(block, target, e, count):
     """Backward elimination of equation e by what a term explains by itself; as `choose_by_threshold`."""
     fixed, work = block[0].fixed, block[0].work
     q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    _, own = thresholds_of(fixed, y, count)
-    return solve_own(q, work.mt[:], y[:q], own, work.xi[:], work.active[:], work.sparse)
+    _, needed = thresholds_of(fixed, y, count)
+    return solve_own(q, work.mt[:], y[:q], needed, work.xi[:], work.active[:], work.sparse)
 
 
 @kernel
@@ -166,8 +166,8 @@ def choose_by_lasso(block, target, e, count):
     """The lasso's support of equation e, solved by least squares; as `choose_by_threshold`."""
     fixed, work = block[0].fixed, block[0].work
     q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    threshold, own = thresholds_of(fixed, y, count)
-    return solve_lasso(q, work.mt[:], y[:q], threshold, own, work.xi[:], work.active[:], work.sparse)
+    threshold, needed = thresholds_of(fixed, y, count)
+    return solve_lasso(q, work.mt[:], y[:q], threshold, needed, work.xi[:], work.active[:], work.sparse)
 
 
 @kernel
@@ -175,8 +175,8 @@ def choose_relaxed(block, target, e, count):
     """Sparse relaxed regularized regression of equation e; as `choose_by_threshold`."""
     fixed, work = block[0].fixed, block[0].work
     q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    threshold, own = thresholds_of(fixed, y, count)
-    return solve_sr3(q, work.mt[:], work.whole, y[:q], threshold, own, work.xi[:], work.active[:], work.sparse)
+    threshold, needed = thresholds_of(fixed, y, count)
+    return solve_sr3(q, work.mt[:], work.whole, y[:q], threshold, needed, work.xi[:], work.active[:], work.sparse)
 
 
 @kernel

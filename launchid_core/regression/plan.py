@@ -1,4 +1,4 @@
-"""What is chosen at construction, as kernels read it, and where the series of a window's close stand."""
+"""The choices made at construction, as kernels read them, and the places of the series of a window's close."""
 
 # plan (i8) of a regression
 KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH = range(9)

@@ -1,4 +1,4 @@
-"""From a closed window's samples to coefficients: rows, library, QR, sparse solve.
+"""The way from a closed window's samples to coefficients: rows, library, QR, sparse solve.
 
 Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 
@@ -160,7 +160,7 @@ def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
 
 @kernel
 def fill_integral(block, rows, marks, phi, target, drift, n, kept):
-    """As `fill_pointwise`, of the integral form, less their means over each gap-free piece; returns the pieces."""
+    """Fill columns and targets of the integral form, less their means over each gap-free piece; returns the pieces."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
     columns = phi[:q * kept].reshape((q, kept))
@@ -222,7 +222,7 @@ def update_regression(size, block, words, ring, seals, rows, marks, phi, target,
 
 @kernel
 def restart_regression(block, words, seed):
-    """What is not zero before the first sample; seed  first state of the row choice."""
+    """Set what is not zero before the first sample; seed  first state of the row choice."""
     state = block[0].state
     clear_outcome(state.outcome, SHORT)
     state.random[0] = seed

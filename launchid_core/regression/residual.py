@@ -109,7 +109,7 @@ def long_run(scores, freedom, covariance, ahead, behind):
 
 @inner
 def place_of(order, column, n):
-    """Where the pivoted order has a column."""
+    """The place of a column in the pivoted order; -1: it is not there."""
     for k in range(n):
         if order[k] == column:
             return k
@@ -118,7 +118,7 @@ def place_of(order, column, n):
 
 @inner
 def count_active(q, active):
-    """How many terms are active."""
+    """The number of active terms."""
     size = 0
     for j in range(q):
         if active[j]:
@@ -150,7 +150,7 @@ def drift_pointwise(rows, marks, drift, count, t_centre):
 
 @inner
 def drift_integral(rows, marks, drift, n, count, t_centre, held):
-    """Their running integrals at the kept rows, by the weights of `rows.fill_weights`; held  1: beta stays."""
+    """The drifts' running integrals at the kept rows, by the weights of `rows.fill_weights`; held  1: beta stays."""
     for d in range(PAIR):
         for i in range(n):
             rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
@@ -345,7 +345,7 @@ def report_absent(plan, work, out, rows, at, residual, extended, size, known, fr
     factors = sparse.columns[:size * q].reshape((size, q))
     influences = extended[:(q - size) * count].reshape((q - size, count))
     lost, length, places = sparse.lost, sparse.length, work.extended_order
-    found = 0
+    reported = 0
     for j in range(q):
         if work.active[j]:
             continue
@@ -360,11 +360,11 @@ def report_absent(plan, work, out, rows, at, residual, extended, size, known, fr
         lost[j] = dot(direction, sparse.right[:], size, q)
         apply_q(factors, sparse.tau[:], size, direction)
         for i in range(count):
-            influences[found, i] = direction[i] if i < q else 0.0
-        places[found] = j
-        found += 1
-    rotate(at, work.tau[:], q, influences, 0, found)  # in time
-    for k in range(found):
+            influences[reported, i] = direction[i] if i < q else 0.0
+        places[reported] = j
+        reported += 1
+    rotate(at, work.tau[:], q, influences, 0, reported)  # in time
+    for k in range(reported):
         j = places[k]
         weigh(influences[k], residual, lost[j], 0, count)
         long_run(influences[k:k + 1], freedom, work.covariance[:], rows[VALUE], rows[HALF])

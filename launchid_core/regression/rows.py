@@ -1,4 +1,4 @@
-"""From a closed window's samples to rows: slopes, standardised variables, library columns and targets.
+"""The step from a closed window's samples to rows: slopes, standardised variables, library columns and targets.
 
 `regression` says which formulation takes what, and goes on from there.  Throughout: rows (N_SERIES, m) and marks
 (N_MARKS, m) as `plan` names them; phi (q, count) library columns, target (EQUATIONS, count).

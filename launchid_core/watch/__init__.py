@@ -1,1 +1,1 @@
-"""What becomes of a block's data: tracked estimate, sudden changes, gusts, undeclared wind, uncertainty level."""
+"""The use of a block's data: tracked estimate, sudden changes, gusts, undeclared wind, uncertainty level."""

@@ -188,7 +188,7 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
 
 @inner
 def size_event(state, event, belief):
-    """Before, after and the variance of the jump, relative to the nominal."""
+    """Give an event the values before and after and the variance of the jump, relative to the nominal."""
     event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[MEAN_A6], state.reference[MEAN_K1]
     event[E_A6_AFTER], event[E_K1_AFTER] = belief[MEAN_A6], belief[MEAN_K1]
     event[E_A6_VARIANCE] = state.reference[VAR_A6] + belief[VAR_A6]

@@ -1,4 +1,5 @@
-"""What leaves the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden changes."""
+"""The results that leave the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden
+changes."""
 
 import numpy as np
 
@@ -126,14 +127,14 @@ def report_air(belief, air, fil, total, contradicted, rep):
 
 @inner
 def report_no_level(rep):
-    """Without a range nothing is said of it."""
+    """Leave the uncertainty level empty: there is no range."""
     rep.level[:, :] = np.nan
     rep.flag[HAS_LEVEL] = 0
 
 
 @inner
 def report_level(gauge, rep):
-    """Where in its range each parameter is, if anything is known of them."""
+    """Give the place of each parameter in its range, if anything is known of them."""
     rep.level[:, :] = np.nan
     rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
     for p in range(2):
@@ -163,7 +164,8 @@ def report_change(event, first, nominal, variance, parameter, rep):
 
 @inner
 def report_changes(profile, watch, rep):
-    """Of the last MAX_EVENTS sudden changes those that stand, oldest first; a change of both parameters is two rows."""
+    """Give those of the last MAX_EVENTS sudden changes that stand, oldest first; a change of both parameters is two
+    rows."""
     rep.flag[CHANGES] = 0
     events = watch.counts[EVENTS]
     for number in range(max(0, events - MAX_EVENTS), events):

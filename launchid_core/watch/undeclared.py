@@ -53,7 +53,7 @@ GONE = 9.0                 # below it the model may be believed again
 
 @inner
 def forget_places(state, f, first, last):
-    """Of its state's places first .. last-1 filter f knows what it knew at the beginning."""
+    """Reset places first .. last-1 of filter f's state to what was known at the beginning."""
     for i in range(first, last):
         state.mean[f, i] = 0.0
         for j in range(SIZE):
@@ -64,7 +64,7 @@ def forget_places(state, f, first, last):
 
 @inner
 def copy_knowledge(mean, covariance, to_mean, to_covariance):
-    """mean (u,), covariance (u, u) in;  to_mean, to_covariance out"""
+    """Copy a mean (u,) and covariance (u, u) to to_mean, to_covariance out."""
     for i in range(SIZE):
         to_mean[i] = mean[i]
         for j in range(SIZE):
@@ -73,7 +73,7 @@ def copy_knowledge(mean, covariance, to_mean, to_covariance):
 
 @inner
 def remember(state, slot):
-    """What the first filter knows now."""
+    """Keep what the first filter knows now in a slot of the past."""
     copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
 
 
@@ -98,7 +98,7 @@ def free_deviations(state, f):
 
 @inner
 def begin_block(state):
-    """What was known before it is remembered, once in ONSETS blocks."""
+    """Keep what was known before the block, once in ONSETS blocks."""
     if state.flag[AGE] >= ONSETS:
         state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
         remember(state, state.flag[NEWER])
@@ -243,12 +243,12 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
             density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
     choose_filter(state, better)
-    found = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
-    if not found < np.inf:
+    contradiction = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
+    if not contradiction < np.inf:
         restart_undeclared(state)
         return
-    state.number[LASTED] = state.number[LASTED] + dt if found > THERE else 0.0
+    state.number[LASTED] = state.number[LASTED] + dt if contradiction > THERE else 0.0
     if state.number[LASTED] > PATIENCE:
         state.flag[FOUND] = 1
-    elif found < GONE:
+    elif contradiction < GONE:
         state.flag[FOUND] = 0

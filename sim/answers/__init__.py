@@ -1,5 +1,5 @@
-"""What the commands answer, and `import launchid` with them: one function a command, from logs and nominals in memory
-to a result that can be said, drawn, put into a table or written.
+"""The answers of the commands and of `import launchid`: one function a command, from logs and nominals in memory to a
+result that can be said, drawn, put into a table or written.
 
 A result's `report` is the command's JSON, `warnings` are lines for the user beside it.
 """

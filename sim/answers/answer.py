@@ -1,4 +1,4 @@
-"""What every answer can do."""
+"""The base class of every answer."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from ..result import Columns, Result
 
 
 class Answer(Result):
-    """What every answer can do beside a result; a class of its own says how."""
+    """The members that every answer has beside a result's; each answer is a class of its own."""
 
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()

@@ -87,7 +87,8 @@ def _numbers(windows: list[dict[str, Any]], name: str) -> np.ndarray:
 
 
 def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Which estimates set the scale: those whose 95 % interval is among the narrow ones, or narrow beside the value."""
+    """The estimates that set the scale, as a mask: those whose 95 % interval is among the narrow ones, or narrow beside
+    the value."""
     known = np.isfinite(value) & np.isfinite(half)
     if known.any():
         narrow = DETERMINED * float(np.quantile(half[known], 0.25, method="lower"))
@@ -147,17 +148,17 @@ def _draw_changes(axis: Any, changes: list[dict[str, Any]]) -> None:
 def _draw_refused(axis: Any, windows: list[dict[str, Any]]) -> None:
     """Windows that say nothing, hatched, with their status."""
     for status, group in itertools.groupby(windows, key=lambda w: None if w["valid"] else w["status"]):
-        of = list(group)
+        refused = list(group)
         if status is not None:
-            axis.axvspan(of[0]["t_start"], of[-1]["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//",
+            axis.axvspan(refused[0]["t_start"], refused[-1]["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//",
                          linewidth=0, zorder=0, label="refused, with the reason")
-            axis.text(0.5 * (of[0]["t_start"] + of[-1]["t_end"]), 0.05, status, ha="center", fontsize=6, color="0.25",
-                      transform=axis.get_xaxis_transform(), clip_on=True)
+            axis.text(0.5 * (refused[0]["t_start"] + refused[-1]["t_end"]), 0.05, status, ha="center", fontsize=6,
+                      color="0.25", transform=axis.get_xaxis_transform(), clip_on=True)
 
 
-def _legend(axis: Any, columns: int = 3, of: list[Any] | None = None) -> None:
-    """Above the axes, each label of theirs, or of several axes, once."""
-    entries = {label: handle for each in ([axis] if of is None else of)
+def _legend(axis: Any, columns: int = 3, axes: list[Any] | None = None) -> None:
+    """Draw a legend above the axes, each label of theirs, or of several axes, once."""
+    entries = {label: handle for each in ([axis] if axes is None else axes)
                for handle, label in zip(*each.get_legend_handles_labels(), strict=True)}
     if entries:
         axis.legend(entries.values(), entries.keys(), fontsize=7, ncol=columns, loc="lower left",
@@ -233,27 +234,27 @@ def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None,
     return figure
 
 
-def residual_figure(log: Log, found: Residuals, windows: list[dict[str, Any]]) -> Figure:
-    """What identified windows leave over time, whether that is random, and predictions over horizons.
+def residual_figure(log: Log, residuals: Residuals, windows: list[dict[str, Any]]) -> Figure:
+    """The residuals of identified windows over time, whether they are random, and predictions over horizons.
 
     windows  of the identify JSON: refused ones are hatched
     """
-    count = len(found.predicted)
+    count = len(residuals.predicted)
     figure = Figure(figsize=(9, 3.4 + 1.6 * count), layout="constrained")
     air = "\nwind is in no prediction: it is part of what is left" if _has_wind(windows) else ""
     figure.suptitle(f"{Path(log.path).name}: residuals and predictions of the identified windows{air}", fontsize=11)
     grid = figure.add_gridspec(1 + count, 2, width_ratios=[2.0, 1.0])
     over, white = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
     ahead = [figure.add_subplot(grid[1 + k, :], sharex=over) for k in range(count)]
-    over.plot(found.t, found.residual, ".", color="0.1", markersize=1.5)
-    rms, alone = (float(np.sqrt(np.mean(x**2))) if len(x) else math.nan for x in (found.residual, found.noise))
+    over.plot(residuals.t, residuals.residual, ".", color="0.1", markersize=1.5)
+    rms, alone = (float(np.sqrt(np.mean(x**2))) if len(x) else math.nan for x in (residuals.residual, residuals.noise))
     over.set_title(f"mean acceleration left over {INCREMENT:g} s: {rms:.2g} rad/s$^2$ rms, of sensor noise alone "
                    f"{alone:.2g}", fontsize=8, loc="left")
     over.set_ylabel("residual [rad/s$^2$]", fontsize=8)
     _draw_refused(over, windows)
     over.set_xlabel("t [s]", fontsize=8)
-    _whiteness_panel(white, found)
-    for axis, each in zip(ahead, found.predicted, strict=True):
+    _whiteness_panel(white, residuals)
+    for axis, each in zip(ahead, residuals.predicted, strict=True):
         _prediction_panel(axis, each)
     ahead[-1].set_xlabel("t [s]")
     for axis in (over, white, *ahead):
@@ -262,11 +263,11 @@ def residual_figure(log: Log, found: Residuals, windows: list[dict[str, Any]]) -
     return figure
 
 
-def _whiteness_panel(axis: Any, found: Residuals) -> None:
-    if found.correlation is None:
+def _whiteness_panel(axis: Any, residuals: Residuals) -> None:
+    if residuals.correlation is None:
         axis.text(0.5, 0.5, "too few rows for a correlation", ha="center", fontsize=8, transform=axis.transAxes)
         return
-    values, band = found.correlation.values, found.correlation.band
+    values, band = residuals.correlation.values, residuals.correlation.band
     lags = APART * INCREMENT * (1 + np.arange(len(values)))
     axis.axhspan(-band, band, color="0.88")
     axis.vlines(lags, 0.0, values, color="0.1")
@@ -279,27 +280,27 @@ def _whiteness_panel(axis: Any, found: Residuals) -> None:
     axis.set_xlabel("lag [s]", fontsize=8)
 
 
-def _prediction_panel(axis: Any, of: Predicted) -> None:
+def _prediction_panel(axis: Any, predicted: Predicted) -> None:
     """The change of theta over a horizon, measured and predicted; of theta itself nothing could be seen."""
-    base = of.measured - of.change
-    gaps = 1 + np.flatnonzero(np.diff(of.t) > MISSED * of.horizon)
-    t = np.insert(of.t, gaps, np.nan)  # which breaks the lines
-    few = "o" if len(of.t) < FEW else None
-    axis.plot(t, np.insert(of.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
-              label=f"measured ({len(of.t)})" + (f"; sensor noise alone: fit {of.ceiling:.0f} %"
-                                                 if math.isfinite(of.ceiling) else ""))
+    base = predicted.measured - predicted.change
+    gaps = 1 + np.flatnonzero(np.diff(predicted.t) > MISSED * predicted.horizon)
+    t = np.insert(predicted.t, gaps, np.nan)  # which breaks the lines
+    few = "o" if len(predicted.t) < FEW else None
+    axis.plot(t, np.insert(predicted.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
+              label=f"measured ({len(predicted.t)})" + (f"; sensor noise alone: fit {predicted.ceiling:.0f} %"
+                                                        if math.isfinite(predicted.ceiling) else ""))
     words = ("own window", "window before, which has not seen it")
-    for value, fit, line, grey, word in zip((of.own, of.before), of.fits, ("-", "--"), ("0.0", "0.4"), words,
-                                            strict=True):
+    for value, fit, line, grey, word in zip((predicted.within, predicted.before), predicted.fits, ("-", "--"),
+                                            ("0.0", "0.4"), words, strict=True):
         if np.isfinite(value).any():
             said = f"fit {fit:.0f} %" if math.isfinite(fit) else "too few for a fit"
             axis.plot(t, np.insert(value - base, gaps, np.nan), line, color=grey, linewidth=0.9, marker=few,
                       markersize=3, label=f"{word}: {said}")
-    seen = np.concatenate([of.change, of.own - base])
+    seen = np.concatenate([predicted.change, predicted.within - base])
     seen = seen[np.isfinite(seen)]
     if len(seen) and np.ptp(seen) > 0.0:
         axis.set_ylim(np.min(seen) - 0.1 * np.ptp(seen), np.max(seen) + 0.1 * np.ptp(seen))
-    axis.set_ylabel(f"theta's change\nin {of.horizon:g} s [rad]", fontsize=8)
+    axis.set_ylabel(f"theta's change\nin {predicted.horizon:g} s [rad]", fontsize=8)
     _legend(axis)
 
 

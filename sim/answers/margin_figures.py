@@ -23,8 +23,8 @@ REACH = 40.0             # dB that the Nichols chart shows of either side
 
 
 def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins], report: dict[str, Any]) -> Figure:
-    """Left the margins over flight time with their intervals and what is required; right the last window that has
-    margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
+    """A figure: left the margins over flight time with their intervals and what is required; right the last window that
+    has margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
     figure = Figure(figsize=(13.5, 8.6), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
     grid = figure.add_gridspec(4, 2, width_ratios=[1.15, 1.0])
@@ -49,9 +49,9 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
     """One margin of the windows and tracked, over what is required of it."""
     windows = report["windows"]
     shown = []
-    for of, rows in (("tracked", [(w["t_end"], 0.0, w["tracked"]) for w in windows if "tracked" in w]),
-                     ("window", [(0.5 * (w["t_start"] + w["t_end"]), 0.5 * (w["t_end"] - w["t_start"]), w)
-                                 for w in windows])):
+    for estimate, rows in (("tracked", [(w["t_end"], 0.0, w["tracked"]) for w in windows if "tracked" in w]),
+                           ("window", [(0.5 * (w["t_start"] + w["t_end"]), 0.5 * (w["t_end"] - w["t_start"]), w)
+                                       for w in windows])):
         kept = [(t, half, *(np.nan if one[name][key] is None else one[name][key] for key in ("value", "low", "high")))
                 for t, half, one in rows]   # one that has no margins breaks the line
         if not any(one["valid"] for *_, one in rows):
@@ -59,7 +59,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
         t, half, value, low, high = np.array(kept, dtype=float).T
         known = high - low <= MOST_WIDE * np.nanmedian(high - low)
         shown += [value[known], low[known], high[known]]
-        if of == "tracked":
+        if estimate == "tracked":
             axis.fill_between(t, low, high, color="0.8", label="tracked, 95 % interval")
             axis.plot(t, value, color="0.4", linewidth=1.0)
         else:
@@ -79,7 +79,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
 
 
 def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
-    """From what is required to what most intervals reach."""
+    """Scale an axis from what is required to what most intervals reach."""
     known = shown[np.isfinite(shown)]
     if len(known) == 0:
         return
@@ -109,8 +109,9 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
         corners = _response(loops(plants_of(box), controller), omega)
         nichols.plot(corners[1].T, corners[0].T, ":", color="0.45", linewidth=0.9, zorder=2)
         nichols.plot([], [], ":", color="0.45", label="corners of the nominal's range")
-    own = _response(loops(plants_of(believed[None]), controller), omega)
-    for axis, x, y in ((nichols, own[1][0], own[0][0]), (gain, omega, own[0][0]), (phase, omega, own[1][0])):
+    response = _response(loops(plants_of(believed[None]), controller), omega)
+    decibels, degrees = (each[0] for each in response)
+    for axis, x, y in ((nichols, degrees, decibels), (gain, omega, decibels), (phase, omega, degrees)):
         axis.plot(x, y, "--", color="0.35", linewidth=1.1, label="nominal", zorder=3)
     nichols.plot(band[1][0], band[0][0], color="0.0", linewidth=1.4, label="as identified", zorder=4)
     _required_cross(nichols, nominal)

@@ -42,8 +42,8 @@ class Campaign(Answer):
     @property
     def verdict(self) -> str | None:
         """met, not met or undecided, of all requirements; None if nothing was asked."""
-        found: str | None = self.report["verdict"]
-        return found
+        verdict: str | None = self.report["verdict"]
+        return verdict
 
     def summary(self, of: str = "campaign") -> str:
         return said(self.report, of)
@@ -93,13 +93,13 @@ def campaign(nominal: Nominal, *, out: str | PathLike[str], flights: int | None 
         with executor_of(executor, workers) as (engine, count):
             table = fly(definition, folder, engine, count, progress)
     notes = () if merge else foreseen(nominal, flights or 0, requirement, stop)
-    made = Campaign(table, asked, judged(definition, asked, table), notes)
-    made.write(folder)
-    return made
+    answer = Campaign(table, asked, judged(definition, asked, table), notes)
+    answer.write(folder)
+    return answer
 
 
 def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], stop: str) -> tuple[str, ...]:
-    """What can be said before the first flight: what a user may have meant otherwise."""
+    """Notes before the first flight: what a user may have meant otherwise."""
     nominal.require("simulation")
     assert nominal.simulation is not None
     notes = profile_note(nominal, nominal.simulation.duration, "the flight")
@@ -110,7 +110,7 @@ def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], s
         least, plan = rule.flights_needed(0), Planned(asked.probability, asked.confidence).flights_needed(0)
         if flights < least:
             notes += (f"{asked.text}: {flights} flights cannot prove it, {least} without a failure would"
-                      + (f"; as a plan, --stop never, {plan}" if plan < least else ""),)
+                      + (f"; with --stop never {plan} would" if plan < least else ""),)
     return notes
 
 

@@ -42,9 +42,9 @@ class Converted(Answer):
         write_columns(path, self.log.measured())
 
 
-def convert(path: str, of: Map, required: tuple[str, ...] = REQUIRED) -> Converted:
+def convert(path: str, mapping: Map, required: tuple[str, ...] = REQUIRED) -> Converted:
     """The log that a map makes of a flight's file."""
-    log, notes = converted(path, of, required)
+    log, notes = converted(path, mapping, required)
     t = log.t[np.isfinite(log.t)]
     return Converted(log, {
         "rows": len(log.t), "span": float(np.ptp(t)), "period": log.period,
@@ -53,7 +53,7 @@ def convert(path: str, of: Map, required: tuple[str, ...] = REQUIRED) -> Convert
 
 
 def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[str, ...]]:
-    """What a file holds: each channel with its rows and its range, and what is none and why; lines of the rest.
+    """The content of a file, a line each: channels with rows and range, what is no channel and why; notes beside it.
     InputError if it holds no channel."""
     channels = read_channels(path, options)
     if not channels:
@@ -65,7 +65,7 @@ def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[
 
 
 def _rows(x: np.ndarray) -> str:
-    """How many rows a channel has, in how many of them it is measured if not in all, and from where to where."""
+    """The rows of a channel, those of them in which it is measured if not all, and its range, in words."""
     fair = x[~np.isnat(x)] if x.dtype.kind == "M" else x[np.isfinite(x)]
     count = f"{len(x)} rows" if len(fair) == len(x) else f"{len(x)} rows, {len(fair)} with numbers"
     if not len(fair):

@@ -49,7 +49,7 @@ class Identification(Answer):
     def summary(self) -> str:
         c = self.config
         head = (f"{self.log.path}: formulation {c.formulation}, library {self.library}, solver {c.solver}, "
-                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows")
+                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
         return "\n".join([head, table(self.report) if self.estimates else _too_short(self.log, c.window)])
 
     def columns(self) -> Columns:
@@ -74,12 +74,12 @@ class Identification(Answer):
         return margins_of(self.log, self.nominal, c, self.estimates, self.changes, servo, is_tracked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
-        """What the windows leave, whether it is white, and what they predict over horizons."""
-        found = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
+        """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
+        left = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
 
         def figure() -> "Figure":
             from .figures import residual_figure
-            return residual_figure(self.log, found, self.report["windows"])
+            return residual_figure(self.log, left, self.report["windows"])
 
         return drawn(figure, path)
 
@@ -101,8 +101,8 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     choices  further fields of `launchid_core.Config`
     """
     window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
-    found = faults(log, nominal)
-    said = warned(log, found, strict) + ideal_note(log)
+    noted = faults(log, nominal)
+    said = warned(log, noted, strict) + ideal_note(log)
     config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
@@ -111,13 +111,13 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
             and not nominal.actuator.is_known:
         said += (f"{nominal.path}: [actuator] gives a sigma: identify takes the servo as known, `launchid margins` "
                  "estimates it",)
-    if config.formulation == "filtered" and not foreign(found):
+    if config.formulation == "filtered" and not foreign(noted):
         said += profile_note(nominal, level.log_span(log)[1], log.path)
-    made = identified(config, log, foreign(found), any(fault.kind == "motion" for fault in found))
-    if made.is_held:
+    result = identified(config, log, foreign(noted), any(fault.kind == "motion" for fault in noted))
+    if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    return Identification(log, nominal, made.config, made.estimates, report_of(made, tracked), library,
-                          made.estimator.changes() if config.formulation == "filtered" else (), said)
+    return Identification(log, nominal, result.config, result.estimates, report_of(result, tracked), library,
+                          result.estimator.changes() if config.formulation == "filtered" else (), said)
 
 
 # ---- uncertainty
@@ -125,7 +125,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyLevel(Answer):
-    """Where in its range each parameter is, window by window."""
+    """The place of each parameter in its range, window by window."""
 
     log: Log
     nominal: Nominal
@@ -162,9 +162,9 @@ def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed(Answer):
-    """What the simulation gets wrong on a log, and why."""
+    """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
 
-    made: Diagnosis
+    diagnosis: Diagnosis
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -175,10 +175,10 @@ class Diagnosed(Answer):
     @property
     def extension(self) -> Nominal | None:
         """The nominal with the named causes, if any."""
-        return self.made.extension
+        return self.diagnosis.extension
 
     def summary(self) -> str:
-        return "\n".join(diagnosis_lines(self.made))
+        return "\n".join(diagnosis_lines(self.diagnosis))
 
     def columns(self) -> Columns:
         rows = [{"cause": cause["cause"], "where": cause["where"], "parameter": name, **value}
@@ -187,15 +187,15 @@ class Diagnosed(Answer):
 
     def _figure(self) -> "Figure":
         from ..diagnosis.report.figures import DRAWN, drawable
-        for name in drawable(self.made):
-            if figure := DRAWN[name](self.made):
+        for name in drawable(self.diagnosis):
+            if figure := DRAWN[name](self.diagnosis):
                 return figure
         return super()._figure()
 
     def write_report(self, folder: str | Path) -> None:
         """report.html, verdict.json, extension.toml and the figures."""
         from ..diagnosis.report.page import write_report
-        write_report(self.made, self.report, folder)
+        write_report(self.diagnosis, self.report, folder)
 
 
 def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstrap: int = 0, strict: bool = False,
@@ -213,8 +213,8 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
             each.check_clock()
     if strict:
         data_warnings(log, nominal, strict)
-    made = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)
-    return Diagnosed(made, diagnosis_report(made), ideal_note(log))
+    result = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)
+    return Diagnosed(result, diagnosis_report(result), ideal_note(log))
 
 
 # ---- fit-lft

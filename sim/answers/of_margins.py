@@ -63,8 +63,9 @@ def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = 
 def identified_margins(log: Log, nominal: Nominal, config: Config, tracked: bool,
                        said: tuple[str, ...] = ()) -> FlightMargins:
     """The margins of what a configuration identifies in a log, behind the servo as it is known or estimated."""
-    made, servo = identified_with_servo(log, nominal, config)
-    return margins_of(log, nominal, made.config, made.judged.estimates, made.estimator.changes(), servo, tracked, said)
+    result, servo = identified_with_servo(log, nominal, config)
+    return margins_of(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), servo, tracked,
+                      said)
 
 
 def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],

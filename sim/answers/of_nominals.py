@@ -55,7 +55,7 @@ class Flown(Answer):
 
     @functools.cached_property
     def log(self) -> Log:
-        """As `read_log` reads what `write` writes."""
+        """The flight's log, as `read_log` reads what `write` writes."""
         return flown_log(self.flight)
 
     def columns(self) -> Columns:
@@ -88,7 +88,8 @@ def simulate(nominal: Nominal, *, seed: int = 0, suite: str = "flight", period: 
 
 
 def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -> tuple[str, ...]:
-    """What of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its end."""
+    """Notes on what of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its
+    end."""
     assert nominal.simulation is not None  # else it would not have flown
     end = nominal.simulation.duration
     said = profile_note(nominal, end, "the flight")
@@ -108,7 +109,7 @@ def _chosen(effects: Effects) -> list[Effect]:
 
 
 def _effect(given: object) -> Effect:
-    """By a text, by a dict as a nominal's [[effects]], or as it is."""
+    """An effect from a text, from a dict as in a nominal's [[effects]], or as it is."""
     if isinstance(given, Effect):
         return given
     if isinstance(given, str):
@@ -126,33 +127,34 @@ def _effect(given: object) -> Effect:
 class Planned(Answer):
     """A test input, and what it buys."""
 
-    made: Plan
+    plan: Plan
     window: float
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
     @property
     def nominal(self) -> Nominal:
-        """With its [test_input]."""
-        return self.made.nominal
+        """The nominal with its [test_input]."""
+        return self.plan.nominal
 
     def summary(self, of: str = "test input") -> str:
-        made, multisine = self.made, self.made.nominal.test_input
-        head = (f"bound of the worse parameter, median over {self.window:g} s windows: {100 * made.before:.3g} % "
-                f"without input, {100 * made.after:.3g} % with it")
+        plan, multisine = self.plan, self.plan.nominal.test_input
+        head = (f"smallest possible standard deviation (Cramer-Rao bound) of the less certain of a6 and k1, median of "
+                f"{self.window:g} s windows: {100 * plan.before:.3g} % without a test input, {100 * plan.after:.3g} % "
+                "with it")
         if multisine is None:
             return f"{head}\n{of}: no test input needed"
         sines = ", ".join(f"{a:.3g} rad at {f:.3g} rad/s"
                           for a, f in zip(multisine.amplitude, multisine.frequency, strict=True))
-        return f"{head}\n{of}: {sines}; {made.root_mean_square:.2e} rad rms, peak {made.peak:.2e} rad"
+        return f"{head}\n{of}: test input of {sines}; {plan.root_mean_square:.2e} rad rms, peak {plan.peak:.2e} rad"
 
     def columns(self) -> Columns:
-        names, multisine = ("frequency", "amplitude", "phase"), self.made.nominal.test_input
+        names, multisine = ("frequency", "amplitude", "phase"), self.plan.nominal.test_input
         return {name: [] if multisine is None else list(getattr(multisine, name)) for name in names}
 
     def _figure(self) -> "Figure":
         from .figures import plan_figure
-        return plan_figure(self.made)
+        return plan_figure(self.plan)
 
     def write(self, path: str | Path) -> None:
         """The nominal, as TOML: the file that it came from, with what is new."""
@@ -162,11 +164,11 @@ class Planned(Answer):
 def plan(nominal: Nominal, *, accuracy: float, window: float) -> Planned:
     """Design the smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
     accuracy = real("--accuracy", accuracy, "a relative accuracy such as 0.01")
-    made = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
-    multisine = made.nominal.test_input
+    designed = planned(nominal, accuracy, real("--window", window, "a number of seconds"))
+    multisine = designed.nominal.test_input
     names = ("start", "duration", "frequency", "amplitude", "phase")
-    return Planned(made, window, {
-        "before": made.before, "after": made.after, "rms": made.root_mean_square, "peak": made.peak,
+    return Planned(designed, window, {
+        "before": designed.before, "after": designed.after, "rms": designed.root_mean_square, "peak": designed.peak,
         "test_input": None if multisine is None else {name: getattr(multisine, name) for name in names}})
 
 

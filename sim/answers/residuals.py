@@ -1,4 +1,4 @@
-"""What the identified windows leave of a log, and how far ahead they predict it.
+"""The residuals of identified windows on a log, and how far ahead they predict it.
 
 residual    the weak form's (`sim.weak_form`): the increment of theta_dot over 0.2 s less the integral of the terms,
             over that time [rad/s^2], in the window that gave the estimate
@@ -40,13 +40,14 @@ THETA_DOT = 1    # column of the whitened residual
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """Of one horizon: times [s] that were predicted for, theta measured and predicted [rad] (n,) there, by the window's
-    own estimate and by the one before (nan: there is none); and the fits [%], nan of fewer than FEWEST."""
+    """The predictions over one horizon.  They have times [s] that were predicted for, theta measured and predicted
+    [rad] (n,) there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of
+    fewer than FEWEST."""
 
     horizon: float
     t: np.ndarray
     measured: np.ndarray
-    own: np.ndarray
+    within: np.ndarray
     before: np.ndarray
     change: np.ndarray  # measured, over the horizon
     noise: np.ndarray   # (n, DRAWS) [rad] errors that noise alone makes
@@ -54,7 +55,7 @@ class Predicted:
     @property
     def fits(self) -> tuple[float, float]:
         """100 (1 - |error| / |change of theta over the horizon|): 0 is no better than saying that nothing changes."""
-        return _fit(self.measured - self.own, self.change), _fit(self.measured - self.before, self.change)
+        return _fit(self.measured - self.within, self.change), _fit(self.measured - self.before, self.change)
 
     @property
     def ceiling(self) -> float:
@@ -92,7 +93,7 @@ class Shaped:
 
 
 def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None) -> Residuals:
-    """Of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual is what shows it.
+    """Residuals of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual shows it.
 
     nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
     the log is too short.  A rate that is not measured is the attitude's slope
@@ -135,16 +136,17 @@ def _joined(parts: list[Rows]) -> Rows:
     return Rows(t, theta, gamma, theta_dot, beta, parts[0].span, parts[0].has_rate)
 
 
-def _weak(of: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """A window's residual (k,) [rad/s^2] at times (k,) [s]."""
-    terms, (a6, k1) = active_terms(estimate), of.shapes(estimate)
-    rows = dataclasses.replace(of.rows, theta=a6 * of.rows.theta, gamma=a6 * of.rows.gamma, beta=k1 * of.rows.beta)
+    terms, (a6, k1) = active_terms(estimate), shaped.shapes(estimate)
+    rows = shaped.rows
+    rows = dataclasses.replace(rows, theta=a6 * rows.theta, gamma=a6 * rows.gamma, beta=k1 * rows.beta)
     begin, end, y, phi = window_increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms)
     return 0.5 * (begin + end), (y - phi @ _coefficients(estimate)) / (end - begin)
 
 
 def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
-    """Of residuals so many rows apart, each window's mean taken off; None: there are too few."""
+    """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
     whole = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
     scaled = np.zeros((len(whole), 3))
     scaled[:, THETA_DOT] = whole
@@ -156,27 +158,27 @@ def _coefficients(estimate: Estimate) -> np.ndarray:
     return np.asarray(estimate.xi[estimate.support[:, 1], 1])
 
 
-def _ahead(of: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
-    """From the rows a horizon apart, so that predictions join without overlap; in windows that are long enough.
+def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
+    """Predictions from rows a horizon apart, so that they join without overlap; in windows that are long enough.
 
     noisy   DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2] beside them
     """
-    rows = of.rows
+    rows = shaped.rows
     period = float(np.median(np.diff(rows.t)))
     steps = max(1, round(horizon / period))
     parts = []
-    for previous, own in itertools.pairwise([None, *fitted]):
-        assert own is not None
-        estimate = own[0]
+    for previous, fit in itertools.pairwise([None, *fitted]):
+        assert fit is not None
+        estimate = fit[0]
         at = rows.cut(estimate.t_start, estimate.t_end)
         start = np.arange(at.start, min(at.stop + 1, len(rows.t)) - steps, steps)  # to the next window's first row
         start = start[rows.t[start + steps] - rows.t[start] <= 1.5 * steps * period]  # no gap within
         if len(start):
-            ahead, before = (_run(rows, of.shapes(each[0]), *each, start, steps) if each is not None else
-                             np.full(len(start), np.nan) for each in (own, previous))
+            ahead, before = (_run(rows, shaped.shapes(each[0]), *each, start, steps) if each is not None else
+                             np.full(len(start), np.nan) for each in (fit, previous))
             theta = rows.theta[start + steps]
             many = (start[:, None] + len(rows.t) * np.arange(DRAWS)).ravel()
-            error = noisy.theta[many + steps] - _run(noisy, np.tile(of.shapes(estimate), DRAWS), *own, many, steps)
+            error = noisy.theta[many + steps] - _run(noisy, np.tile(shaped.shapes(estimate), DRAWS), *fit, many, steps)
             parts.append((rows.t[start + steps], theta, ahead, before, theta - rows.theta[start],
                           error.reshape(-1, DRAWS) - (theta - ahead)[:, None]))
     joined = [np.concatenate(each) for each in zip(*parts, strict=True)] if parts else \
@@ -193,11 +195,11 @@ def _run(rows: Rows, shapes: np.ndarray, estimate: Estimate, steady: float, star
     theta, theta_dot = rows.theta[start].copy(), rows.theta_dot[start].copy()
 
     def acceleration(at: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        made = np.full(len(at), steady)
+        total = np.full(len(at), steady)
         for term, coefficient in zip(terms, xi.tolist(), strict=True):
-            made += coefficient * column(term, a6[at] * (x - rows.gamma[at]), v, k1[at] * rows.beta[at],
+            total += coefficient * column(term, a6[at] * (x - rows.gamma[at]), v, k1[at] * rows.beta[at],
                                           rows.t[at] - middle)
-        return made
+        return total
 
     for k in range(steps):
         h = rows.t[start + k + 1] - rows.t[start + k]

@@ -40,7 +40,7 @@ def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
 
 @kernel
 def switch_command(s, x, jump, f, slopes, value, frequency, damping):
-    """What the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
+    """Add what the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
     to the state x (n,) and the sensitivities s (n, 9).
 
     f (6, 6), slopes (p, 6, 6)   of `transition` over that part, which the delay shortens
@@ -54,7 +54,7 @@ def switch_command(s, x, jump, f, slopes, value, frequency, damping):
 
 @kernel
 def drive(s, i, u, known, slopes, value, air):
-    """What command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
+    """Add what command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
     for m in range(len(value)):
         s[i, 4 + m] = air[1 + m, i] * known
         if i < N_STATES:

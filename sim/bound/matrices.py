@@ -7,7 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """Per window of one flight.  Arrays (windows,); standard deviations are relative to the true value."""
+    """The bound in each window of one flight.  Arrays (windows,); standard deviations are relative to the true
+    value."""
 
     t_start: np.ndarray      # s
     a6: np.ndarray           # relative standard deviation
@@ -17,7 +18,7 @@ class Bound:
 
 
 def without_offset(information: np.ndarray) -> np.ndarray:
-    """(w, n - 4, n - 4) from (w, n, n): the unknown initial state removed by a Schur complement.
+    """The information (w, n - 4, n - 4) from (w, n, n), with the unknown initial state removed by a Schur complement.
 
     A state of which no measurement says anything (the nozzle's rate behind a first-order servo) drops out.
     """
@@ -33,8 +34,8 @@ def without_offset(information: np.ndarray) -> np.ndarray:
 
 
 def with_prior(information: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """(w, 2 + u, 2 + u) from (w, 5, 5) about a6, k1 and servo: what is known of it before the flight, one sigma (3,),
-    added; the u numbers of which all is known, 0, left out."""
+    """The information (w, 2 + u, 2 + u) from (w, 5, 5) about a6, k1 and servo: what is known of it before the flight,
+    one sigma (3,), added; the u numbers of which all is known, 0, left out."""
     unknown = np.flatnonzero(sigma > 0.0)
     kept = np.concatenate([[0, 1], 2 + unknown])
     prior = np.diag(np.concatenate([np.zeros(2), sigma[unknown] ** -2.0]))

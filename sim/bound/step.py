@@ -18,7 +18,7 @@ FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose fre
 
 @kernel
 def generator_slope(which, frequency, damping, term, out):
-    """Adds dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
+    """Add dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
 
     term, out (6, 6)
     """
@@ -144,7 +144,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
 
 @kernel
 def add_noise(world, f, a6, h, row, noises, p):
-    """Adds the process noise of a step to p (n, n), its derivative for relative a6 to the second (2, n, n) of p.
+    """Add the process noise of a step to p (n, n), its derivative for relative a6 to the second (2, n, n) of p.
 
     Of the wind to the leading order in h: theta_ddot = a6 w, w_dot white.
     """

@@ -1,4 +1,4 @@
-"""What is not known but the vehicle: wind, offsets and flight path, as states beside its own."""
+"""The unknowns outside the vehicle: wind, offsets and flight path, as states beside the vehicle's."""
 
 import math
 from typing import Any, NamedTuple, Protocol
@@ -14,27 +14,27 @@ OFFSETS = {"thrust_misalignment": MISALIGNMENT, "moment": MOMENT, "attitude_bias
 
 
 class Path(Protocol):
-    """What of a flight, or of a log, the world asks for."""
+    """The columns of a flight, or of a log, that the world needs."""
 
     @property
     def t(self) -> np.ndarray:
-        """[s]"""
+        """The times [s] of the rows."""
 
     @property
     def period(self) -> float:
-        """[s]"""
+        """The time [s] between rows."""
 
     @property
     def wind(self) -> np.ndarray:
-        """[rad], as a sensor of the air's angle of attack has it"""
+        """The wind angle [rad], as a sensor of the air's angle of attack has it."""
 
     @property
     def true_gamma(self) -> np.ndarray:
-        """[rad]"""
+        """The flight-path angle [rad]."""
 
 
 class World(NamedTuple):
-    """What is outside the vehicle: r states of its own, what is known of the air, over n rows."""
+    """The world outside the vehicle: r states of its own, and what is known of the air, over n rows."""
 
     role: np.ndarray      # (r,) int64, WALK .. NOZZLE_BIAS
     start: np.ndarray     # (r, n) variance of each before any data, were a window to begin at the row
@@ -56,7 +56,8 @@ def calm(n: int) -> World:
 
 def world_of(nominal: Nominal, flight: Path, restarts: bool = True, path_known: bool = True,
              levels_known: bool = False) -> World:
-    """What [wind], [offsets] and [drift] leave open, over a flight's rows; arguments as `flight_information`."""
+    """The world that [wind], [offsets] and [drift] leave open, over a flight's rows; arguments as
+    `flight_information`."""
     t, h = flight.t, flight.period
     n, wind, offsets, drift = len(t), nominal.wind, nominal.offsets, nominal.drift
     seen = nominal.sensors.alpha_source == "air"  # an angle of attack that holds the wind

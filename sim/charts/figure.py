@@ -32,7 +32,7 @@ class Arrays:
         self._places: dict[bytes, int] = {}
 
     def place(self, x: np.ndarray, digits: int) -> int:
-        """Its index in `lists`."""
+        """The index of x in `lists`, where it is put unless it is there."""
         key = x.tobytes()
         if key not in self._places:
             self._places[key] = len(self.lists)
@@ -41,7 +41,7 @@ class Arrays:
 
 
 def figure_json(figure: Figure) -> Json | None:
-    """None of a figure that holds more than lines, bands and words (bars, error bars, an image)."""
+    """The figure as JSON; None of one that holds more than lines, bands and words (bars, error bars, an image)."""
     axes = figure.axes
     if not axes or any(axis.containers or axis.images or axis.collections for axis in axes):
         return None
@@ -104,7 +104,7 @@ def _style(line: Any) -> tuple[Any, ...]:
 
 
 def _words(text: str) -> str:
-    """In one line, without what is only for matplotlib."""
+    """A text in one line, without what is only for matplotlib."""
     return re.sub(r"\s+", " ", str(text).replace("$^2$", "\u00b2").replace("+-", "\u00b1"))
 
 

@@ -1,4 +1,4 @@
-"""launchid campaign"""
+"""The command `launchid campaign`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -10,7 +10,7 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "campaign", "fly many randomly drawn vehicles, and prove a requirement",
                       "launchid campaign vega_like --flights 10000 --requirement 'lost<0.00135@0.9' --out proof")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")
@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid campaign"""
+    """Run `launchid campaign`."""
     from ..nominal import load_nominal
     from ..requirement.executor import check_executor
     check_executor(args.executor)
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> None:
         say(line)
     progress = Counter(args.flights or 1, "flights")
     try:
-        made = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
-                        stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
-                        progress=progress)
+        result = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
+                          stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
+                          progress=progress)
     except KeyboardInterrupt:
         progress.clear()
         if progress.done > 0:
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         raise
     progress.clear()
     try:
-        made.plot(f"{args.out}/{PICTURE}")
+        result.plot(f"{args.out}/{PICTURE}")
     except UsageError as error:
         say(f"{args.out}: no {PICTURE}: {error}")
-    answer(made.summary(args.out))
+    answer(result.summary(args.out))

@@ -1,4 +1,4 @@
-"""launchid convert"""
+"""The command `launchid convert`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -10,7 +10,7 @@ from .talk import check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "convert", "turn a file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) into a log",
                       "launchid convert flight.ulg --map px4.toml --out log.csv")
     sub.add_argument("flight", metavar="FLIGHT", help="read this file; its first bytes decide the format")
@@ -21,21 +21,21 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid convert"""
+    """Run `launchid convert`."""
     if not args.list and not (args.map and args.out):
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map
-    of = load_map(args.map) if args.map else None
+    mapping = load_map(args.map) if args.map else None
     from ..answers.of_files import channel_lines, convert
     if args.list:
-        lines, notes = channel_lines(args.flight, of.options if of else {})
+        lines, notes = channel_lines(args.flight, mapping.options if mapping else {})
         for note in notes:
             say(note)
         answer("\n".join(lines))
         return
-    assert of is not None
-    made = convert(args.flight, of, ("t",))
+    assert mapping is not None
+    result = convert(args.flight, mapping, ("t",))
     check_outputs(args.out)
-    made.write(args.out)
-    warn(made)
-    say(made.summary(args.out))
+    result.write(args.out)
+    warn(result)
+    say(result.summary(args.out))

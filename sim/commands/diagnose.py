@@ -1,4 +1,4 @@
-"""launchid diagnose"""
+"""The command `launchid diagnose`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from .talk import at_least, check_folders, check_outputs, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
                       "launchid diagnose v.csv vega_like --report report")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
@@ -34,18 +34,18 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid diagnose"""
+    """Run `launchid diagnose`."""
     from ..nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", of=args.map), load_nominal(args.nominal)
-    holdout = read_noting(args.holdout, "t", of=args.map) if args.holdout else None
+    log, nominal = read_noting(args.log, "t", map_path=args.map), load_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
     check_outputs(args.json)
     check_folders(args.report)
     from ..answers.of_logs import diagnose
     progress = Progress()
-    made = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
-                    noise=args.noise)
+    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+                      noise=args.noise)
     progress("")
     if args.report:
-        made.write_report(args.report)
-    tell(made, args.json)
+        result.write_report(args.report)
+    tell(result, args.json)

@@ -1,4 +1,4 @@
-"""launchid effects"""
+"""The command `launchid effects`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from .talk import check_outputs, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "effects", "list the effects that can be flown and diagnosed, with their parameters",
                       "launchid effects --json -")
     add_outputs(sub)
@@ -16,7 +16,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid effects"""
+    """Run `launchid effects`."""
     check_outputs(args.json)
     from ..reference import Effects
     tell(Effects(), args.json)

@@ -1,4 +1,4 @@
-"""launchid export-c"""
+"""The command `launchid export-c`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from .talk import check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "export-c", "write the estimator in C99 for a flight computer, with the same bits",
                       "launchid export-c constant --out port --window 5")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
@@ -26,12 +26,12 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid export-c"""
+    """Run `launchid export-c`."""
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
     check_folders(args.out)
     from ..answers.of_nominals import export_c
-    made = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
-                    float32=args.float32, **choices(args))
-    made.write(args.out)
-    say(made.summary(args.out))
+    result = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
+                      float32=args.float32, **choices(args))
+    result.write(args.out)
+    say(result.summary(args.out))

@@ -1,4 +1,4 @@
-"""launchid fit-lft"""
+"""The command `launchid fit-lft`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -10,7 +10,7 @@ from .talk import check_outputs, read_noting, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "fit-lft", "fit the ranges sigma of a6 and k1 to flights",
                       "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
     sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml",
@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid fit-lft"""
+    """Run `launchid fit-lft`."""
     from ..nominal import load_nominal
     *paths, nominal_path = args.logs
     if not paths:
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = load_nominal(nominal_path)
-    logs = [read_noting(path, of=args.map) for path in paths]
+    logs = [read_noting(path, map_path=args.map) for path in paths]
     check_outputs(args.out)
     from ..answers.of_logs import fit_lft
-    made = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
-                   strict=args.strict)
-    made.write(args.out)
-    warn(made)
-    answer(made.summary(args.out))
+    result = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
+                     strict=args.strict)
+    result.write(args.out)
+    warn(result)
+    answer(result.summary(args.out))

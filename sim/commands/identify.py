@@ -1,4 +1,4 @@
-"""launchid identify"""
+"""The command `launchid identify`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -30,16 +30,16 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid identify"""
+    """Run `launchid identify`."""
     from ..nominal import load_nominal
-    log = read_noting(args.log, of=args.map)
+    log = read_noting(args.log, map_path=args.map)
     nominal = load_nominal(args.nominal) if args.nominal else None
     check_outputs(args.json, args.plot, args.resid)
     check_plot(args.plot)
     check_plot(args.resid)
     from ..answers.of_logs import identify
-    made = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
-                    strict=args.strict, **choices(args))
+    result = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
+                      strict=args.strict, **choices(args))
     if args.resid:
-        made.residuals(args.resid)
-    tell(made, args.json, args.plot)
+        result.residuals(args.resid)
+    tell(result, args.json, args.plot)

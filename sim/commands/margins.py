@@ -1,4 +1,4 @@
-"""launchid margins"""
+"""The command `launchid margins`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -25,9 +25,9 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid margins"""
+    """Run `launchid margins`."""
     from ..nominal import load_nominal
-    log = read_noting(args.log, of=args.map)
+    log = read_noting(args.log, map_path=args.map)
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)

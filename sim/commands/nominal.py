@@ -1,4 +1,4 @@
-"""launchid nominal"""
+"""The command `launchid nominal`: its options, and its run."""
 
 import argparse
 import json
@@ -12,7 +12,7 @@ from .talk import check_outputs, read_noting
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "nominal", "write the first nominal of a vehicle from its log alone",
                       "launchid nominal dfki_pendulum_ddp --out mine.toml")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
@@ -24,19 +24,19 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid nominal"""
-    log = read_noting(args.log, "t", of=args.map)
+    """Run `launchid nominal`."""
+    log = read_noting(args.log, "t", map_path=args.map)
     check_outputs(args.out, args.json)
     from ..first import first, lines, report, write
-    made = first(log)
+    result = first(log)
     if args.json:
-        text = json.dumps(report(made), indent=1)
+        text = json.dumps(report(result), indent=1)
         if args.json == "-":
             answer(text)
         else:
             write_text(args.json, [text, "\n"])
-    if made.refused:
-        raise InputError(f"{args.log}: {'; '.join(made.refused)}")
-    write(made, args.out)
+    if result.refused:
+        raise InputError(f"{args.log}: {'; '.join(result.refused)}")
+    write(result, args.out)
     if args.json != "-":
-        answer("\n".join(lines(made, args.out)))
+        answer("\n".join(lines(result, args.out)))

@@ -1,4 +1,4 @@
-"""launchid plan"""
+"""The command `launchid plan`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from .talk import check_outputs
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "plan", "design the smallest test input that reaches an accuracy",
                       "launchid plan constant --accuracy 0.01 --window 5 --out new.toml")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"design it for {NOMINAL_HELP}")
@@ -22,11 +22,11 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid plan"""
+    """Run `launchid plan`."""
     from ..nominal import load_nominal
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
     from ..answers.of_nominals import plan
-    made = plan(nominal, accuracy=args.accuracy, window=args.window)
-    made.write(args.out)
-    answer(made.summary(args.out))
+    result = plan(nominal, accuracy=args.accuracy, window=args.window)
+    result.write(args.out)
+    answer(result.summary(args.out))

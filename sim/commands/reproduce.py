@@ -1,4 +1,4 @@
-"""launchid reproduce"""
+"""The command `launchid reproduce`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from .talk import at_least, check_folders
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     from ..experiments import CASES, CONFIDENCE
     sub = add_command(commands, "reproduce", "repeat the paper's experiments: figures, table, pass or fail",
                       "launchid reproduce --case windowed --seeds 3 --out results")
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid reproduce"""
+    """Run `launchid reproduce`."""
     at_least("--seeds", args.seeds, 1)
     check_folders(args.out)
     from ..experiments.report import reproduce

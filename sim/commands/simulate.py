@@ -1,4 +1,4 @@
-"""launchid simulate"""
+"""The command `launchid simulate`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from .talk import at_least, check_outputs, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "simulate", "fly a nominal and write its log",
                       "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"fly {NOMINAL_HELP}")
@@ -29,13 +29,13 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid simulate"""
+    """Run `launchid simulate`."""
     from ..nominal import load_nominal
     at_least("--seed", args.seed, 0)
     nominal = load_nominal(args.nominal)
     check_outputs(args.out)
     from ..answers.of_nominals import simulate
-    made = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
-    made.write(args.out)
-    warn(made)
-    say(made.summary(args.out))
+    result = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
+    result.write(args.out)
+    warn(result)
+    say(result.summary(args.out))

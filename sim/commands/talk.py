@@ -11,23 +11,23 @@ if TYPE_CHECKING:
     from ..log import Log
 
 
-def warn(made: "Answer") -> None:
-    """Prints the warnings of an answer on stderr."""
-    for line in made.warnings:
+def warn(result: "Answer") -> None:
+    """Print the warnings of an answer on stderr."""
+    for line in result.warnings:
         say(line)
 
 
-def tell(made: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
+def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
     """An answer where it is wanted: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
-    warn(made)
+    warn(result)
     if plot_path:
-        made.plot(plot_path)
+        result.plot(plot_path)
     if json_path == "-":
-        answer(made.to_json())
+        answer(result.to_json())
         return
     if json_path:
-        write_text(json_path, [made.to_json(), "\n"])
-    answer(made.summary())
+        write_text(json_path, [result.to_json(), "\n"])
+    answer(result.summary())
 
 
 def check_outputs(*paths: str | None) -> None:
@@ -50,15 +50,15 @@ def at_least(name: str, value: int, low: int) -> None:
         raise UsageError(f"{name} {value}: expected an integer of at least {low}")
 
 
-def read_noting(path: str, *required: str, of: str | None = None) -> "Log":
+def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
     """Read a log, of another format with the map `of`, and say which columns were ignored."""
     from ..log import REQUIRED, read_log
-    if of:
+    if map_path:
         from ..answers.of_files import convert
         from ..convert.mapping import load_map
-        made = convert(path, load_map(of), required or REQUIRED)
-        warn(made)
-        return made.log
+        converted = convert(path, load_map(map_path), required or REQUIRED)
+        warn(converted)
+        return converted.log
     refuse_foreign(path)
     log = read_log(path, required or REQUIRED)
     if log.ignored:

@@ -1,4 +1,4 @@
-"""launchid uncertainty"""
+"""The command `launchid uncertainty`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from .talk import check_outputs, check_plot, read_noting, tell
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "uncertainty", "say where in its range each parameter is, and when it left it",
                       "launchid uncertainty v.csv vega_like --plot level.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -23,9 +23,9 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid uncertainty"""
+    """Run `launchid uncertainty`."""
     from ..nominal import load_nominal
-    log = read_noting(args.log, of=args.map)
+    log = read_noting(args.log, map_path=args.map)
     nominal = load_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)

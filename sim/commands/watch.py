@@ -1,4 +1,4 @@
-"""launchid watch"""
+"""The command `launchid watch`: its options, and its run."""
 
 import argparse
 from typing import Any
@@ -11,7 +11,7 @@ from .talk import check_outputs, refuse_foreign, tell, warn
 
 
 def add(commands: Any) -> None:
-    """Adds the command and its options to the parser."""
+    """Add the command and its options to the parser."""
     sub = add_command(commands, "watch", "identify live: follow a growing log or a socket, on a page of this machine",
                       "launchid watch flight.csv --nominal vega_like --http 8642")
     sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """launchid watch"""
+    """Run `launchid watch`."""
     from ..answers.of_files import convert
     from ..convert.mapping import load_map
     from ..convert.readers import foreign_format
@@ -49,22 +49,22 @@ def run(args: argparse.Namespace) -> None:
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = load_nominal(args.nominal)
-    of = load_map(args.map) if args.map else None
+    mapping = load_map(args.map) if args.map else None
     source: Source
-    if of is not None and (foreign := foreign_format(args.source)):
+    if mapping is not None and (foreign := foreign_format(args.source)):
         if not args.once:
             raise UsageError(f"{args.source}: a file of the format {foreign} is not followed while it grows; expected "
                              "--once")
-        converted = convert(args.source, of)
+        converted = convert(args.source, mapping)
         warn(converted)
-        source, of = Whole(converted.log), None
+        source, mapping = Whole(converted.log), None
     else:
         refuse_foreign(args.source)
         source = open_source(args.source, args.once, say)
     check_outputs(args.json)
     from ..watch.session import watch
-    made = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
-                 strict=args.strict, of=of, http=args.http, say=say)
-    tell(made, args.json)
-    if made.interrupted:
+    result = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
+                   strict=args.strict, mapping=mapping, http=args.http, say=say)
+    tell(result, args.json)
+    if result.interrupted:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""What a file's readers hand over: channels, what is no channel and why, and what a declared size may be.
+"""The form in which a file's readers hand over its content: channels, what is no channel and why; limits of sizes.
 
 What a file declares (rows, columns, bytes) is compared with the file's own size before anything is read.
 """
@@ -41,7 +41,7 @@ class Channels(dict[str, np.ndarray]):
 
 
 def _no_channel(array: np.ndarray) -> str:
-    """Why an array is no channel; "" if it is one."""
+    """The reason why an array is no channel; "" if it is one."""
     if array.dtype.kind not in "biufmM":
         return "holds no numbers"
     if array.size < 2:
@@ -65,13 +65,13 @@ def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def is_asked(name: str, wanted: Wanted) -> bool:
-    """Is a channel of this name asked for, or one inside the array or the group of this name."""
+    """Whether a channel of this name is wanted, or one inside the array or the group of this name."""
     return wanted is None or any(each == name or each.startswith((f"{name}[", f"{name}/", f"{name}."))
                                  for each in wanted)
 
 
 def too_large(numbers: int, itemsize: int, file_size: int) -> str:
-    """Why so many declared numbers of a file are not read; "" if they are."""
+    """The reason why so many declared numbers of a file are not read; "" if they are."""
     if numbers * itemsize > EXPANSION * file_size:
         return f"declares {numbers:.4g} numbers, which a file of {file_size:.4g} bytes cannot hold"
     if numbers > MOST_NUMBERS:

@@ -30,44 +30,45 @@ ATTITUDES = ("theta", "theta_ref", "gamma", "alpha")   # what may be logged as 0
 TILT = 0.2        # rad: a body turned by so much about another axis loses 2 % (1 - cos) of its turn about this one
 
 
-def converted(path: str, of: Map, required: tuple[str, ...]) -> tuple[Log, tuple[str, ...]]:
+def converted(path: str, mapping: Map, required: tuple[str, ...]) -> tuple[Log, tuple[str, ...]]:
     """The log that a map makes of a flight's file, and lines of what a user should know of it."""
-    channels = read_channels(path, of.options, of.channels())
-    made = mapped(path, channels, of)
-    return log_of(made, path, required), (*channels.notes, *made.notes)
+    channels = read_channels(path, mapping.options, mapping.channels())
+    columns = mapped(path, channels, mapping)
+    return log_of(columns, path, required), (*channels.notes, *columns.notes)
 
 
-def mapped(path: str, channels: Mapping[str, np.ndarray], of: Map) -> Channels:
+def mapped(path: str, channels: Mapping[str, np.ndarray], mapping: Map) -> Channels:
     """The log's columns (n,) of a file's channels; InputError naming what the file lacks."""
-    made = Channels()
+    columns = Channels()
     with np.errstate(all="ignore"):  # what overflows is no number, which the data check finds
-        found = {source.column: _with_values(*sampled(path, channels, of, source, made.notes)) for source in of.sources}
-        clock = of.clock or _slower(found)
-        lengths = {name: len(channels[name]) for source in of.sources for name in source.channels}
-        if of.period is not None and len(set(lengths.values())) > 1:
+        sources = {source.column: _with_values(*sampled(path, channels, mapping, source, columns.notes))
+                   for source in mapping.sources}
+        clock = mapping.clock or _slower(sources)
+        lengths = {name: len(channels[name]) for source in mapping.sources for name in source.channels}
+        if mapping.period is not None and len(set(lengths.values())) > 1:
             found_rows = " and ".join(f"{name} has {n} rows" for name, n in lengths.items())
-            raise InputError(f"{path}: {found_rows}; expected one table for the time.period of {of.path}")
-        if len({stamps.dtype.kind == "M" for stamps, _ in found.values()}) > 1:
+            raise InputError(f"{path}: {found_rows}; expected one table for the time.period of {mapping.path}")
+        if len({stamps.dtype.kind == "M" for stamps, _ in sources.values()}) > 1:
             raise InputError(f"{path}: stamps that are dates and stamps that are numbers; expected one kind "
-                             f"(columns.COLUMN.time in {of.path})")
-        origin = _origin(found[clock][0]) if of.from_first else 0
-        times = {name: _seconds(stamps, origin, of) for name, (stamps, _) in found.items()}
-        made["t"] = times[clock]
-        of_clock = next(source for source in of.sources if source.column == clock)
-        for source in of.sources:
-            at, values = times[source.column], found[source.column][1]
-            if source.column == clock or (len(at) == len(made["t"]) and np.array_equal(at, made["t"])):
-                made[source.column] = values
+                             f"(columns.COLUMN.time in {mapping.path})")
+        origin = _origin(sources[clock][0]) if mapping.from_first else 0
+        times = {name: _seconds(stamps, origin, mapping) for name, (stamps, _) in sources.items()}
+        columns["t"] = times[clock]
+        of_clock = next(source for source in mapping.sources if source.column == clock)
+        for source in mapping.sources:
+            at, values = times[source.column], sources[source.column][1]
+            if source.column == clock or (len(at) == len(columns["t"]) and np.array_equal(at, columns["t"])):
+                columns[source.column] = values
                 continue
-            rows = made["t"]
-            if stamps_name(path, channels, of, source) == stamps_name(path, channels, of, of_clock):
-                rows = np.where(np.isfinite(found[clock][1]), rows, math.nan)  # of one table, one message a row
-            made[source.column] = _on_clock(rows, at, values, source)
-            if np.isfinite(values).any() and not np.isfinite(made[source.column]).any():
+            rows = columns["t"]
+            if stamps_name(path, channels, mapping, source) == stamps_name(path, channels, mapping, of_clock):
+                rows = np.where(np.isfinite(sources[clock][1]), rows, math.nan)  # of one table, one message a row
+            columns[source.column] = _on_clock(rows, at, values, source)
+            if np.isfinite(values).any() and not np.isfinite(columns[source.column]).any():
                 raise InputError(f"{path}: no row has both {clock} ({_span(rows)}) and {source.column} ({_span(at)}); "
                                  f"expected stamps of one clock, or another take or within of {source.column}, in "
-                                 f"{of.path}")
-    return made
+                                 f"{mapping.path}")
+    return columns
 
 
 def _with_values(stamps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,10 +77,10 @@ def _with_values(stamps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np
     return (stamps[filled], values[filled]) if 0 < 2 * filled.sum() <= len(filled) else (stamps, values)
 
 
-def _slower(found: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """Of theta and beta the one with fewer rows: then no row lacks the other."""
-    names = [str(name) for name in ("theta", "beta", "beta_cmd") if name in found][:2] or list(found)
-    return min(names, key=lambda name: len(found[name][0]))
+def _slower(columns: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
+    """The one of theta and beta that has fewer rows: then no row lacks the other."""
+    names = [str(name) for name in ("theta", "beta", "beta_cmd") if name in columns][:2] or list(columns)
+    return min(names, key=lambda name: len(columns[name][0]))
 
 
 def _origin(stamps: np.ndarray) -> float | int:
@@ -88,11 +89,11 @@ def _origin(stamps: np.ndarray) -> float | int:
     return fair[0] if len(fair) else 0
 
 
-def _seconds(stamps: np.ndarray, origin: float | int, of: Map) -> np.ndarray:
+def _seconds(stamps: np.ndarray, origin: float | int, mapping: Map) -> np.ndarray:
     """Seconds (n,) from the origin on; NaN of a date that is none."""
     if stamps.dtype.kind == "M":
         return np.where(np.isnat(stamps), math.nan, (stamps.astype(np.int64) - origin) / TIME_UNITS["ns"])
-    return (stamps - origin) * of.period if of.period is not None else (stamps - origin) / of.units
+    return (stamps - origin) * mapping.period if mapping.period is not None else (stamps - origin) / mapping.units
 
 
 def _span(at: np.ndarray) -> str:
@@ -112,32 +113,32 @@ def _channel(path: str, channels: Mapping[str, np.ndarray], name: str, map_path:
                      "(launchid convert FILE --list shows all)")
 
 
-def stamps_name(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source) -> str:
+def stamps_name(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source: Source) -> str:
     """The channel of a source's stamps: its own `time`, or the map's in its group, or that anywhere; InputError."""
-    if of.period is not None and source.time is None:
+    if mapping.period is not None and source.time is None:
         return ""
     group = source.channels[0].rpartition("/")[0]
-    inside = f"{group}/{of.time}" if group else of.time
-    names = (source.time,) if source.time else (inside, of.time)
+    inside = f"{group}/{mapping.time}" if group else mapping.time
+    names = (source.time,) if source.time else (inside, mapping.time)
     there = {*channels, *getattr(channels, "unread", ())}
-    found = next((name for name in names if name in there), names[-1] if of.time in inside else inside)
-    _channel(path, channels, found, of.path)
-    return found
+    stamps = next((name for name in names if name in there), names[-1] if mapping.time in inside else inside)
+    _channel(path, channels, stamps, mapping.path)
+    return stamps
 
 
-def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Source,
+def sampled(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source: Source,
             notes: list[str] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Stamps as in the file and values in SI units of one source, (n,) each.
 
     notes  inout: gets lines of turns: an angle's that jumps, and a body's about its other axes
     """
-    parts = [_channel(path, channels, name, of.path) for name in source.channels]
-    of_stamps = stamps_name(path, channels, of, source)
+    parts = [_channel(path, channels, name, mapping.path) for name in source.channels]
+    of_stamps = stamps_name(path, channels, mapping, source)
     stamps = channels[of_stamps] if of_stamps else np.arange(len(parts[0]))
     for name, part in zip(source.channels, parts, strict=True):
         if len(part) != len(stamps):
             raise InputError(f"{path}: channel {name!r} has {len(part)} rows, its stamps {len(stamps)}; expected "
-                             f"stamps of its own, columns.{source.column}.time, in {of.path}")
+                             f"stamps of its own, columns.{source.column}.time, in {mapping.path}")
     values = [part.astype(np.float64) for part in parts]
     if source.axis is None:
         raw = np.sum([weight * value for weight, value in zip(source.weights, values, strict=True)], axis=0)
@@ -148,13 +149,13 @@ def sampled(path: str, channels: Mapping[str, np.ndarray], of: Map, source: Sour
             notes += _other_turns(path, source, source.axis, q)
     if stamps.dtype.kind in "iu":
         stamps = stamps.astype(np.int64)  # so that one before the first is negative
-    found = source.factor * (source.scale * raw + source.offset)
+    column = source.factor * (source.scale * raw + source.offset)
     if source.axis is None and source.column in ATTITUDES:
-        found, jumps = _without_jumps(found)
+        column, jumps = _without_jumps(column)
         if jumps and notes is not None:
             notes.append(f"{path}: {source.column}: {jumps} jump{'s' * (jumps > 1)} of a turn (an attitude of 0 to 360 "
                          "degrees) taken out")
-    return stamps, found
+    return stamps, column
 
 
 def _without_jumps(angle: np.ndarray) -> tuple[np.ndarray, int]:
@@ -225,16 +226,16 @@ def _on_clock(t: np.ndarray, at: np.ndarray, values: np.ndarray, source: Source)
     if len(at) == 0:
         return out
     rows = np.flatnonzero(np.isfinite(t))
-    own, clock = _period(at), _period(np.sort(t[rows]))
+    period, clock = _period(at), _period(np.sort(t[rows]))
     within = source.within
     if source.take == "held":
-        before = np.searchsorted(at, t[rows] + ROUNDING * own, side="right") - 1
-        good = (before >= 0) & (t[rows] - at[before] <= (STALE * own if within is None else within))
+        before = np.searchsorted(at, t[rows] + ROUNDING * period, side="right") - 1
+        good = (before >= 0) & (t[rows] - at[before] <= (STALE * period if within is None else within))
         out[rows[good]] = values[before[good]]
     elif source.take == "linear":
         after = np.clip(np.searchsorted(at, t[rows]), 1, max(len(at) - 1, 1))
         if len(at) > 1:
-            near = at[after] - at[after - 1] <= (BESIDE * own if within is None else within)
+            near = at[after] - at[after - 1] <= (BESIDE * period if within is None else within)
             itself = (t[rows] == at[after - 1]) | (t[rows] == at[after])
             good = (t[rows] >= at[after - 1]) & (t[rows] <= at[after]) & (near | itself)
             out[rows[good]] = np.interp(t[rows[good]], at, values)

@@ -24,7 +24,7 @@ ONLY_OF = {"weights": "sum", "order": "quaternion", "axis": "quaternion", "refer
 
 @dataclass(frozen=True)
 class Source:
-    """Where one column of the log comes from.
+    """The source of one column of the log.
 
     channels   of the sum, each with its weight; of a quaternion its four, w first
     axis       of a quaternion: 0, 1, 2; None: a sum.  reference: w, x, y, z that is attitude 0; None: the first row
@@ -62,7 +62,7 @@ class Map:
     period: float | None = None
 
     def channels(self) -> frozenset[str]:
-        """What the map may take from a file: its channels, and their stamps where they may stand."""
+        """The channels that the map may take from a file: its own, and their stamps where they may stand."""
         stamps = _stamps(self.sources, self.time) if self.period is None else frozenset()
         return stamps.union(*(source.channels for source in self.sources))
 
@@ -83,7 +83,8 @@ def load_map(path: str | Path) -> Map:
 
 
 def _stamps(sources: tuple[Source, ...], time: str) -> frozenset[str]:
-    """Where the stamps of these sources may stand: in the group of each, or outside all, or where it says."""
+    """The channels in which the stamps of these sources may stand: in the group of each, outside all, or where it
+    says."""
     groups = {name.rpartition("/")[0] for source in sources for name in source.channels}
     return frozenset({time, *(f"{group}/{time}" for group in groups), *(each.time for each in sources if each.time)})
 
@@ -124,12 +125,12 @@ class _Reader:
 
     def number(self, place: str, value: Any, low: float = -math.inf) -> float:
         try:
-            found = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+            number = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
         except OverflowError:
-            found = math.nan
-        if not math.isfinite(found) or found < low:
+            number = math.nan
+        if not math.isfinite(number) or number < low:
             raise self.fail(place, value, "a number" + (f" of at least {low:g}" if low > -math.inf else ""))
-        return found
+        return number
 
     def map(self) -> Map:
         self.section("map", self.table, ("time", "columns", "file"))
@@ -138,10 +139,10 @@ class _Reader:
         if not columns:
             raise InputError(f"{self.path}: [columns] is empty; expected [columns.theta] and others")
         period = self.period(time)
-        if own := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
-                   and "time" in value]:
-            raise InputError(f"{self.path}: columns.{own[0]}.time is of stamps, time.period of rows without any; leave "
-                             "one of them out")
+        if unstamped := [name for name, value in columns.items() if "period" in time and isinstance(value, dict)
+                         and "time" in value]:
+            raise InputError(f"{self.path}: columns.{unstamped[0]}.time is of stamps, time.period of rows without any; "
+                             "leave one of them out")
         names = [name for name in REQUIRED[1:] + OPTIONAL if name in columns]
         sources = tuple(self.source(name, columns[name]) for name in names)
         options = self.options()
@@ -155,7 +156,7 @@ class _Reader:
             options=options, period=period)
 
     def period(self, time: dict[str, Any]) -> float | None:
-        """That of rows without stamps; None if they have a channel of them."""
+        """The period [s] of rows without stamps; None if they have a channel of them."""
         if "period" not in time:
             if not isinstance(time.get("name"), str):
                 raise self.fail("time.name", time.get("name"), "the name of the stamps' channel, or a time.period [s]")
@@ -167,7 +168,7 @@ class _Reader:
         return self.number("time.period", time["period"], SHORTEST)
 
     def options(self) -> dict[str, Any]:
-        """What the file's text is like."""
+        """The options of the file's text ([file])."""
         options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal", "header"))
         for key in ("delimiter", "decimal"):
             value = options.get(key, "x")
@@ -201,16 +202,16 @@ class _Reader:
             self.word(place, table, "time", None, None), within)
 
     def fits_the_source(self, name: str, place: str, table: dict[str, Any], given: str) -> None:
-        """What a source would leave unused, the writer believes to be done: it is refused."""
+        """Refuse keys that a source would leave unused, which the map's writer believes to be used."""
         if given == "quaternion" and name in PER_SECOND:
             raise InputError(f"{self.path}: {place}.quaternion: a quaternion is an attitude, {name} is not; expected "
                              "from or sum")
         if given == "quaternion" and table.get("unit", "rad") != "rad":
             raise InputError(f"{self.path}: {place}.unit = {table['unit']!r}: a quaternion has no unit, the angle "
                              "launchid makes of it is in rad; leave unit out")
-        for key, of in ONLY_OF.items():
-            if key in table and given != of:
-                raise InputError(f"{self.path}: {place}.{key} belongs to {of}, not to {given}; leave it out")
+        for key, kind in ONLY_OF.items():
+            if key in table and given != kind:
+                raise InputError(f"{self.path}: {place}.{key} belongs to {kind}, not to {given}; leave it out")
 
     def names(self, place: str, value: Any) -> tuple[str, ...]:
         if not isinstance(value, list) or not value or not all(isinstance(each, str) for each in value):

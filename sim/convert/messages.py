@@ -93,8 +93,8 @@ def read_dataflash(path: str, wanted: Wanted) -> Channels:
     from pymavlink import DFReader
 
     class Binary(DFReader.DFReader_binary):
-        """Its index in C writes to the terminal what it thinks of a file; the one in Python to `sys.stderr`.  A message
-        of no length would keep both for ever."""
+        """A reader without the index in C, which writes to the terminal; the one in Python writes to `sys.stderr`.  A
+        message of no length would keep both for ever."""
 
         formats: dict[int, Any]
 
@@ -134,7 +134,7 @@ class _Formats(dict[int, Any]):
 
 
 class _Heard(io.TextIOBase):
-    """Where a library talks of damage: whether it did; ValueError when it does not end."""
+    """A stream for a library's talk of damage: it says whether there was any; ValueError when it does not end."""
 
     def __init__(self) -> None:
         self.times = 0
@@ -235,19 +235,19 @@ def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[byte
 
 
 def _factories() -> list[Any]:
-    """Of encodings beside JSON, those that are installed."""
-    found: list[Any] = []
+    """The decoders of encodings beside JSON that are installed."""
+    factories: list[Any] = []
     try:
         from mcap_ros2.decoder import DecoderFactory as Ros2
-        found.append(Ros2())
+        factories.append(Ros2())
     except ModuleNotFoundError:
         pass
     try:
         from mcap_protobuf.decoder import DecoderFactory as Protobuf
-        found.append(Protobuf())
+        factories.append(Protobuf())
     except ModuleNotFoundError:
         pass
-    return found
+    return factories
 
 
 def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:

@@ -1,4 +1,4 @@
-"""What a file holds, as channels: name -> (n,) numbers, by the reader of its format, which its first bytes tell.
+"""The channels of a file: name -> (n,) numbers, by the reader of its format, which its first bytes tell.
 
 A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs stand before a `/`.  The libraries are
 the extra `logs`, of ArduPilot's logs `ardupilot`; tables of text need none.
@@ -33,7 +33,7 @@ SAID = 120                # characters of what a library says
 
 
 def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> Channels:
-    """Those channels of a flight's file that are asked for; InputError in one line if it cannot be read.
+    """The wanted channels of a flight's file; InputError in one line if it cannot be read.
 
     options  of a text: see `text.read_text`
     wanted   their names; None: all
@@ -58,7 +58,7 @@ def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> 
 
 
 def _of_library(path: str, name: str, reader: Callable[[str, Wanted], Channels], wanted: Wanted) -> Channels:
-    """What a library reads, with what goes wrong in it as one line."""
+    """The channels that a library reads; InputError in one line where it fails."""
     try:
         with extras_named():
             return reader(path, wanted)
@@ -136,14 +136,14 @@ def read_hdf5(path: str, wanted: Wanted) -> Channels:
 
 
 def _is_link(link: Any) -> str:
-    """Why a name of a group is not followed; "" if it is the thing itself."""
+    """The reason why a name of a group is not followed; "" if it is the thing itself."""
     if hasattr(link, "filename"):
         return f"is a link into another file ({link.filename}), which is not opened"
     return f"is a link to {link.path}; name that" if hasattr(link, "path") else ""
 
 
 def _not_read(dataset: Any, size: int) -> str:
-    """Why a dataset of a file of so many bytes is not read; "" if it is."""
+    """The reason why a dataset of a file of so many bytes is not read; "" if it is."""
     if dataset.external or dataset.is_virtual:
         return "keeps its numbers in other files, which are not opened"
     if "MATLAB_object_decode" in dataset.attrs:
@@ -238,7 +238,7 @@ def _take_nested(channels: Channels, prefix: str, table: dict[str, Any], wanted:
 
 
 def _is_mat_4(first: bytes) -> bool:
-    """Does a file begin as MAT version 4: type, rows, columns, is it complex, length of the name, the name."""
+    """Whether a file begins as MAT version 4: type, rows, columns, is it complex, length of the name, the name."""
     for order in ("<5i", ">5i"):
         if len(first) > struct.calcsize(order):
             kind, rows, columns, is_complex, length = struct.unpack_from(order, first)

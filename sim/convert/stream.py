@@ -18,24 +18,25 @@ ONE_TURN = 2.0 * math.pi
 
 
 class MappedStream:
-    """What a map remembers from row to row: the first stamp, and each quaternion's reference and last turn.
+    """A map on a log that grows; it keeps from row to row the first stamp, and each quaternion's reference and last
+    turn.
 
     of  the map
     """
 
-    def __init__(self, of: Map) -> None:
-        self.of = of
-        whole = [*(["period"] if of.period is not None else []), *({"header", "format"} & of.options.keys())]
+    def __init__(self, mapping: Map) -> None:
+        self.of = mapping
+        whole = [*(["period"] if mapping.period is not None else []), *({"header", "format"} & mapping.options.keys())]
         if whole:
-            raise InputError(f"{of.path}: {whole[0]} is for whole files; a log that grows has a header first, and "
+            raise InputError(f"{mapping.path}: {whole[0]} is for whole files; a log that grows has a header first, and "
                              "stamps that are numbers: expected launchid convert, of the whole file")
-        self.delimiter, self._decimal = of.options.get("delimiter", ","), of.options.get("decimal", ".")
-        self._sources = list(of.sources)
-        self._origin: float | None = None if of.from_first else 0.0
+        self.delimiter, self._decimal = mapping.options.get("delimiter", ","), mapping.options.get("decimal", ".")
+        self._sources = list(mapping.sources)
+        self._origin: float | None = None if mapping.from_first else 0.0
         self._turned: dict[str, float] = {}
 
     def columns(self, path: str, header: list[str], where: str) -> "MappedColumns":
-        """Which cell is which channel, by a header row; InputError for one that lacks a channel, or has two clocks."""
+        """The columns by a header row; InputError for one that lacks a channel, or has two clocks."""
         names = [name.strip() for name in header]
         there = dict.fromkeys(names, np.empty(0))
         clocks = {stamps_name(path, there, self.of, source) for source in self._sources}
@@ -52,9 +53,9 @@ class MappedStream:
         for k, source in enumerate(self._sources):
             if source.axis is not None and source.reference is None:
                 self._sources[k] = _referred(channels, source)
-            stamps, found = sampled(path, channels, self.of, self._sources[k])
+            stamps, column = sampled(path, channels, self.of, self._sources[k])
             is_turn = source.axis is not None or source.column in ATTITUDES
-            values[source.column] = self._unwrapped(source, found) if is_turn else found
+            values[source.column] = self._unwrapped(source, column) if is_turn else column
         fair = stamps[np.isfinite(stamps)]
         if self._origin is None and len(fair):
             self._origin = float(fair[0])
@@ -64,20 +65,20 @@ class MappedStream:
         """A cell; NaN for what is no number, as in a whole file."""
         return decimal_number(cell, self._decimal)
 
-    def _unwrapped(self, source: Source, found: np.ndarray) -> np.ndarray:
+    def _unwrapped(self, source: Source, column: np.ndarray) -> np.ndarray:
         """The same turns (n,), as a continuation of those before."""
-        fair = found[np.isfinite(found)]
+        fair = column[np.isfinite(column)]
         if len(fair) == 0:
-            return found
+            return column
         turn = ONE_TURN if source.axis is None else ONE_TURN * source.scale * source.factor
         last = self._turned.get(source.column, fair[0])
         shift = turn * round((last - fair[0]) / turn) if turn else 0.0
         self._turned[source.column] = fair[-1] + shift
-        return found + shift
+        return column + shift
 
 
 class MappedColumns:
-    """As `sim.log_table.Columns`, of a header with a map's names.
+    """The columns of a header with a map's names, as `sim.log_table.Columns` those of a log.
 
     ignored  none: a map takes what it names
     """
@@ -95,7 +96,7 @@ class MappedColumns:
         return [self._stream.number(cell) for cell in cells]
 
     def log(self, rows: list[list[float]]) -> Log:
-        """These rows as a log, even if none of them can be used."""
+        """The rows as a log, even if none of them can be used."""
         return self._stream.log(self._path, dict(zip(self._names, np.array(rows).T, strict=True)))
 
 

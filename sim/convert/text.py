@@ -35,7 +35,7 @@ NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a table is.
+    """The place and form of a table in a text.
 
     names   of its columns
     header  the place of its header among the file's lines; None: it has none
@@ -145,7 +145,7 @@ class _Rows:
         self._usual = held[self.width] / max(self._lines[self.width], 1)
 
     def is_row(self, k: int) -> bool:
-        """Does a line hold about as many numbers as the others of its width."""
+        """Whether a line holds about as many numbers as the others of its width."""
         return len(self.cells[k]) == self.width and 2.0 * self.numbers[k] >= self._usual
 
     def names(self, k: int) -> list[str]:
@@ -156,7 +156,7 @@ class _Rows:
 
 
 def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted) -> Layout:
-    """Where the table is; InputError if there is none, or it cannot be told."""
+    """The layout of the text's table; InputError if there is none, or it cannot be found."""
     if not head:
         raise InputError(f"{path}: an empty file; expected a table of numbers")
     line: int | None = options.get("header")
@@ -307,7 +307,7 @@ def _date(cell: str, form: str | None) -> int | None:
 
 
 def _reader(cells: Iterable[str], layout: Layout, options: dict[str, Any], name: str) -> _Numbers:
-    """What reads a column, by its first cells."""
+    """The reader of a column, chosen by its first cells."""
     form = options.get("format")
     if form and name in options.get("stamps", ()):
         return _Dates(form)

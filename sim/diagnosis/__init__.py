@@ -1,4 +1,4 @@
-"""Where simulation and measurement part, why, and what the model should be instead.
+"""The diagnosis: where simulation and measurement part, why, and what the model should be instead.
 
 A log's way, through each room once and back to none (a test holds it: a room imports only those before it):
 

@@ -66,7 +66,7 @@ Measure = Callable[[Selection], Gain]
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
              hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
              say: Say = lambda text: None, noise: str = "bounded") -> Diagnosis:
-    """Why measurement and simulation part.
+    """Diagnose why measurement and simulation part.
 
     log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
     threshold     [nats] of evidence for a first cause
@@ -128,7 +128,7 @@ def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: 
 
 def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
                say: Say) -> Diagnosis:
-    """With causes and verdict, and what could not have been seen; Stopped by the brake."""
+    """The diagnosis with causes and verdict, and what could not have been seen; Stopped by the brake."""
     made = _searched(made, holdout, hypotheses, say)
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
@@ -144,7 +144,7 @@ def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesi
 
 def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
               say: Say) -> Diagnosis:
-    """With the search and the verdict on this record."""
+    """The diagnosis with the search and the verdict on this record."""
     assert made.record is not None
     made.selection = select(made.record, made.threshold, hypotheses, say)
     made.is_spent = made.record.work.is_spent
@@ -185,7 +185,7 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
 
 
 def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
-    """How a selection's gain is measured: on folds of the record, or on a second log, which passes the first rooms
+    """The measure of a selection's gain: on folds of the record, or on a second log, which passes the first rooms
     once, when it is first asked for."""
     nominal = made.nominal
     if holdout is None:
@@ -203,12 +203,12 @@ def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
 
 
 def _is_named(selection: Selection) -> bool:
-    """Of undeclared weather there is none, or it is told."""
+    """Whether there is no undeclared weather, or it is named."""
     return selection.weather is None or selection.weather.is_wind
 
 
 def _before(selection: Selection) -> Model:
-    """What a selection is an extension of: where the weather is all there is, the nominal without it."""
+    """The model that a selection extends: where the weather is all there is, the nominal without it."""
     return selection.nominal if selection.model.causes or selection.calm is None else selection.calm
 
 
@@ -303,7 +303,7 @@ def _pushed_by_chance(r: Record) -> str:
 
 
 def _span(r: Record) -> tuple[float, float]:
-    """[s] of the log's clock: first and last row."""
+    """The times [s] of first and last row, of the log's clock."""
     return float(r.t[0]) + r.shift, float(r.t[-1]) + r.shift
 
 
@@ -351,7 +351,7 @@ def _with_rivals(made: Diagnosis, measure: Measure, found: list[str], say: Say) 
 
 
 def _instead(made: Diagnosis, selection: Selection, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """What is in doubt replaced by another selection if that is not."""
+    """Replace a selection that is in doubt by another one if that is not; returns the doubts that stay."""
     before = made.nearest, made.left, made.gain, made.noise, made.remaining
     if not _tested(made, selection, measure, say):
         made.selection = selection
@@ -361,7 +361,7 @@ def _instead(made: Diagnosis, selection: Selection, measure: Measure, found: lis
 
 
 def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
-    """Where something remains, or is called weather, without the causes that do next to nothing for the predictions:
+    """Leave out the causes that do next to nothing for the predictions, where something remains, or is called weather:
     they stand in for it.  True where that is so."""
     selection = made.selection
     assert selection is not None

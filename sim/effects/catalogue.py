@@ -81,9 +81,9 @@ def _term(value: object, refusal: UsageError) -> str:
     return term_name(code)
 
 
-def values(of: Effect) -> dict[str, float | str]:
+def values(effect: Effect) -> dict[str, float | str]:
     """Parameter name -> value."""
-    return dict(zip((parameter.name for parameter in CATALOGUE[of.name].parameters), of.values, strict=True))
+    return dict(zip((parameter.name for parameter in CATALOGUE[effect.name].parameters), effect.values, strict=True))
 
 
 def from_text(text: str) -> Effect:
@@ -119,8 +119,8 @@ def from_table(table: object) -> Effect:
     return effect(name, **{str(key): value for key, value in table.items() if key != "name"})
 
 
-def _sorting(of: Effect) -> tuple[int, tuple[str, ...]]:
-    return _CODE[of.name], tuple(map(repr, of.values))
+def _sorting(effect: Effect) -> tuple[int, tuple[str, ...]]:
+    return _CODE[effect.name], tuple(map(repr, effect.values))
 
 
 def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Table:
@@ -131,21 +131,22 @@ def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Ta
     centre   [s] of the flight, or of the log: a `middle` that is not given; NaN: nobody needs it
     """
     ordered = sorted(effects, key=_sorting)
-    rows = {place: [_row(of, step, centre) for of in ordered if CATALOGUE[of.name].where == place] for place in PLACES}
+    rows = {place: [_row(effect, step, centre) for effect in ordered if CATALOGUE[effect.name].where == place]
+            for place in PLACES}
     return Table(*(np.array(rows[place], dtype=np.float64).reshape(-1, N_COLUMNS) for place in PLACES))
 
 
-def _row(of: Effect, step: float, centre: float) -> np.ndarray:
+def _row(effect: Effect, step: float, centre: float) -> np.ndarray:
     """One effect as a row (N_COLUMNS,), its states at rest."""
     row = np.zeros(N_COLUMNS)
-    row[CODE] = _CODE[of.name]
-    for k, (parameter, value) in enumerate(zip(CATALOGUE[of.name].parameters, of.values, strict=True)):
+    row[CODE] = _CODE[effect.name]
+    for k, (parameter, value) in enumerate(zip(CATALOGUE[effect.name].parameters, effect.values, strict=True)):
         if isinstance(value, str):
             code = parse_term(value)
             row[TERM:TERM + len(code)] = code
             continue
         if parameter.name == "frequency" and not value * step <= RADIANS_PER_STEP:
-            raise UsageError(f"effect {of.name}: frequency = {value!r}: expected at most "
+            raise UsageError(f"effect {effect.name}: frequency = {value!r}: expected at most "
                              f"{RADIANS_PER_STEP / step:g} rad/s, what the simulation's step of {step:g} s resolves")
         row[P0 + k] = centre if value == CENTRE and parameter.default == CENTRE else value
     return row

@@ -146,9 +146,9 @@ def stepped_moment(acceleration, time, t):
 
 @kernel
 def nozzle_reaction(coefficient, beta_ddot):
-    """coefficient beta'': the swung engine's reaction, tail wags dog; of a launcher coefficient =
-    -(I_R + m_R l_R l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its gimbal, J of the vehicle,
-    l_c from its centre of mass to the gimbal)."""
+    """The swung engine's reaction, coefficient beta'' (tail wags dog).  For a launcher coefficient = -(I_R + m_R l_R
+    l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its gimbal, J of the vehicle, l_c from its
+    centre of mass to the gimbal)."""
     return coefficient * beta_ddot
 
 
@@ -277,7 +277,7 @@ def jolt_modes(fx, jump):
 
 @inner
 def begin_modes(fx):
-    """Before the four stages of a Runge-Kutta step: remember the modes."""
+    """Remember the modes, before the four stages of a Runge-Kutta step."""
     for e in range(fx.shape[0]):
         fx[e, START], fx[e, START_DOT] = fx[e, MEMORY], fx[e, MEMORY_DOT]
         fx[e, TOTAL], fx[e, TOTAL_DOT] = 0.0, 0.0
@@ -285,7 +285,7 @@ def begin_modes(fx):
 
 @inner
 def advance_modes(fx, weight, step, theta_ddot, beta):
-    """After a stage: add its slopes with their weight, and move the modes to the next stage, `step` [s] on."""
+    """Add a stage's slopes with their weight, and move the modes to the next stage, `step` [s] on."""
     for e in range(fx.shape[0]):
         slope, slope_dot = fx[e, MEMORY_DOT], mode_acceleration(fx, e, theta_ddot, beta)
         fx[e, TOTAL] += weight * slope
@@ -296,7 +296,7 @@ def advance_modes(fx, weight, step, theta_ddot, beta):
 
 @inner
 def end_modes(fx, step):
-    """After the last stage: the modes at the step's end."""
+    """Put the modes at the step's end, after the last stage."""
     for e in range(fx.shape[0]):
         fx[e, MEMORY] = fx[e, START] + step / 6.0 * fx[e, TOTAL]
         fx[e, MEMORY_DOT] = fx[e, START_DOT] + step / 6.0 * fx[e, TOTAL_DOT]

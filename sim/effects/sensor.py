@@ -62,7 +62,7 @@ def scaled(scale, value):
 
 
 def nulls(fx: np.ndarray) -> tuple[float, float, float]:
-    """What attitude [rad], gyro [rad/s] and nozzle sensor [rad] read of nothing: their biases."""
+    """The readings of attitude [rad], gyro [rad/s] and nozzle sensor [rad] at a true value of 0: their biases."""
     attitude, rate, angle = (float(fx[fx[:, CODE] == code, P0].sum())
                              for code in (ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_SENSOR_BIAS))
     return attitude, rate, angle
@@ -83,7 +83,7 @@ def latency(fx, code):
 
 @asked
 def rate_scale(fx):
-    """What the gyro makes of 1 rad/s: the product of its scale factors."""
+    """The gyro's reading at 1 rad/s: the product of its scale factors."""
     scale = 1.0
     for e in range(fx.shape[0]):
         if fx[e, CODE] == GYRO_SCALE:

@@ -1,4 +1,4 @@
-"""What an effect is: its description, one instance of it, and the packed table that kernels read.
+"""The types of an effect: its description, one instance of it, and the packed table that kernels read.
 
 A `Cause` describes (the contract's table, section 4), an `Effect` is a cause with
 its values, and `Table` is what the compiled step runs: one array a place, its rows
@@ -42,7 +42,7 @@ class Parameter:
 
     @property
     def is_term(self) -> bool:
-        """Its value is the name of a library term, not a number."""
+        """Whether its value is the name of a library term, not a number."""
         return self.unit == "term"
 
     @property
@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """What may stand for it, in words."""
+        """The values that it may have, in words."""
         if self.is_term:
             return "a library term of theta, theta_dot, beta such as theta^3 or sin(theta)"
         low = f" above {self.low:g}" if self.above else f" of at least {self.low:g}" if self.low > -math.inf else ""

@@ -1,4 +1,4 @@
-"""What each experiment flies, how it identifies, and what it must show.
+"""The paper's experiments: what each flies, how it identifies, and what it must show.
 
 Source: Navarro-Tapia, Marcos & Belhadj, sections 4.1 to 4.3.  Tolerances are
 those of the paper's claims (1 %) or, where the parameter itself passes through

@@ -1,4 +1,4 @@
-"""Flies a case's flights through its estimator variants, one job a flight."""
+"""The flights of a case, through its estimator variants, one job a flight."""
 
 import dataclasses
 from dataclasses import dataclass

@@ -81,7 +81,7 @@ def noise_floor(case: Case, variant: Variant) -> float | None:
 
 
 def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
-    """What a row of the table says: the claim is judged for the paper's variant, companions inform."""
+    """The last cell of a table's row: the claim is judged for the paper's variant, companions inform."""
     if case.name == "tuning":
         return ""
     if k == 0:

@@ -61,7 +61,7 @@ def refuse_negative(node: ast.expr | None) -> None:
 
 
 def _bracketed(code: str) -> str:
-    """In brackets, unless they are all around it already or there is no operator in it."""
+    """The code in brackets, unless they are all around it already or there is no operator in it."""
     depth = 0
     for letter in code:
         depth += (letter in "([{") - (letter in ")]}")
@@ -85,12 +85,12 @@ def plus(code: str, more: str) -> str:
 
 
 def address(pointer: str, offset: str) -> str:
-    """Of a number in an array."""
+    """The address of a number in an array."""
     return pointer if offset == "0" else f"&{pointer}[{offset}]"
 
 
 class Expressions:
-    """Of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
+    """The expressions of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
 
     def __init__(self, unit: Whole, kinds: Inference, module: str, arrays: Sequence[str]) -> None:
         self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
@@ -107,7 +107,7 @@ class Expressions:
 
     @staticmethod
     def _bound(code: Code, tightness: int) -> str:
-        """In brackets if it binds less tightly, or with another operator's precedence."""
+        """The code in brackets if it binds less tightly, or with another operator's precedence."""
         text, binds = code
         clear = binds >= UNARY or tightness == 0
         return text if binds >= tightness and (clear or binds == tightness) else f"({text})"
@@ -123,7 +123,8 @@ class Expressions:
 
     @staticmethod
     def _cast(c: str, code: Code, of: Kind) -> Code:
-        """What is no single value is given to a function first: a cast would widen the sum, not its terms."""
+        """The code cast to another type, by a function unless it is a single value: a cast would widen the sum, not its
+        terms."""
         if of == TRUTH:
             inner = f"counted({code[0]})"
             return (inner, ATOM) if c == "int64_t" else (f"(double){inner}", UNARY)
@@ -273,7 +274,7 @@ class Expressions:
         return f"{self(value, ATOM)}.v{whole_number(at)}"
 
     def offset(self, node: ast.Subscript) -> str:
-        """Of an element, or of a row or layer in rows or layers, from the array's begin."""
+        """The offset of an element, or of a row or layer in rows or layers, from the array's begin."""
         (_, extents), code = self.array(node.value), "0"
         for extent, each in zip(extents, indices(node), strict=False):
             code = plus(times(code, extent), self._place(each, extent))
@@ -294,7 +295,7 @@ class Expressions:
         return f"({kind.c}){{{', '.join([begin, length, *rest])}}}"
 
     def _ends(self, node: ast.Subscript) -> tuple[str, str]:
-        """Where a part of a vector begins, and how long it is."""
+        """The begin of a part of a vector, and its length."""
         at, (pointer, extents) = indices(node), self.array(node.value)
         if len(at) != 1 or not isinstance(at[0], ast.Slice) or at[0].step is not None:
             raise Untranslatable(f"{ast.unparse(node)}: expected a part of a vector")

@@ -43,7 +43,7 @@ def is_unsigned(node: ast.expr) -> bool:
 
 
 def indices(node: ast.Subscript) -> list[ast.expr]:
-    """What stands between the brackets."""
+    """The expressions between the brackets."""
     return list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
 
 
@@ -166,7 +166,7 @@ class Inference:
         return self.names[node.id] if node.id in self.names else kind_of(self.globals[node.id])
 
     def outside(self, node: ast.expr) -> Any:
-        """What a name, or a module's name, stands for in the kernel's module."""
+        """The object that a name, or a module's name, stands for in the kernel's module."""
         if isinstance(node, ast.Attribute):
             assert isinstance(node.value, ast.Name)
             return getattr(self.globals[node.value.id], node.attr)

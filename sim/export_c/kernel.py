@@ -51,7 +51,7 @@ def comment_of(about: str | None) -> str:
 
 
 def _without_unused(lines: list[str]) -> list[str]:
-    """Without addresses of structs that were asked only for what is known before flight."""
+    """The lines without addresses of structs that only gave what is known before flight."""
     kept = list(lines)
     for line in lines:
         declared = re.match(r"\s*(?:const )?Launchid\w+ \*(\w+) = ", line)
@@ -110,7 +110,7 @@ class Kernel:
                                  f"kernel {self.module}.{self.tree.name}: {text}") from None
 
     def _alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """Without what these arguments can never reach."""
+        """The statements that these arguments can reach."""
         kept = list(self.kinds.alive(body))
         for node in kept:
             for inner in ("body", "orelse"):
@@ -154,7 +154,7 @@ class Kernel:
         return {loop.id for loop in loops if isinstance(loop, ast.Name)} - others
 
     def _declarations(self, arguments: list[str]) -> list[str]:
-        """Of local variables that no assignment can declare."""
+        """The declarations of local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
         known = {name for name, kind in self.kinds.names.items() if isinstance(kind, Struct) and kind.is_known}
         left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED}

@@ -1,4 +1,4 @@
-"""What a value of a kernel may be, and its C type.
+"""The kinds of a kernel's values, and their C types.
 
 A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
 struct, handed on by its address) and, as results, plain tuples.  An integer of a named tuple is known before flight
@@ -106,7 +106,7 @@ class Untranslatable(UsageError):
 
 
 def kind_of(value: Any) -> Kind:
-    """Of a Python value."""
+    """The kind of a Python value."""
     if isinstance(value, (bool, np.bool_)):
         return TRUTH
     if isinstance(value, (int, np.integer)):
@@ -122,7 +122,7 @@ def kind_of(value: Any) -> Kind:
 
 
 def struct_of(value: Any, constant: bool = False) -> Struct:
-    """Of a named tuple whose arrays are the struct's own."""
+    """The struct of a named tuple whose arrays are the struct's own."""
     kinds: list[Kind] = []
     for each in value:
         if isinstance(each, int):
@@ -135,14 +135,14 @@ def struct_of(value: Any, constant: bool = False) -> Struct:
 
 
 def loosened(kind: Kind) -> Kind:
-    """As functions and variables have it."""
+    """The kind as functions and variables have it."""
     if isinstance(kind, Array):
         return kind.loose
     return Several(tuple(map(loosened, kind.kinds))) if isinstance(kind, Several) else kind
 
 
 def join(a: Kind | None, b: Kind | None) -> Kind | None:
-    """What holds both, as numba unifies them."""
+    """The kind that holds both, as numba unifies them."""
     if a is None or b is None or a == b:
         return b if a is None else a
     if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):

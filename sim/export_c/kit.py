@@ -1,4 +1,5 @@
-"""What an export brings beside the estimator: vectors and their checker, an example, Makefile, a target, a README."""
+"""The kit that an export has beside the estimator: vectors and their checker, an example, Makefile, a target, a
+README."""
 
 from launchid_core import Config, Sample
 

@@ -62,7 +62,7 @@ class _Program:
         self.update, self.report = self._call(port.update), self._call(port.report)
 
     def _apart(self, kind: str) -> dict[str, np.ndarray]:
-        """What stands apart of what is fixed, persists or is scratch."""
+        """The arrays that stand apart, of what is fixed, persists or is scratch."""
         return {name: array for name, array in self.port.memory.apart.items() if self.port.apart[name] == kind}
 
     def _call(self, function: Any) -> str:
@@ -108,7 +108,7 @@ class _Program:
         return "\n".join([*lines, "    return seal;", "}\n"])
 
     def _constants(self) -> str:
-        """What never changes."""
+        """The constants: tables and the fixed struct."""
         fixed = self.port.memory.parts.fixed
         tables = [f"static const double {name.upper()}[] = {_numbers(array, 1)};\n"
                   for name, array in self._apart(FIXED).items()]
@@ -118,7 +118,7 @@ class _Program:
     # ---- files
 
     def header(self) -> str:
-        """launchid.h"""
+        """The text of launchid.h."""
         return template("launchid.h", self.sizes() | {
             "terms": len(self.config.terms), "max_changes": _module("changes").MAX_EVENTS,
             "statuses": _enumeration(Status),
@@ -132,7 +132,7 @@ class _Program:
         yield from self._apart(STATE).items()
 
     def _saved(self) -> dict[str, object]:
-        """What saves and restores: the same bytes as the Python estimator's."""
+        """The code that saves and restores: the same bytes as the Python estimator's."""
         head = self.port.preface
         rows = [", ".join(map(str, head[k:k + BYTES_A_LINE])) for k in range(0, len(head), BYTES_A_LINE)]
         kinds = [(path, array.size, "numbers" if array.dtype.kind == "f" else "words")
@@ -142,7 +142,7 @@ class _Program:
         return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores}
 
     def sizes(self) -> dict[str, object]:
-        """What the configuration is, and how large."""
+        """The configuration in words, and its sizes."""
         config = self.config
         return {"formulation": config.formulation, "library": ", ".join(config.terms),
                 "window": literal(config.window), "period": literal(config.sample_period),
@@ -162,11 +162,11 @@ class _Program:
         return "\n".join([f"    {self.unit.struct(self.structs[kind])} {kind};", *apart])
 
     def _bytes(self, kind: str) -> int:
-        """Of the arrays."""
+        """The bytes of the arrays."""
         return sum(max(array.nbytes, array.itemsize) for _, array in self._all(kind))
 
     def source(self) -> str:
-        """launchid.c"""
+        """The text of launchid.c."""
         block = (f"const {self.unit.struct(self.block)} block = "
                  f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
         own = "\n".join([
@@ -216,7 +216,7 @@ def _numbers(array: np.ndarray, depth: int) -> str:
 
 
 def _initialiser(value: Any, depth: int = 1) -> str:
-    """Of a constant struct, without what is known."""
+    """The initialiser of a constant struct, without what is known."""
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):

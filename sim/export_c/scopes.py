@@ -1,4 +1,5 @@
-"""Where a kernel's variables can be declared in C: at their first assignment, in the block that holds all uses."""
+"""The places where a kernel's variables can be declared in C: at their first assignment, in the block that holds all
+uses."""
 
 import ast
 from collections.abc import Iterator

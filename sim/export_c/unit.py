@@ -101,7 +101,7 @@ def _writable(kind: Kind) -> Kind:
 
 
 def _definition(label: str, value: Any) -> str:
-    """Of a constant: an enumerator, a macro, or an array."""
+    """The definition of a constant: an enumerator, a macro, or an array."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < INT_MAX:
         return f"    {label} = {int(value)},"
     if not isinstance(value, (np.ndarray, tuple)):

@@ -39,7 +39,7 @@ def flown(nominal: Nominal, config: Config) -> list[Sample]:
 
 
 def _swinging(t: float) -> Sample:
-    """Of a vehicle that two sines drive."""
+    """A sample of a vehicle that two sines drive."""
     slow, quick = math.sin(1.3 * t), math.sin(4.1 * t)
     return Sample(t, 0.02 * slow + 0.005 * quick, 0.026 * math.cos(1.3 * t) + 0.0205 * math.cos(4.1 * t),
                   0.01 * slow - 0.004 * quick, -0.0338 * slow - 0.084 * quick, 0.01 * slow - 0.004 * quick)
@@ -56,7 +56,7 @@ def _words(values: Iterable[Any]) -> list[int]:
 
 
 def of_window(e: Estimate) -> list[int]:
-    """What leaves with a window, in the order of check.c."""
+    """The words that leave with a window, in the order of check.c."""
     tracked = e.tracked or (False, *(math.nan,) * 5)
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (math.nan, math.nan))]
     return _words([
@@ -82,7 +82,7 @@ def _of_change(c: Change) -> list[int]:
 
 
 def header(config: Config, samples: list[Sample]) -> str:
-    """vectors.h"""
+    """The text of vectors.h."""
     estimator = Estimator(config)
     statuses: list[int] = []
     windows: list[list[int]] = []
@@ -112,7 +112,7 @@ def header(config: Config, samples: list[Sample]) -> str:
 
 
 def _array(c: str, name: str, rows: list[list[int]], width: str) -> str:
-    """Of a table; without a width, of its one row."""
+    """The C array of a table; without a width, of its one row."""
     number = "UINT64_C(0x{:X})" if c == "uint64_t" else "{}"
     listed = [", ".join(number.format(value) for value in row) for row in rows]
     if width:

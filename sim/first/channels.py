@@ -79,12 +79,12 @@ def channels(log: Log) -> Channels:
             notes.append(f"{name}: {np.count_nonzero(bad)} single values that their neighbours contradict left out")
         x[name] = np.where(bad, math.nan, raw)
     period = round(float(np.median(np.diff(t))), CLOCK_DIGITS)
-    found = Channels(log.path, float(t[0]), period, t - t[0], x["theta"], x["theta_dot"], x["beta"], x["beta_cmd"],
-                     path_angle(t, log.flight_path[rows]), tuple(notes))
+    cut = Channels(log.path, float(t[0]), period, t - t[0], x["theta"], x["theta_dot"], x["beta"], x["beta_cmd"],
+                   path_angle(t, log.flight_path[rows]), tuple(notes))
     for names in (moving, driven):
-        if not any(found.has(name) for name in names):
+        if not any(cut.has(name) for name in names):
             raise InputError(f"{log.path}: {' and '.join(names)}: expected a value in most rows")
-    return found if not (found.has("theta") and found.has("theta_dot")) else without_foreign_rate(found)
+    return cut if not (cut.has("theta") and cut.has("theta_dot")) else without_foreign_rate(cut)
 
 
 def spikes(x: np.ndarray) -> np.ndarray:

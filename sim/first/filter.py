@@ -33,7 +33,7 @@ WIDE = 1e3          # times a channel's size: what is not known before the first
 
 
 class Shape(NamedTuple):
-    """What the filter has.
+    """The shape of the filter: its source, its states, its rate terms.
 
     source  COMMAND, MEASURED or DIRECT;  sine  sin(theta) in place of theta
     gyro, walk, turbulence  their states' places, -1: none;  states  how many;  rate_terms  0, 1 (theta_dot) or

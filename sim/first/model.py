@@ -99,9 +99,9 @@ def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarra
         parts.append((c.t[seen] + (delay if source == fl.MEASURED else 0.0), fl.NOZZLE_ROW, seen))
     if source != fl.MEASURED:
         u = command(c)
-        told = np.flatnonzero(np.isfinite(u))
-        told = told[np.concatenate([[True], np.diff(u[told]) != 0.0])]  # a held value is one event
-        parts.append((c.t[told] + delay, fl.INPUT, told))
+        known = np.flatnonzero(np.isfinite(u))
+        known = known[np.concatenate([[True], np.diff(u[known]) != 0.0])]  # a held value is one event
+        parts.append((c.t[known] + delay, fl.INPUT, known))
     t = np.concatenate([part[0] for part in parts])
     kind = np.concatenate([np.full(len(part[0]), part[1]) for part in parts])
     row = np.concatenate([part[2] for part in parts])
@@ -110,7 +110,7 @@ def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def command(c: Channels) -> np.ndarray:
-    """What drives: the command, or where there is none the measured nozzle."""
+    """The input that drives: the command, or where there is none the measured nozzle."""
     return c.beta_cmd if c.has("beta_cmd") else c.beta
 
 

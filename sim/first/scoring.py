@@ -31,29 +31,29 @@ class Fitted:
     """A model at its maximum; covariance (p, p) of (linear, free), of logarithms but for the delay."""
 
     model: Model
-    made: Pass
+    final: Pass    # of the filter, at the maximum
     covariance: np.ndarray
     information: np.ndarray
     sought: int   # numbers of the covariance beside the coefficients
 
     @property
     def ln_l(self) -> float:
-        return self.made.ln_l
+        return self.final.ln_l
 
     @property
     def bic(self) -> float:
         """`penalised`."""
-        return penalised(self.ln_l, self.model, self.made)
+        return penalised(self.ln_l, self.model, self.final)
 
     def std(self, name: str) -> float:
-        """Of a free number: of its logarithm, of the delay in s."""
+        """The standard deviation of a free number: of its logarithm, of the delay in s."""
         k = len(self.model.linear) + self.model.free.index(name)
         return math.sqrt(max(self.covariance[k, k], 0.0))
 
 
-def penalised(ln_l: float, model: Model, made: Pass) -> float:
+def penalised(ln_l: float, model: Model, done: Pass) -> float:
     """ln L less Schwarz' half ln n for each number."""
-    n = int(np.count_nonzero(made.counted))
+    n = int(np.count_nonzero(done.counted))
     return ln_l - 0.5 * math.log(max(n, 2)) * (len(model.linear) + len(model.free))
 
 
@@ -77,7 +77,7 @@ def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarra
     e, s = base.e[used], base.variance[used]
     de, ds = np.zeros((len(e), q + len(free))), np.zeros((len(e), q + len(free)))
     de[:, :q] = -base.h[used]
-    told = de.copy(), ds.copy()   # of the information
+    known = de.copy(), ds.copy()   # of the information
     for k, name in enumerate(free, start=q):
         step = np.zeros(q + len(free))
         step[k] = DELAY_SHARE * c.period if name == "delay" else DIFFERENCE
@@ -87,10 +87,10 @@ def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarra
             e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
         de[:, k], ds[:, k] = (e1[used] - e) / step[k], (s1[used] - s) / step[k]
         kept = same[used] / math.sqrt(max(float(np.mean(same[used])), 0.1))
-        told[0][:, k], told[1][:, k] = de[:, k] * kept, ds[:, k] * kept
-    told[0][:, :q] = de[:, :q]
+        known[0][:, k], known[1][:, k] = de[:, k] * kept, ds[:, k] * kept
+    known[0][:, :q] = de[:, :q]
     score = -(e / s)[:, None] * de - (0.5 * (1.0 - e * e / s) / s)[:, None] * ds
-    a, b = told[0] / np.sqrt(s)[:, None], told[1] / (math.sqrt(2.0) * s[:, None])
+    a, b = known[0] / np.sqrt(s)[:, None], known[1] / (math.sqrt(2.0) * s[:, None])
     return score, products(a, a) + products(b, b)
 
 
@@ -116,7 +116,7 @@ def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | N
 
     free   the numbers that are sought beside the coefficients; None: the model's.  All of them are the model's again.
     """
-    own, q = model.free, len(model.linear)
+    names, q = model.free, len(model.linear)
     if free is not None:
         model = replace(model, free=free)
     held = slice(len(model.node_a), len(model.node_a) + len(model.node_k)) if model.no_input else slice(0, 0)
@@ -133,27 +133,27 @@ def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | N
             step[held] = 0.0
             step[q:] = np.clip(step[q:], -limit, limit)
             trial = moved(model, step)
-            made = run(trial, c)
-            if made.ln_l > base.ln_l:
+            done = run(trial, c)
+            if done.ln_l > base.ln_l:
                 break
             damping = max(10.0 * damping, 1e-4)
             step = solved(information, gradient, damping)
         else:
             break
-        model, base = trial, made
+        model, base = trial, done
         damping = max(0.1 * damping, 1e-8)
         score, information = scores(model, c, base)
     covariance = sandwich(score, information, base, c)
-    return Fitted(replace(model, free=own), base, covariance, information, len(model.free))
+    return Fitted(replace(model, free=names), base, covariance, information, len(model.free))
 
 
-def sandwich(score: np.ndarray, information: np.ndarray, made: Pass, c: Channels) -> np.ndarray:
+def sandwich(score: np.ndarray, information: np.ndarray, done: Pass, c: Channels) -> np.ndarray:
     """Covariance of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987), in no direction
     below I^-1."""
     diagonal = np.diag(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
-    block = (c.t[made.row[made.counted]] / BLOCK).astype(int)
+    block = (c.t[done.row[done.counted]] / BLOCK).astype(int)
     count = int(block.max()) + 1 if len(block) else 1
     sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])], axis=1)
     sums -= sums.mean(axis=0)

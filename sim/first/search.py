@@ -1,4 +1,4 @@
-"""From a log to its model: where the nozzle comes from, which terms, how a6 and k1 vary, how much wind.
+"""The search from a log to its model: source of the nozzle angle, terms, variation of a6 and k1, wind.
 
 Every choice is made by the likelihood with Schwarz' penalty, from the plain model upward.
 """
@@ -42,7 +42,7 @@ STANDS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the search ends with.
+    """The result of the search.
 
     fitted  the model at its maximum;  finer  the same with nodes between the nodes, None: constant
     motion, terms, delay   of the weak form;  r2  held out
@@ -57,7 +57,7 @@ class Found:
 
 
 def noise_variance(x: np.ndarray) -> float:
-    """Of white noise on a smooth channel, by third differences: their variance is 20 times the noise's."""
+    """The variance of white noise on a smooth channel, by third differences: their variance is 20 times the noise's."""
     x = x[np.isfinite(x)]
     d = np.diff(x, 3)
     quantum = np.diff(np.unique(x))
@@ -68,7 +68,7 @@ def noise_variance(x: np.ndarray) -> float:
 
 
 def sizes(c: Channels, m: weak.Motion) -> dict[str, float]:
-    """Of the channels."""
+    """The largest values of the channels, by name."""
     def size(x: np.ndarray) -> float:
         return float(np.nanmax(np.abs(x))) + 1e-12
     u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
@@ -78,14 +78,14 @@ def sizes(c: Channels, m: weak.Motion) -> dict[str, float]:
 
 
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
-    """What is faster than a few rows, or slower than the log, no log tells."""
+    """The ranges of the free numbers: no log shows what is faster than a few rows, or slower than the log is long."""
     length = float(c.t[-1])
     return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, 5.0),
             "turbulence_time": (2.0 * c.period, length)}
 
 
 def source_of(c: Channels) -> int:
-    """Where the nozzle comes from: the command through a servo, itself, or the command alone."""
+    """The source of the nozzle angle: the command through a servo, its own measurement, or the command alone."""
     if not c.has("beta"):
         return fl.DIRECT
     if not c.has("beta_cmd"):
@@ -172,7 +172,7 @@ def large(c: Channels) -> bool:
 
 
 def best_delay(c: Channels, m: weak.Motion, terms: tuple[str, ...]) -> float:
-    """Of the weak form [s]."""
+    """The best delay of the weak form [s]."""
     return weak.best_delay(m, terms, EARLIEST, LATEST, max(c.period, 0.005))
 
 
@@ -217,7 +217,7 @@ def grown(now: Fitted, c: Channels) -> Fitted:
 
 
 def hope(model: Model, c: Channels) -> float:
-    """What `Fitted.bic` would be, by one step of scoring: exact where the model is linear in what was added."""
+    """The expected `Fitted.bic`, by one step of scoring: exact where the model is linear in what was added."""
     none = replace(model, free=())
     base = run(none, c)
     score, information = scores(none, c, base)
@@ -227,7 +227,7 @@ def hope(model: Model, c: Channels) -> float:
 
 
 def candidates(model: Model, c: Channels) -> Iterator[Model]:
-    """What may be added and is linear: nodes, rate damping, dry friction."""
+    """Models with one linear addition each: nodes, rate damping, dry friction."""
     end, count = float(c.t[-1]), len(model.node_a)
     more = [k for k in NODES if k > count and (k == 2 or end / (k - 1) >= NEAREST)]
     for k in more[:2] if count > 1 else more[:3]:

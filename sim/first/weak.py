@@ -44,7 +44,7 @@ def filled(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def motion(c: Channels, source_is_beta: bool) -> Motion:
-    """What moves and what drives it; a missing rate is theta's slope, a missing theta the rate's integral."""
+    """The motion and what drives it; a missing rate is theta's slope, a missing theta the rate's integral."""
     u = filled(c.t, c.beta if source_is_beta else command(c))
     span = max(2, round(INCREMENT / c.period))
     if c.has("theta"):
@@ -75,12 +75,12 @@ def columns(m: Motion, terms: tuple[str, ...], u: np.ndarray) -> tuple[np.ndarra
     values = {"theta": attack, "sin(theta)": np.sin(attack), "beta": u, "theta_dot": m.rate,
               "sign(theta_dot)": np.sign(m.rate)}
     half = 0.5 * np.diff(m.t)
-    made = [m.t[m.span:] - m.t[:-m.span]]
+    parts = [m.t[m.span:] - m.t[:-m.span]]
     for term in terms:
         x = values[term]
         whole = np.concatenate([[0.0], np.cumsum(half * (x[1:] + x[:-1]))])
-        made.append(whole[m.span:] - whole[:-m.span])
-    phi, y = np.column_stack(made), m.rate[m.span:] - m.rate[:-m.span]
+        parts.append(whole[m.span:] - whole[:-m.span])
+    phi, y = np.column_stack(parts), m.rate[m.span:] - m.rate[:-m.span]
     near = phi[:, 0] <= 1.5 * m.span * float(np.median(np.diff(m.t)))  # no gap within
     return (0.5 * (m.t[m.span:] + m.t[:-m.span]))[near], y[near], phi[near]
 

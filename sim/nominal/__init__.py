@@ -1,4 +1,4 @@
-"""What the simulation believes: a TOML file <-> the frozen dataclasses of `sections`.
+"""The nominal, which is what the simulation assumes: a TOML file <-> the frozen dataclasses of `sections`.
 
 The schema by example is `sim/data/nominal/constant.toml`.  Unknown keys are
 refused; every message names the file, the key, the value and what was expected.

@@ -39,7 +39,7 @@ def terms_of(file: Table, table: object) -> dict[str, float]:
     if not isinstance(table, dict) or not table:
         raise file.fail("vehicle.terms", table, "library terms with their coefficients")
     from ..effects import effect
-    found: dict[str, float] = {}
+    terms: dict[str, float] = {}
     for key, value in table.items():
         coefficient = file.number(f"vehicle.terms.{key!r}", value)
         try:
@@ -47,10 +47,10 @@ def terms_of(file: Table, table: object) -> dict[str, float]:
         except UsageError:
             raise InputError(f"{file.path}: [vehicle.terms] {key!r}: expected a library term of theta, theta_dot, "
                              "beta such as theta^3 or sin(theta)") from None
-        if name in found:
+        if name in terms:
             raise InputError(f"{file.path}: [vehicle.terms] {key!r}: the term {name!r} stands twice")
-        found[str(name)] = coefficient
-    return found
+        terms[str(name)] = coefficient
+    return terms
 
 
 def uncertainty_of(file: Table) -> Profile | None:
@@ -102,10 +102,10 @@ def effects_of(file: Table) -> tuple["Effect", ...]:
     if not tables:
         return ()
     from ..effects import from_table
-    found = []
+    effects = []
     for k, table in enumerate(tables):
         try:
-            found.append(from_table(table))
+            effects.append(from_table(table))
         except UsageError as error:
             raise InputError(f"{file.path}: effects[{k}]: {error}") from None
-    return tuple(found)
+    return tuple(effects)

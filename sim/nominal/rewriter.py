@@ -50,9 +50,9 @@ def _rewritten(source: Path, path: Path, content: Content) -> str:
     except InputError:  # it is no longer there, or another one
         return f"{ANEW}\n{anew}"
     before["name"] = tomllib.loads(text).get("name", path.stem)   # a file without a name has its own
-    made = edited(text, before, content)
+    new = edited(text, before, content)
     try:
-        return made if content_of(parsed(path, made), path) == content else f"{ANEW}\n{anew}"
+        return new if content_of(parsed(path, new), path) == content else f"{ANEW}\n{anew}"
     except InputError:
         return f"{ANEW}\n{anew}"
 

@@ -30,7 +30,7 @@ def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
 
 
 def content_of(nominal: Nominal, path: str | Path) -> Content:
-    """What a nominal file at this path holds, defaults left out.
+    """The content of a nominal file at this path, defaults left out.
 
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
     is written beside the new file as NAME.SECTION.csv (vehicle, uncertainty, drift, wind).

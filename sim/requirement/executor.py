@@ -1,4 +1,4 @@
-"""Where a campaign is flown: `local`, this machine's processes, or `dask:ADDRESS`, the workers of a dask scheduler."""
+"""The executor of a campaign: `local`, this machine's processes, or `dask:ADDRESS`, the workers of a dask scheduler."""
 
 import contextlib
 from collections.abc import Iterator

@@ -52,8 +52,8 @@ def flight_job(nominal: Nominal, seed: int) -> FlightJob:
 
 
 def flown_row(row: Mapping[str, Any]) -> Row:
-    """What a flight is judged by, out of the row that `Flyer` gives, or of the same as text; ValueError for a row that
-    it does not give."""
+    """The columns that a flight is judged by, from the row that `Flyer` gives, or from its text; ValueError for a row
+    that it does not give."""
     if any(name not in JUDGED and not name.startswith(OFFSET) for name in row):
         raise ValueError("another column")
     try:

@@ -66,7 +66,8 @@ def _is_done(folder: Path) -> bool:
 
 
 def _enough(definition: Definition, journal: Path) -> Enough:
-    """Whether the flights so far are enough, wherever they come from; InputError for what no flight of ours is."""
+    """A function that says whether the flights so far are enough, wherever they come from; InputError for what no
+    flight of ours is."""
     watch = _watch(definition)
 
     def enough(number: int, outcome: Outcome) -> int | None:
@@ -98,13 +99,13 @@ def _held(definition: Definition, folder: Path) -> Iterator[None]:
 
 
 def _check_same(folder: Path, definition: Definition, keys: Iterable[str], what: str, expected: str) -> dict[str, Any]:
-    """What stands in the folder's campaign.json; InputError unless these of it are the definition's."""
-    found, said = read_campaign(folder), definition.as_json()
+    """The content of the folder's campaign.json; InputError unless these keys of it are the definition's."""
+    content, said = read_campaign(folder), definition.as_json()
     for key in keys:
-        if found[key] != said[key]:
-            raise InputError(f"{folder / CAMPAIGN}: {what} ({key} {_short(found[key])}, not {_short(said[key])}); "
+        if content[key] != said[key]:
+            raise InputError(f"{folder / CAMPAIGN}: {what} ({key} {_short(content[key])}, not {_short(said[key])}); "
                              f"{expected}")
-    return found
+    return content
 
 
 def _short(value: Any) -> str:
@@ -116,23 +117,23 @@ def _short(value: Any) -> str:
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:
-    """What stands in a folder's campaign.json, all of it of its kind."""
+    """The content of a folder's campaign.json; InputError unless each key has a value of its kind."""
     path = folder / CAMPAIGN
     wrong = InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
     try:
         with path.open("rb") as file:
             text = file.read(LONGEST)
-        found = json.loads(text) if len(text) < LONGEST else None
+        content = json.loads(text) if len(text) < LONGEST else None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):
         raise wrong from None
-    if not isinstance(found, dict) or any(type(found.get(key)) is not kind for key, kind in KINDS.items()):
+    if not isinstance(content, dict) or any(type(content.get(key)) is not kind for key, kind in KINDS.items()):
         raise wrong
-    if not 0 <= found["seed"] < MOST or not 1 <= found["flights"] < MOST or not all(
-            isinstance(text, str) for text in found["requirements"]):
+    if not 0 <= content["seed"] < MOST or not 1 <= content["flights"] < MOST or not all(
+            isinstance(text, str) for text in content["requirements"]):
         raise wrong
-    return found
+    return content
 
 
 def read_flights(path: Path, definition: Definition) -> Flights:
@@ -188,28 +189,29 @@ def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[Definition, Flights]:
-    """What the parts are together, and one table of their flights: whole, of this nominal, of consecutive seeds.
+    """The definition of the parts together, and one table of their flights: whole, of this nominal, of consecutive
+    seeds.
 
     definition  its seed and flights are not looked at, they are the parts' own
     """
-    found = sorted(((_part(definition, part), part) for part in parts), key=lambda each: each[0].seed)
-    first = seed = found[0][0].seed
-    header = _header(found[0][1])
-    for said, part in found:
+    ordered = sorted(((_part(definition, part), part) for part in parts), key=lambda each: each[0].seed)
+    first = seed = ordered[0][0].seed
+    header = _header(ordered[0][1])
+    for said, part in ordered:
         if said.seed != seed:
             kind = "are missing" if said.seed > seed else "stand twice"
             low, high = sorted((seed, said.seed))
             raise InputError(f"{part}: seeds from {low} to {high - 1} {kind}; expected parts of consecutive seeds")
         read_flights(part / FLIGHTS, said)
         if _header(part) != header:
-            raise InputError(f"{part / FLIGHTS}: other columns than in {found[0][1] / FLIGHTS}")
+            raise InputError(f"{part / FLIGHTS}: other columns than in {ordered[0][1] / FLIGHTS}")
         seed += said.flights
     whole = replace(definition, seed=first, flights=seed - first)
     with _held(whole, folder):
         with atomic_path(folder / FLIGHTS) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(header)
-            for _, part in found:
+            for _, part in ordered:
                 writer.writerows(cells for _, cells in islice(table_rows(part / FLIGHTS), 1, None))
         return whole, read_flights(folder / FLIGHTS, whole)
 
@@ -219,7 +221,7 @@ def _header(part: Path) -> list[str]:
 
 
 def _part(definition: Definition, part: Path) -> Definition:
-    """What a part is; InputError if it is not one of this campaign's, or not flown yet."""
+    """The definition of a part; InputError if it is not one of this campaign's, or not flown yet."""
     said = _check_same(part, definition, SAME, "a part of another campaign", "expected parts of this one")
     if not _is_done(part):
         raise InputError(f"{part}: not flown to its end; run its command again")

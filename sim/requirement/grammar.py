@@ -1,4 +1,4 @@
-"""What a campaign has to prove, as text.
+"""The text of what a campaign has to prove.
 
     lost<PROBABILITY@CONFIDENCE             a flight is lost with a probability below PROBABILITY
     METRIC<VALUE:SHARE@CONFIDENCE           more than SHARE of the flights keep METRIC below VALUE
@@ -33,7 +33,7 @@ class Requirement:
     confidence: float
 
     def fails(self, row: Row) -> bool:
-        """Has this flight failed; what is not a number has."""
+        """Whether this flight has failed; a metric that is not a number has."""
         if row["lost"] or self.limit is None:
             return bool(row["lost"])
         return not float(row[self.metric]) < self.limit

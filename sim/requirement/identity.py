@@ -1,4 +1,4 @@
-"""What a campaign is: everything that decides its table and its verdict, and nothing else."""
+"""The identity of a campaign: everything that decides its table and its verdict, and nothing else."""
 
 import hashlib
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class Definition:
     planned: bool
 
     def as_json(self) -> dict[str, Any]:
-        """What stands in the folder."""
+        """The definition as it stands in the folder's campaign.json."""
         return {"format": FORMAT, "version": __version__, "nominal": self.nominal.name,
                 "nominal_sha256": digest_of(self.nominal), "seed": self.seed, "flights": self.flights,
                 "requirements": list(self.requirements), "stop": "never" if self.planned else "decided"}
@@ -39,7 +39,7 @@ def digest_of(nominal: Nominal) -> str:
 
 
 def _text(part: Any) -> str:
-    """Every number of it, to the last bit; not the paths of files."""
+    """The text of every number of a part, to the last bit, without the paths of files."""
     if is_dataclass(part):
         part = {key.name: getattr(part, key.name) for key in fields(part)}
     if isinstance(part, dict):

@@ -78,7 +78,8 @@ class Planned:
 
 
 def halved(inside: float, outside: float, holds: Callable[[float], bool]) -> float:
-    """Where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never asked."""
+    """The place where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never
+    evaluated."""
     for _ in range(HALVINGS):
         middle = 0.5 * (inside + outside)
         inside, outside = (inside, middle) if holds(middle) else (middle, outside)

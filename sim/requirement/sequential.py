@@ -51,7 +51,7 @@ def above(probability: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sequential:
-    """As `order_statistics.Planned`, but true at whatever flight it is asked, and whenever the asking stops."""
+    """A proof as `order_statistics.Planned`, but one that holds after any flight, and whenever the campaign stops."""
 
     probability: float
     confidence: float

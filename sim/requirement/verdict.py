@@ -1,4 +1,4 @@
-"""What a table of flights says of the requirements: the JSON, and the words."""
+"""The verdict of a table of flights on the requirements: the JSON, and the words."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def judged(definition: Definition, requirements: Sequence[Requirement], flights:
 
 
 def _overall(counts: Sequence[Count]) -> str | None:
-    """Of all requirements: the worst of theirs; None if nothing was asked."""
+    """The verdict on all requirements, which is the worst of theirs; None if there is none."""
     said = {count.verdict for count in counts}
     if len(said) <= 1:
         return said.pop() if said else None
@@ -73,7 +73,7 @@ def _value(outcome: Any, metric: str) -> float:
 
 
 def _metric(values: Sequence[float], unit: str) -> dict[str, Any]:
-    """Of the flights that were not lost."""
+    """Median and largest value of a metric over the flights that were not lost."""
     known = [x for x in values if math.isfinite(x)]
     if not known:
         return {"unit": unit, "median": None, "largest": None}
@@ -83,11 +83,11 @@ def _metric(values: Sequence[float], unit: str) -> dict[str, Any]:
 # ---- words
 
 
-def said(report: dict[str, Any], of: str) -> str:
+def said(report: dict[str, Any], name: str) -> str:
     """The verdict for a terminal."""
     last = report["seed"] + report["flown"] - 1
     early = "" if report["flown"] == report["flights"] else f" of {report['flights']}, and no more were needed"
-    lines = [f"{of}: {report['nominal']}, {report['flown']} flights{early} (seeds {report['seed']} to {last}): "
+    lines = [f"{name}: {report['nominal']}, {report['flown']} flights{early} (seeds {report['seed']} to {last}): "
              f"{report['lost']} lost" + (f", {report['without_result']} without a result"
                                          if report["without_result"] else "")]
     lines += [_in_words(result, report["stop"] == "never") for result in report["results"]]

@@ -1,4 +1,4 @@
-"""Counts the flights of a campaign in the order of their seeds, and says when its requirements are decided.
+"""The count of a campaign's flights in the order of their seeds, and says when its requirements are decided.
 
 Flights end in any order on many workers; what is said depends on the first n by their numbers alone, so it is the same
 whoever flew them.  A flight without a result (an error) counts against the verdict that is asked: as failed where the
@@ -40,7 +40,7 @@ class Count:
         self.flights_needed = self.rule.flights_needed(self.failures + self.errors)
 
     def look(self) -> None:
-        """Decide, if these flights do and no earlier ones did."""
+        """Set the verdict, if these flights decide it and no earlier ones did."""
         if self.verdict != UNDECIDED:
             return
         if self.flights >= self.flights_needed:
@@ -64,7 +64,7 @@ class Watch:
         self._ahead: dict[int, Outcome] = {}
 
     def __call__(self, number: int, outcome: Outcome) -> int | None:
-        """How many flights, from the first, are enough."""
+        """Take a flight's outcome; returns how many flights, from the first, are enough, None while none are."""
         if number >= self.flights:
             self._ahead.setdefault(number, outcome)
         while self.flights in self._ahead:

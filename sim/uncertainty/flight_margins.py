@@ -32,7 +32,7 @@ SERVO = ("natural_frequency", "damping_ratio", "delay")
 
 
 class Servo(NamedTuple):
-    """What is known of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
+    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
 
     by_servo   {(window, "window" or "tracked"): (2, 3)} by how much a unit of each moves the a6 and k1 that were
                identified with it; empty where it is known
@@ -115,9 +115,9 @@ def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.
     a6, k1, a6_std, k1_std, correlation = rigid
     shift = np.zeros((2, 3)) if by_servo is None else by_servo
     cross = shift @ servo.covariance
-    own = np.array([[a6_std**2, correlation * a6_std * k1_std], [correlation * a6_std * k1_std, k1_std**2]])
+    covariance = np.array([[a6_std**2, correlation * a6_std * k1_std], [correlation * a6_std * k1_std, k1_std**2]])
     known = Known(np.array([a6, k1, *servo.mean]),
-                  np.block([[own + cross @ shift.T, cross], [cross.T, servo.covariance]]))
+                  np.block([[covariance + cross @ shift.T, cross], [cross.T, servo.covariance]]))
     assert nominal.controller is not None
     return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
 
@@ -137,27 +137,27 @@ def margins_json(judgement: Judged) -> dict[str, Any]:
 
 def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked: bool) -> list[dict[str, Any]]:
     """The windows whose interval reaches below what is required: `certain` where all of it does."""
-    found: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     for each in windows:
-        for of, judgement in (("window", each.window), *((("tracked", each.tracked),) if is_tracked else ())):
+        for estimate, judgement in (("window", each.window), *((("tracked", each.tracked),) if is_tracked else ())):
             if judgement.spread is None:
                 continue
             for name, certain in judgement.spread.below(required).items():
                 interval = {key: json_number(x) for key, x in getattr(judgement.spread, name)._asdict().items()}
-                found.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": of, "margin": name,
-                              "required": required_of(required, name), **interval, "certain": certain})
-    return found
+                rows.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": estimate, "margin": name,
+                             "required": required_of(required, name), **interval, "certain": certain})
+    return rows
 
 
 def miss_words(spread: Spread, name: str, required: Required) -> str:
-    """That a margin may be below what is required, in one plain sentence."""
+    """One sentence that says that a margin may be below what is required."""
     interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
     return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
             f"{required_of(required, name):g}")
 
 
 def required_of(required: Required, name: str) -> float:
-    """What one of NAMES must be, in its own sign."""
+    """The required value of one of NAMES, in its own sign."""
     return {"gain_low_db": -required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
             "delay_ms": required.delay_ms}[name]
 
@@ -174,13 +174,13 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
                              if not each["certain"]]}
 
 
-def interval_words(of: dict[str, float | None], unit: str = "") -> str:
+def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
     """`37.51 (36.38..38.57)`: a value and its 95 % interval."""
-    if of["value"] is None and of["low"] is None and of["high"] is None:
+    if interval["value"] is None and interval["low"] is None and interval["high"] is None:
         return "-"
     decimals = 1 if unit == "ms" else 2
-    bottom, top = ("-inf" if of["high"] is not None else "inf"), "inf"
-    value, low, high = (other if of[key] is None else f"{of[key]:.{decimals}f}"
+    bottom, top = ("-inf" if interval["high"] is not None else "inf"), "inf"
+    value, low, high = (other if interval[key] is None else f"{interval[key]:.{decimals}f}"
                         for key, other in (("value", bottom), ("low", "-inf"), ("high", top)))
     return f"{value} ({low}..{high})"
 
@@ -191,15 +191,15 @@ def table(said: dict[str, Any]) -> str:
     lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
              + f" {'P(stable)':>10}"]
     for window in said["windows"]:
-        for of, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
+        for estimate, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
             cells = " ".join(f"{interval_words(one[name], UNITS[name]):>26}" for name in NAMES)
             stable = one["stable"]["probability"]
-            lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {of:<8} {one['status']:<15} {cells} "
+            lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {estimate:<8} {one['status']:<15} {cells} "
                          f"{'-' if stable is None else f'{stable:.4f}':>10}")
     lines += servo_lines(said["actuator"])
     lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
     if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
-        lines.append("every margin keeps what [margins] requires, with its whole interval")
+        lines.append("every margin keeps what [margins] requires, and so does its whole 95 % interval")
     return "\n".join(lines)
 
 
@@ -217,13 +217,13 @@ def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
     """One line for each margin that is below what is required, with its windows and the worst of them."""
     lines = []
     for name in NAMES:
-        for of in ("window", "tracked"):
-            rows = [each for each in reached if each["margin"] == name and each["estimate"] == of]
+        for estimate in ("window", "tracked"):
+            rows = [each for each in reached if each["margin"] == name and each["estimate"] == estimate]
             if not rows:
                 continue
             worst = (max if name == "gain_low_db" else min)(
                 rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
-            lines.append(f"{WORDS[name]} ({of}) {verb} below {abs(rows[0]['required']):g} {UNITS[name]} in {len(rows)} "
-                         f"window{'s' * (len(rows) > 1)}, worst {interval_words(worst, UNITS[name])} in "
+            lines.append(f"{WORDS[name]} ({estimate}) {verb} below {abs(rows[0]['required']):g} {UNITS[name]} in "
+                         f"{len(rows)} window{'s' * (len(rows) > 1)}, worst {interval_words(worst, UNITS[name])} in "
                          f"{worst['t_start']:g}..{worst['t_end']:g} s")
     return lines

@@ -20,7 +20,7 @@ NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last on
 
 
 def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """What the estimator believes of a nominal, with its range; InputError without [uncertainty], and as
+    """The estimator's model of a nominal, with its range; InputError without [uncertainty], and as
     `onboard_model`."""
     nominal.require("uncertainty")
     sigma = nominal.uncertainty
@@ -86,22 +86,22 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
     NaN for the last if it never came back; in order of their alarm.
     """
-    found = []
+    rows = []
     for name in PARAMETERS:
         inside = True
         for e in estimates:
             level: Level = getattr(e.uncertainty, name)
             if inside and not level.in_range:
-                found.append((name, level.out_since, e.t_end, math.nan))
+                rows.append((name, level.out_since, e.t_end, math.nan))
             elif not inside and level.in_range:
-                found[-1] = (*found[-1][:3], e.t_end)
+                rows[-1] = (*rows[-1][:3], e.t_end)
             inside = level.in_range
-    return sorted(found, key=lambda row: row[2])
+    return sorted(rows, key=lambda row: row[2])
 
 
 def table(estimates: list[Estimate]) -> str:
     """The windows for a terminal, and what left its range."""
-    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'its P':>6}" for name in PARAMETERS)
+    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in PARAMETERS)
     lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
     for e in estimates:
         u = e.uncertainty
@@ -109,16 +109,17 @@ def table(estimates: list[Estimate]) -> str:
         line = f"{e.t_start:>9.3f} {e.t_end:>9.3f}"
         for level in (u.a6, u.k1):
             if not u.valid:
-                line += f"  {'-':>16} {'-':>9} {'-':>6}"
+                line += f"  {'-':>16} {'-':>9} {'-':>7}"
                 continue
             best = max(level.probability)
-            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>6.3f}"
+            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>7.3f}"
         lines.append(line)
     for name, since, said, back in departures(estimates):
-        lines.append(f"{name} out of its range since {since:.2f} s (known at {said:.2f} s): another factor at play "
-                     "(fault, wind)" + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
+        lines.append(f"{name} is out of its range since {since:.2f} s (alarm by {said:.2f} s): more than dispersion "
+                     "acts, such as a fault or wind"
+                     + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
     if not any(e.uncertainty is not None and e.uncertainty.valid for e in estimates):
-        lines.append("no window of this log says where a6 and k1 are")
+        lines.append("no window of this log determines where in their range a6 and k1 are")
     elif not departures(estimates):
-        lines.append("a6 and k1 in their range throughout")
+        lines.append("a6 and k1 are in their range throughout")
     return "\n".join(lines)

@@ -27,7 +27,7 @@ N_PLANT = 4   # theta, theta_dot, beta, beta_dot/w
 
 
 class Plants(NamedTuple):
-    """What the loops have each of their own, arrays (m,)."""
+    """The plants of m loops, arrays (m,)."""
 
     a6: np.ndarray         # 1/s^2
     k1: np.ndarray         # 1/s^2

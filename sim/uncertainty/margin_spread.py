@@ -51,7 +51,7 @@ class Interval(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
+    """The knowledge of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
     ratio and delay [s] of the servo."""
 
     mean: np.ndarray
@@ -77,12 +77,12 @@ class Spread:
         """Margins whose interval begins below what is required: whether it ends there too."""
         demands = {"gain_low_db": required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
                    "delay_ms": required.delay_ms}
-        found = {}
+        misses = {}
         for name, demand in demands.items():
             least, most = self.ends(name)
             if least < demand:
-                found[name] = most < demand
-        return found
+                misses[name] = most < demand
+        return misses
 
 
 def margin_table(many: Loops) -> np.ndarray:

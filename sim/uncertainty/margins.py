@@ -66,8 +66,8 @@ def frequency_grid(period: float, delay: float) -> np.ndarray:
 
 def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps its bracket
-    (Dowell and Jarratt, BIT 11, 1971).
+    """The crossings, where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps
+    its bracket (Dowell and Jarratt, BIT 11, 1971).
 
     loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing
@@ -174,12 +174,12 @@ def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),
     pattern = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     delta = middle + half * pattern
     for zoom in range(BOX_ZOOMS + 1):
-        found = margins(lft, delta)
-        if not found.stable.all():
+        corner = margins(lft, delta)
+        if not corner.stable.all():
             return Margins(np.array([False]), *(np.array([np.nan]) for _ in range(5)))
-        badness = (-found.gain_low, found.gain_high, found.phase, found.delay, found.modulus)
+        badness = (-corner.gain_low, corner.gain_high, corner.phase, corner.delay, corner.modulus)
         worst = delta[[int(np.argmin(x)) for x in badness]]
-        best_of = Margins(np.array([True]), found.gain_low.max(keepdims=True), *(
+        best_of = Margins(np.array([True]), corner.gain_low.max(keepdims=True), *(
             x.min(keepdims=True) for x in badness[1:]))
         step = half * (2.0 / (BOX_POINTS - 1)) ** (zoom + 1)
         delta = np.unique(np.clip(worst[:, None] + step * pattern, low, high).reshape(-1, 2), axis=0)

@@ -33,7 +33,7 @@ _nominal = functools.cache(load_nominal)
 
 
 def event_time(nominal: Nominal) -> float:
-    """When the scenario begins [s]."""
+    """The time at which the scenario begins [s]."""
     profile = nominal.vehicle
     return CONSTANT_EVENT if len(profile.t) == 1 else float(profile.t[np.argmax(profile.a6)])
 
@@ -89,7 +89,7 @@ def identify(job: Job) -> dict[str, float | int | str]:
     config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(nominal))
     estimates, estimator = run(config, flight.samples())
     last = estimates[-1].tracked if estimates else None
-    found = last._asdict() if last is not None else {}
+    fields = last._asdict() if last is not None else {}
     return {"lost": int(flight.lost), "windows": len(estimates), "valid": sum(e.valid for e in estimates),
             "changes": len(estimator.changes()), "true_a6": float(flight.a6[-1]), "true_k1": float(flight.k1[-1]),
-            **{name: found[name] for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr") if name in found}}
+            **{name: fields[name] for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr") if name in fields}}

@@ -111,9 +111,9 @@ def mu(nominal: Nominal, t: float, centre: tuple[float, float] = (0.0, 0.0),
         raise ValueError(f"centre = {centre}, radius = {radius}: expected finite numbers, radius above 0")
     if not spectral_radius(sample(box.lft, box.centre)) < 1.0:
         return Mu(float(t), False, math.inf, math.inf, box.centre, math.nan)
-    found, floor = _search(box, _static(box))
-    delta = box.centre + box.radius * np.array([found.p, found.q])
-    return Mu(float(t), True, 1.0 / found.r, 1.0 / float(floor), delta, found.omega)
+    best, floor = _search(box, _static(box))
+    delta = box.centre + box.radius * np.array([best.p, best.q])
+    return Mu(float(t), True, 1.0 / best.r, 1.0 / float(floor), delta, best.omega)
 
 
 def mu_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple[float, float] = (0.0, 0.0),
@@ -142,14 +142,14 @@ def _needed(box: Box, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
     return (factor - 1.0) * (1.0 + sigma * box.centre[1]) / (sigma * box.radius[1])
 
 
-def _search(box: Box, found: Found) -> tuple[Found, float]:
+def _search(box: Box, best: Found) -> tuple[Found, float]:
     """Branch and bound from a boundary point: a nearest one, and a size below which there is none."""
-    cells, q = _first_cells(box, found.r)
+    cells, q = _first_cells(box, best.r)
     floor = math.inf
     for _ in range(LEVELS):
-        found = _improve(box, cells, q, found)
+        best = _improve(box, cells, q, best)
         least = _least(box, cells, q)
-        keep = least < (1.0 - TOLERANCE) * found.r
+        keep = least < (1.0 - TOLERANCE) * best.r
         floor = min(floor, least[~keep].min(initial=math.inf))
         if not keep.any():
             break
@@ -157,7 +157,7 @@ def _search(box: Box, found: Found) -> tuple[Found, float]:
         q = _survey(box, cells)
     else:
         floor = min(floor, least[keep].min())
-    return found, min(floor, found.r)
+    return best, min(floor, best.r)
 
 
 def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
@@ -202,7 +202,7 @@ def _range(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distance(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Of 0 from the interval; 0 where an end is not finite (nothing is known there)."""
+    """The distance of 0 from the interval; 0 where an end is not finite (nothing is known there)."""
     return np.where(np.isfinite(low) & np.isfinite(high), np.maximum(0.0, np.maximum(low, -high)), 0.0)
 
 
@@ -223,27 +223,27 @@ def _least(box: Box, cells: Cells, q: np.ndarray) -> np.ndarray:
     return np.where(apart, math.inf, size)
 
 
-def _improve(box: Box, cells: Cells, q: np.ndarray, found: Found) -> Found:
+def _improve(box: Box, cells: Cells, q: np.ndarray, known: Found) -> Found:
     """The best boundary point on the cells' rows of constant p, if it is nearer than `found`."""
     y, (p, omega) = _imaginary(box, cells, q), cells.points()
     line = np.flatnonzero(cells.omega_low == cells.omega_high)
     size = np.maximum(np.abs(p[line]), np.abs(q.real[line, :, 0]))
-    if size.size and np.nanmin(size) < found.r:
+    if size.size and np.nanmin(size) < known.r:
         i, j = np.unravel_index(np.nanargmin(size), size.shape)
-        found = Found(float(size[i, j]), float(p[line[i], j]), float(q.real[line[i], j, 0]), float(omega[line[i], 0]))
+        known = Found(float(size[i, j]), float(p[line[i], j]), float(q.real[line[i], j, 0]), float(omega[line[i], 0]))
     cell, row, column = np.nonzero((y[:, :, 1:] > 0.0) != (y[:, :, :-1] > 0.0))
     if not len(cell):
-        return found
+        return known
     with np.errstate(invalid="ignore", divide="ignore"):
         y0, y1 = y[cell, row, column], y[cell, row, column + 1]
         q0, q1 = q.real[cell, row, column], q.real[cell, row, column + 1]
         size = np.maximum(np.abs(p[cell, row]), np.abs(q0 - y0 * (q1 - q0) / (y1 - y0)))
     best = int(np.argmin(np.where(np.isfinite(size), size, math.inf)))
-    if not size[best] < found.r:
-        return found
+    if not size[best] < known.r:
+        return known
     i, k = cell[best], column[best]
     refined = _refine(box, float(p[i, row[best]]), float(omega[i, k]), float(omega[i, k + 1]))
-    return refined if refined.r < found.r else found
+    return refined if refined.r < known.r else known
 
 
 def _refine(box: Box, p: float, low: float, high: float) -> Found:

@@ -67,7 +67,7 @@ NOT_SURE = 0.15       # std of wn^2 relative to itself; a box of sigma 0.25 alon
 
 
 class Belief(NamedTuple):
-    """What the supervisor takes a6 and k1 for, over the nominal's; (1, 1) is the nominal."""
+    """The supervisor's a6 and k1 over the nominal's; (1, 1) is the nominal."""
 
     a6: float
     k1: float
@@ -133,7 +133,7 @@ class Rule:
         return (wn2 + a6_0) * tracked.k1_std / abs(tracked.k1) / wn2
 
     def missed(self, t: float, tracked: Tracked) -> float:
-        """By how much the legacy gains' wn^2 is below their own at the nominal if this is true, relative to it."""
+        """The relative loss of the legacy gains' wn^2, from that at the nominal, if the tracked estimate is true."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
         wn2 = kp * abs(k1_0) - a6_0
@@ -155,7 +155,7 @@ class Rule:
 
 
 class Scheduler:
-    """Beside the controller: a belief in, gains out."""
+    """A scheduler beside the controller: a belief in, gains out."""
 
     def __init__(self, nominal: Nominal) -> None:
         self.rule = Rule(nominal)
@@ -179,7 +179,7 @@ class Scheduler:
 
 
 class Decision(NamedTuple):
-    """From t [s] on: whether gains (kp, kd [s]) were adopted, and why not."""
+    """A decision at t [s]: whether gains (kp, kd [s]) were adopted, and why not."""
 
     t: float
     adopted: bool
@@ -188,7 +188,7 @@ class Decision(NamedTuple):
 
 
 class Gate:
-    """Whether the margins that are required hold with other gains."""
+    """The gate that lets gains pass only if the required margins hold with them."""
 
     def __init__(self, nominal: Nominal) -> None:
         self.nominal = nominal
@@ -219,7 +219,7 @@ class Gate:
 
 
 class Supervisor(Scheduler):
-    """What flies: what the estimator says of the samples is believed at once, if the gate lets its gains pass."""
+    """The scheduler that flies: it believes the estimator at once, if the gate lets the gains pass."""
 
     def __init__(self, nominal: Nominal, sample_period: float) -> None:
         super().__init__(nominal)
@@ -250,7 +250,8 @@ class Supervisor(Scheduler):
 
 
 class Knowing(Scheduler):
-    """What no estimator can beat: the true ratios, LATE.  Says which losses the rule itself leaves."""
+    """A scheduler that no estimator can beat: it gets the true ratios, LATE.  It shows which losses the rule itself
+    leaves."""
 
     def __init__(self, nominal: Nominal, a6_factor: Factor, k1_factor: Factor) -> None:
         super().__init__(nominal)

@@ -67,7 +67,7 @@ class Flown:
         self.world = self._world(nominal)
 
     def _world(self, nominal: Nominal) -> World:
-        """What [wind] and [offsets] leave open, and the flight path that the log says."""
+        """The world that [wind] and [offsets] leave open, with the log's flight path."""
         path = SimpleNamespace(t=self.t, period=self.period, wind=-self.gamma, true_gamma=np.zeros(len(self.t)))
         world = world_of(nominal, path)
         inertial = nominal.sensors.alpha_source == "inertial"
@@ -152,7 +152,8 @@ def with_servo(nominal: Nominal, servo: np.ndarray) -> Nominal:
 
 
 def identified_with_servo(log: Log, nominal: Nominal, config: Config) -> tuple[Identified, Servo]:
-    """What the log says of a6 and k1, behind the nominal's servo or, where it is not known, behind the log's."""
+    """The log's a6 and k1, behind the nominal's servo or, where it is not known, behind the servo that the log
+    shows."""
     servo = known_servo(nominal)
     assert nominal.actuator is not None
     if nominal.actuator.is_known:
@@ -163,21 +164,21 @@ def identified_with_servo(log: Log, nominal: Nominal, config: Config) -> tuple[I
         model = onboard_model(with_servo(nominal, at), log.period, log.path)
         return identified(dataclasses.replace(config, model=model), log)
 
-    made, by_servo = seen(mean), {}
+    result, by_servo = seen(mean), {}
     std = np.sqrt(np.diag(covariance))
     moved = {k: seen(mean + std[k] * np.eye(3)[k]) for k in range(3) if std[k] > 0.0}
-    for w, e in enumerate(made.judged.estimates):
-        for of in ("window", "tracked"):
+    for w, e in enumerate(result.judged.estimates):
+        for estimate in ("window", "tracked"):
             slopes = np.zeros((2, 3))
             for k, other in moved.items():
                 if w < len(other.judged.estimates):
-                    slopes[:, k] = (_rigid(other.judged.estimates[w], of) - _rigid(e, of)) / std[k]
-            by_servo[w, of] = np.nan_to_num(slopes)
-    return made, Servo(mean, covariance, by_servo)
+                    slopes[:, k] = (_rigid(other.judged.estimates[w], estimate) - _rigid(e, estimate)) / std[k]
+            by_servo[w, estimate] = np.nan_to_num(slopes)
+    return result, Servo(mean, covariance, by_servo)
 
 
-def _rigid(e: Estimate, of: str) -> np.ndarray:
+def _rigid(e: Estimate, estimate: str) -> np.ndarray:
     """(a6, k1) of a window's own data or tracked at its end; NaN where there are none."""
-    if of == "tracked" and e.tracked is not None:
+    if estimate == "tracked" and e.tracked is not None:
         return np.array([e.tracked.a6, e.tracked.k1])
-    return np.array([e.a6, e.k1]) if of == "window" else np.full(2, math.nan)
+    return np.array([e.a6, e.k1]) if estimate == "window" else np.full(2, math.nan)

@@ -1,4 +1,4 @@
-"""What a sensor makes of a true value."""
+"""The measurement of a true value: noise and quantisation."""
 
 import math
 

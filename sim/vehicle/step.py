@@ -81,14 +81,14 @@ class Vehicle(NamedTuple):
 
 @inner
 def attitude(v, i):
-    """What the attitude sensor makes of step i, without noise [rad]."""
+    """The reading of the attitude sensor at step i, without noise [rad]."""
     theta = v.state[THETA] + plant.deflection(v.plant)[0]
     return sensor.attitude(v.sensor, v.history, i, v.constant[STEP], theta)
 
 
 @inner
 def gyro(v, i):
-    """What the gyro makes of step i, without noise [rad/s]."""
+    """The reading of the gyro at step i, without noise [rad/s]."""
     theta_dot = v.state[THETA_DOT] + plant.deflection(v.plant)[1]
     return sensor.gyro(v.sensor, v.history, i, v.constant[STEP], theta_dot)
 

@@ -1,4 +1,4 @@
-"""What the data check finds in the first rows."""
+"""The data check of a source's first rows."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ MOST_CHECKED = 20_000  # rows
 
 
 class FirstRows:
-    """Keeps them until there are enough, and no longer."""
+    """The first rows, kept until there are enough of them for the check."""
 
     def __init__(self, path: str) -> None:
         self._path, self._logs, self._done = path, list[Log](), False
@@ -28,19 +28,19 @@ class FirstRows:
         self.count += len(log.t)
 
     def _together(self) -> Log:
-        """As one log; InputError if no row of it can be used."""
+        """The rows so far as one log; InputError if no row of it can be used."""
         columns = self._logs[0].columns if self._logs else ("t", "theta", "beta")
         return log_of({name: np.concatenate([np.empty(0), *(getattr(log, name) for log in self._logs)])
                        for name in columns}, self._path)
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
-        """What the check finds, once there are enough of them or there will be no more; '' before, after, and if that
+        """The check's finding, once, when there are enough rows or there will be no more; '' before, after, and if that
         is nothing."""
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""
         try:
-            found = "; ".join(fault.message for fault in faults(self._together(), nominal))
+            words = "; ".join(fault.message for fault in faults(self._together(), nominal))
         except InputError as error:
-            found = str(error)
+            words = str(error)
         self._done, self._logs, self.count = True, [], 0
-        return f"{self._path}: the data check of the first rows: {found}" if found else ""
+        return f"{self._path}: the data check of the first rows: {words}" if words else ""

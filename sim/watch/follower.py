@@ -62,16 +62,16 @@ class Follower:
         self.live = Live(self._head())
 
     def _config(self, period: float) -> Config:
-        """As identify's for a log of this period [s], with the range of the uncertainty level if the nominal has
-        one, which changes no other number."""
+        """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
+        nominal has one, which changes no other number."""
         if not 0.0 < period < math.inf:
             raise UsageError(f"--period {period!r}: expected a time in s above 0")
         timing = log_of({"t": [0.0, period], "theta": [0.0, 0.0], "beta": [0.0, 0.0]}, self._source)
-        made = log_config(timing, self._nominal, str(self._window), "filtered", True, library="rigid-body",
-                          noise=self._noise)
+        config = log_config(timing, self._nominal, str(self._window), "filtered", True, library="rigid-body",
+                            noise=self._noise)
         if self._nominal.uncertainty is None:
-            return made
-        return dataclasses.replace(made, model=ranged_model(self._nominal, period, self._source))
+            return config
+        return dataclasses.replace(config, model=ranged_model(self._nominal, period, self._source))
 
     # ---- rows
 
@@ -127,10 +127,10 @@ class Follower:
 
     def _check(self, ended: bool) -> None:
         assert self.estimator is not None
-        if found := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
+        if words := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
             if self._strict:
-                raise InputError(found)
-            self._note(found)
+                raise InputError(words)
+            self._note(words)
 
     def _note(self, text: str) -> None:
         if text not in self._notes:
@@ -210,8 +210,8 @@ class Follower:
     def report(self) -> dict[str, Any]:
         """identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
         assert self.estimator is not None
-        made = report(list(self.estimates), self.estimator, tracked=True)
-        return made | {"earlier_windows": self.closed - len(self.estimates)}
+        answer = report(list(self.estimates), self.estimator, tracked=True)
+        return answer | {"earlier_windows": self.closed - len(self.estimates)}
 
 
 def rounded(x: float) -> float | None:
@@ -224,13 +224,13 @@ def instant(t: float) -> float | None:
     return number(round(t, INSTANT)) if math.isfinite(t) else None
 
 
-def _rounded(of: Any, name: str = "") -> Any:
+def _rounded(given: Any, name: str = "") -> Any:
     """The same of every number of a JSON."""
-    if isinstance(of, dict):
-        return {key: _rounded(value, key) for key, value in of.items()}
-    if not isinstance(of, float):
-        return of
-    return instant(of) if name in STAMPS else rounded(of)
+    if isinstance(given, dict):
+        return {key: _rounded(value, key) for key, value in given.items()}
+    if not isinstance(given, float):
+        return given
+    return instant(given) if name in STAMPS else rounded(given)
 
 
 def window_row(estimate: Estimate) -> Row:
@@ -256,8 +256,8 @@ def nominal_curve(nominal: Nominal) -> dict[str, list[float]]:
     times = [nominal.vehicle.t, *([] if sigma is None else [sigma.t])]
     nodes = np.unique(np.concatenate([t for t in times if len(t) > 1] or [np.zeros(1)]))
     t = nodes if len(nodes) == 1 else np.linspace(nodes[0], nodes[-1], CURVE)
-    found = {"t": t}
+    curves = {"t": t}
     for name, value, spread in zip(("a6", "k1"), nominal.vehicle.at(t),
                                    (np.zeros(len(t)),) * 2 if sigma is None else sigma.at(t), strict=True):
-        found |= {name: value, f"{name}_half": np.abs(value) * spread}
-    return {name: [float(f"{x:.{FIGURES}g}") for x in values.tolist()] for name, values in found.items()}
+        curves |= {name: value, f"{name}_half": np.abs(value) * spread}
+    return {name: [float(f"{x:.{FIGURES}g}") for x in values.tolist()] for name, values in curves.items()}

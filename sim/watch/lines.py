@@ -24,7 +24,7 @@ BOM = b"\xef\xbb\xbf"
 
 
 class Lines:
-    """Cuts a stream into rows and reads them as `sim.log` does.
+    """A stream cut into rows, which are read as `sim.log` does.
 
     path       what messages call the stream
     strict     no usable columns are an InputError (of a file), not a row that cannot be read (of a socket, where
@@ -33,10 +33,10 @@ class Lines:
     malformed, last   how many rows could not be read; what was said of the last one
     """
 
-    def __init__(self, path: str, strict: bool, say: Callable[[str], None], of: Map | None = None) -> None:
+    def __init__(self, path: str, strict: bool, say: Callable[[str], None], mapping: Map | None = None) -> None:
         self.path, self._strict, self._say = path, strict, say
-        self._mapped = None if of is None else MappedStream(of)
-        self._clock = "t" if of is None else of.time
+        self._mapped = None if mapping is None else MappedStream(mapping)
+        self._clock = "t" if mapping is None else mapping.time
         self.malformed, self.last, self._said = 0, "", 0
         self.number, self._torn = 0, b""
         self.begin_anew()
@@ -130,7 +130,7 @@ class Lines:
         self._tell(f"{self.last}; the row is left out")
 
     def _tell(self, text: str) -> None:
-        """Whatever a sender does, a few lines at most."""
+        """Say something of the rows, SAID lines at most, whatever a sender does."""
         self._said += 1
         if self._said <= SAID:
             self._say(text if len(text) <= LONGEST_SAID else f"{text[:LONGEST_SAID]}...")

@@ -1,4 +1,4 @@
-"""What is shown, in fixed memory: written by the follower alone, read by any thread without a lock.
+"""The state that pages show, in fixed memory: written by the follower alone, read by any thread without a lock.
 
 A list here only grows until it is replaced by a new one, and everything else is replaced: what a reader took stays as
 it was.
@@ -24,7 +24,7 @@ class Series:
         self.rows: list[Row] = []
 
     def is_due(self) -> bool:
-        """Will the next row be kept."""
+        """Whether the next row will be kept."""
         return self._offered % self.stride == 0
 
     def add(self, row: Row | None) -> None:
@@ -54,7 +54,7 @@ class Live:
 
 
 class Seen(NamedTuple):
-    """How far a page has been told."""
+    """The state that a page has already received."""
 
     head: dict[str, Any]
     points: list[Row]
@@ -64,10 +64,11 @@ class Seen(NamedTuple):
 
 
 def message(live: Live, seen: Seen | None) -> tuple[dict[str, Any], Seen]:
-    """What a page has not been told yet: everything (`head` is among it) at first and where a list was thinned."""
+    """The message of what a page lacks: everything (`head` is among it) at first and where a list was thinned."""
     head, points, windows = live.head, live.points.rows, live.windows.rows
     now = Seen(head, points, windows, len(points), len(windows))
-    told = {"now": live.now, "changes": live.changes}
+    always = {"now": live.now, "changes": live.changes}
     if seen is None or seen.head is not head or seen.points is not points or seen.windows is not windows:
-        return {"head": head, "points": points[:now.n_points], "windows": windows[:now.n_windows], **told}, now
-    return {"points": points[seen.n_points:now.n_points], "windows": windows[seen.n_windows:now.n_windows], **told}, now
+        return {"head": head, "points": points[:now.n_points], "windows": windows[:now.n_windows], **always}, now
+    return {"points": points[seen.n_points:now.n_points], "windows": windows[seen.n_windows:now.n_windows],
+            **always}, now

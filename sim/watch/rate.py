@@ -12,8 +12,8 @@ PERIOD_ROWS = 64  # whose median step is the sample period
 
 
 class Rate:
-    """Takes sound rows by PERIOD_ROWS.  What the estimator would reject for its stamp, or for lack of theta or beta,
-    says nothing of the rate."""
+    """The sample period of rows that come, by PERIOD_ROWS.  What the estimator would reject for its stamp, theta or
+    beta says nothing of the rate."""
 
     def __init__(self, path: str) -> None:
         self._path, self._t = path, list[float]()
@@ -40,6 +40,6 @@ class Rate:
 
 
 def _cut(log: Log, begin: int, end: int) -> Log:
-    """These rows of it."""
+    """The rows begin .. end - 1 of a log."""
     arrays: dict[str, Any] = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
     return dataclasses.replace(log, **arrays)

@@ -38,7 +38,7 @@ PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")
 
 
 def _hash(tag: str) -> str:
-    """What a browser compares the page's one <script> or <style> with: no other is run."""
+    """The hash of the page's one <script> or <style>, which a browser compares: no other is run."""
     (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), PAGE, re.DOTALL)
     return f"'sha256-{base64.b64encode(hashlib.sha256(inside).digest()).decode()}'"
 
@@ -51,7 +51,7 @@ HEADERS = {
 
 
 class Server(ThreadingHTTPServer):
-    """Serves `live` until it is closed."""
+    """A server of `live`, until it is closed."""
 
     daemon_threads = True
     block_on_close = False
@@ -111,7 +111,8 @@ class Server(ThreadingHTTPServer):
             self.telling.pop(page, None)
 
     def end(self) -> None:
-        """After the last `live`: pages hear of it, or not, and nobody is heard any more."""
+        """End the server after the last `live`: pages that are connected receive that first, for FAREWELL seconds at
+        most."""
         until = time.monotonic() + FAREWELL
         while self.telling and time.monotonic() < until:
             time.sleep(0.5 * FRAME)
@@ -127,7 +128,7 @@ class Handler(BaseHTTPRequestHandler):
     timeout = PATIENCE
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Not said."""
+        """Say nothing of a request."""
 
     def do_HEAD(self) -> None:
         self._answer(with_body=False)
@@ -149,8 +150,8 @@ class Handler(BaseHTTPRequestHandler):
             self._whole(404, "text/plain; charset=utf-8", b"expected /, /events or /state\n", with_body)
 
     def _is_ours(self, path: str) -> bool:
-        """Is it asked by this machine's name, and not by a page of another origin, whose name may have been turned to
-        this address.  A link to the page may stand anywhere."""
+        """Whether a request has this machine's name, and is not by a page of another origin, whose name may have been
+        turned to this address.  A link to the page may stand anywhere."""
         names = (LOOPBACK, "localhost")
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if (host.rpartition(":")[0] or host) not in names:
@@ -180,24 +181,24 @@ class Handler(BaseHTTPRequestHandler):
             self.server.leave(self.connection)
 
     def _tell(self) -> None:
-        live, seen, revision, told = self.server.live, None, -1, 0.0
+        live, seen, revision, last = self.server.live, None, -1, 0.0
         self.wfile.write(b"retry: 1000\n\n")
         while self.connection in self.server.telling:
             clock = time.monotonic()
-            if revision != live.revision or clock - told > ALIVE:
+            if revision != live.revision or clock - last > ALIVE:
                 revision = live.revision  # before it is read: what comes meanwhile is told again
                 news, seen = message(live, seen)
                 self.wfile.write(b"data: " + _json(news) + b"\n\n")
-                told = clock
+                last = clock
                 if news["now"]["state"] == "ended":
                     return
             time.sleep(FRAME)
         self.wfile.write(b"event: replaced\ndata: {}\n\n")
 
 
-def _json(of: dict[str, Any]) -> bytes:
-    """With how long ago [s] the last row came, as no page has this clock."""
-    now = {name: value for name, value in of["now"].items() if name != "clock"}
-    if "clock" in of["now"]:
-        now["idle"] = round(time.monotonic() - of["now"]["clock"], 1)
-    return json.dumps(of | {"now": now}, separators=(",", ":"), allow_nan=False).encode()
+def _json(content: dict[str, Any]) -> bytes:
+    """The message as JSON, with the time [s] since the last row, as no page has this clock."""
+    now = {name: value for name, value in content["now"].items() if name != "clock"}
+    if "clock" in content["now"]:
+        now["idle"] = round(time.monotonic() - content["now"]["clock"], 1)
+    return json.dumps(content | {"now": now}, separators=(",", ":"), allow_nan=False).encode()

@@ -1,4 +1,4 @@
-"""From the source's first row to its last, or to Ctrl-C."""
+"""A session: from the source's first row to its last, or to Ctrl-C."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from .sources import File, Pipe, Source
 
 @dataclass(frozen=True, eq=False)
 class Watched(Answer):
-    """What was known at the end."""
+    """The answer of `watch`: what was known at the end."""
 
     source: str
     report: dict[str, Any]
@@ -37,19 +37,19 @@ class Watched(Answer):
 
 
 def watch(source: Source, nominal: Nominal, *, window: float = 1.0, period: float | None = None,
-          noise: str = "estimated", strict: bool = False, of: Map | None = None, http: int = 0,
+          noise: str = "estimated", strict: bool = False, mapping: Map | None = None, http: int = 0,
           say: Callable[[str], None] = lambda text: None) -> Watched:
     """Follow a source and serve the page until it ends or Ctrl-C comes.
 
     window, period   [s] of the estimator; period None: what the first rows say
     strict           what the data check of the first rows finds is an InputError
-    of               the map of rows with other names and units
+    mapping          the map of rows with other names and units
     http             port of the page on the loopback; 0: any free one
     say              told where the page is, and of rows that cannot be read
     KeyboardInterrupt if it came before there was anything to tell.
     """
     follower = Follower(source.name, nominal, window=window, period=period, noise=noise, strict=strict, say=say)
-    lines = Lines(source.name, isinstance(source, (File, Pipe)), say, of)
+    lines = Lines(source.name, isinstance(source, (File, Pipe)), say, mapping)
     server = Server(follower.live, http)
     say(f"watch: {source.name} on {server.url} (Ctrl-C ends)")
     interrupted = False
@@ -63,8 +63,8 @@ def watch(source: Source, nominal: Nominal, *, window: float = 1.0, period: floa
         follower.tick("ended", lines.malformed, lines.last)
         server.end()
     last = follower.estimates[-1].t_end if follower.estimates else -math.inf
-    made = follower.report() | {"rows": {"read": follower.rows, "malformed": lines.malformed}}
-    return Watched(source.name, made, interrupted, profile_note(nominal, last, source.name))
+    answer = follower.report() | {"rows": {"read": follower.rows, "malformed": lines.malformed}}
+    return Watched(source.name, answer, interrupted, profile_note(nominal, last, source.name))
 
 
 def follow(source: Source, lines: Lines, follower: Follower) -> None:

@@ -1,4 +1,4 @@
-"""Where rows come from, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
+"""The sources of rows, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
 
 A piece may end anywhere in a line.  b"": nothing new for IDLE; None: what follows is another stream.
 """
@@ -37,19 +37,19 @@ Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
 
 
 def is_readable(what: int | socket.socket, patience: float) -> bool:
-    """Is something there to be read, or comes within so many seconds."""
+    """Whether something is there to be read, or comes within so many seconds."""
     with Selector() as selector:
         selector.register(what, selectors.EVENT_READ)
         return bool(selector.select(patience))
 
 
 class Source(Protocol):
-    """What can be followed."""
+    """A source that can be followed."""
 
     name: str
 
     def pieces(self) -> Pieces:
-        """Until the source ends."""
+        """The pieces until the source ends."""
 
 
 def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text: None) -> Source:
@@ -69,11 +69,11 @@ def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text:
         return Pipe(text, sys.stdin.fileno())
     path = locate_log(text)
     try:
-        found = os.stat(path)
-        if stat.S_ISFIFO(found.st_mode):
+        status = os.stat(path)
+        if stat.S_ISFIFO(status.st_mode):
             reads(path)
             return Pipe(text, os.open(path, os.O_RDONLY))
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{text}: neither a file nor a pipe; expected a CSV log, udp:PORT or tcp:PORT")
         reads(path)
         return File(text, str(path), once)
@@ -85,15 +85,15 @@ def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text:
 def _bound(text: str, kind: str, port: str) -> socket.socket:
     if not (port.isascii() and port.isdigit() and int(port) < 1 << 16):
         raise UsageError(f"{text}: expected {kind}:PORT with a port of 0 (any free one) to 65535")
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
     try:
         if kind == "tcp":
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((LOOPBACK, int(port)))
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((LOOPBACK, int(port)))
     except OSError as error:
-        made.close()
+        bound.close()
         raise UsageError(f"{text}: cannot listen there ({error.strerror}); expected a free port, 0 takes any") from None
-    return made
+    return bound
 
 
 class File:
@@ -121,10 +121,10 @@ class File:
             self._file.close()
 
     def _turn(self) -> bool:
-        """To the file that stands there now, if it is another or was cut."""
+        """Turn to the file that stands at the path now, if it is another or was cut; returns whether it did."""
         try:
-            found = os.stat(self._path)
-            if found.st_size >= self._file.tell() and os.path.samestat(found, os.fstat(self._file.fileno())):
+            status = os.stat(self._path)
+            if status.st_size >= self._file.tell() and os.path.samestat(status, os.fstat(self._file.fileno())):
                 return False
             another = open(self._path, "rb")
         except OSError:
@@ -141,7 +141,7 @@ class Whole:
         self.name, self._log = log.path, log
 
     def pieces(self) -> Pieces:
-        """In the shortest numbers that read back to the same bits."""
+        """The log as text, in the shortest numbers that read back to the same bits."""
         columns = self._log.measured()
         yield (",".join(columns) + "\n").encode()
         for k in range(0, len(self._log.t), PIECE_ROWS):
@@ -275,7 +275,7 @@ class Tcp:
 
 
 def _first_bytes(sender: socket.socket) -> bytes | None:
-    """What a connection begins with, b"" of one that has ended; None while that tells nothing."""
+    """The first bytes of a connection, b"" of one that has ended; None while they decide nothing."""
     try:
         first = sender.recv(KNOWN_BY, socket.MSG_PEEK)
     except BlockingIOError:

@@ -49,7 +49,7 @@ SYSTEM = "Systems/J246FirstStageEffectors.xml"
 
 @dataclass(frozen=True)
 class Faults:
-    """What is wrong with a flight; the defaults are nothing."""
+    """The faults of a flight; the defaults are none."""
 
     gimbal: float = 1.0            # share of its command that the right nozzle does in pitch
     gimbal_time: float = 0.0       # s of the log's clock, from which on
@@ -289,7 +289,7 @@ def logged(fdm: jsbsim.FGFDMExec, faults: Faults, seed: int, duration: float) ->
 
 
 def events(fdm: jsbsim.FGFDMExec, faults: Faults, row: int) -> None:
-    """What begins at this row."""
+    """Begin the faults of this row."""
     if row == round(faults.gimbal_time / PERIOD):
         fdm["launchid/share-1"] = faults.gimbal
     if faults.gust and row == round(faults.gust_time / PERIOD):

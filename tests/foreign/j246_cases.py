@@ -1,4 +1,4 @@
-"""What is hidden in flights of JSBSim's J246, and the nominal that each is to be judged against.
+"""The faults hidden in flights of JSBSim's J246, and the nominal that each is to be judged against.
 
 The nominal's numbers are the vehicle's own along the reference flight: loads, masses, places and thrusts that JSBSim
 reports (`j246.vehicle_parameters`), its servo's lag, and half a step of delay, which its filter has.  None of them is
@@ -212,7 +212,7 @@ def servo_lines(pole: float) -> str:
 
 def write_nominal(path: Path, of: Case, seed: int, plain: bool = False, duration: float = DURATION,
                   pole: float | None = None) -> None:
-    """What the simulation believes: a TOML file, and beside it the profiles NAME.vehicle.csv and NAME.drift.csv.
+    """Write the nominal: a TOML file, and beside it the profiles NAME.vehicle.csv and NAME.drift.csv.
 
     plain  without [drift] and [wind], and with a second-order servo without delay: for commands that know no others
     pole   [rad/s] with a second-order servo that has this second pole

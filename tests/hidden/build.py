@@ -1,4 +1,5 @@
-"""From a Spec to the arrays and numbers that `motion.run` flies: first the clean vehicle, then each effect on it."""
+"""The step from a Spec to the arrays and numbers that `motion.run` flies: first the clean vehicle, then each effect on
+it."""
 
 import zlib
 from typing import Any

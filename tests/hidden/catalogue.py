@@ -246,7 +246,7 @@ def _maker(cause: str) -> Maker:
 
 
 def _gains(scale: float, factor: float, rng: np.random.Generator) -> Parameters:
-    """Which part of the controller is off: one gain, both, or whole periods of computing time."""
+    """The part of the controller that is off: one gain, both, or whole periods of computing time."""
     kind = rng.integers(4)
     return {"kp_scale": scale if kind in (0, 2) else 1.0, "kd_scale": scale if kind in (1, 2) else 1.0,
             "delay": 0.01 * max(round(factor), 1) if kind == 3 else 0.0}

@@ -1,4 +1,4 @@
-"""Draws a flight, flies it, writes its log."""
+"""The way of a flight: draw it, fly it, write its log."""
 
 from collections.abc import Iterable
 from dataclasses import replace

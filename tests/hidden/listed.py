@@ -34,13 +34,13 @@ def is_other(hidden: Hidden) -> bool:
 
 
 def thrust_percent(b: Build, x: Hidden) -> None:
-    """Other: the deviation creeps."""
+    """The thrust is off by a share.  Other: the deviation creeps."""
     share = x["percent"] / 100.0
     b.k1 *= 1.0 + share * (b.creep(b.t) if is_other(x) else 1.0)
 
 
 def thrust_drop(b: Build, x: Hidden) -> None:
-    """Other: over RAMP seconds instead of at once."""
+    """A part of the thrust is lost at once.  Other: over RAMP seconds."""
     if is_other(x):
         gone = np.clip((b.t - x["at_s"]) / RAMP + 0.5, 0.0, 1.0)
     else:
@@ -49,12 +49,13 @@ def thrust_drop(b: Build, x: Hidden) -> None:
 
 
 def aero_percent(b: Build, x: Hidden) -> None:
-    """Other: the deviation creeps."""
+    """The air's moment is off by a share.  Other: the deviation creeps."""
     b.a6 *= 1.0 + x["percent"] / 100.0 * (b.creep(b.t) if is_other(x) else 1.0)
 
 
 def rate_drag(b: Build, x: Hidden) -> None:
-    """Other: a part grows with the square of the rate; the coefficient is that at half the largest rate."""
+    """A moment grows with the rate.  Other: a part grows with its square; the coefficient is that at half the largest
+    rate."""
     if is_other(x):
         b.set(drag=(1.0 - 0.5 * SQUARE_SHARE) * x["per_s"],
               drag_square=SQUARE_SHARE * x["per_s"] / b.vehicle.turn_rate)
@@ -63,7 +64,8 @@ def rate_drag(b: Build, x: Hidden) -> None:
 
 
 def aero_curve(b: Build, x: Hidden) -> None:
-    """Other: sinh (or sin) of the angle, whose third-order term is the coefficient."""
+    """The air's moment has a cube of the angle.  Other: sinh (or sin) of the angle, whose third-order term is the
+    coefficient."""
     if is_other(x):
         b.set(aero_bend=math.copysign(math.sqrt(6.0 * abs(x["per_rad2"])), x["per_rad2"]))
     else:
@@ -71,23 +73,23 @@ def aero_curve(b: Build, x: Hidden) -> None:
 
 
 def bearing_rub(b: Build, x: Hidden) -> None:
-    """Other: smooth through zero rate."""
+    """A bearing has dry friction.  Other: smooth through zero rate."""
     b.set(rub=math.radians(x["deg_per_s2"]), rub_width=RUB_WIDTH if is_other(x) else 0.0)
 
 
 def thrust_tilt(b: Build, x: Hidden) -> None:
-    """Other: the centre of mass is off the axis and its lever creeps as propellant burns."""
+    """The thrust is tilted.  Other: the centre of mass is off the axis and its lever creeps as propellant burns."""
     b.tilt += math.radians(x["deg"]) * (b.creep(b.t) if is_other(x) else 1.0)
 
 
 def tank(b: Build, x: Hidden) -> None:
-    """Other: a pendulum with the sine of its angle."""
+    """A tank sloshes.  Other: a pendulum with the sine of its angle."""
     b.set(tank_pull=x["pull"], tank_frequency=2.0 * math.pi * x["hz"], tank_damping=x["damping"],
           tank_ratio=PENDULUM if is_other(x) else 0.0)
 
 
 def flex(b: Build, x: Hidden) -> None:
-    """Other: with a small second mode."""
+    """The body bends.  Other: with a small second mode."""
     w = 2.0 * math.pi * x["hz"]
     b.set(flex_gain=x["gain"], flex_frequency=w, flex_damping=x["damping"])
     if is_other(x):
@@ -95,61 +97,64 @@ def flex(b: Build, x: Hidden) -> None:
 
 
 def gust_pulse(b: Build, x: Hidden) -> None:
-    """Other: a triangle of the same height and length."""
+    """A gust comes and goes.  Other: a triangle of the same height and length."""
     share = np.clip((b.t - x["at_s"]) / x["length_s"], 0.0, 1.0)
     shape = 1.0 - np.abs(2.0 * share - 1.0) if is_other(x) else 0.5 - 0.5 * np.cos(2.0 * math.pi * share)
     b.wind += math.radians(x["deg"]) * shape
 
 
 def wind(b: Build, x: Hidden) -> None:
-    """Other: it creeps."""
+    """A steady wind blows.  Other: it creeps."""
     b.wind += math.radians(x["deg"]) * (b.creep(b.t) if is_other(x) else 1.0)
 
 
 def hum(b: Build, x: Hidden) -> None:
-    """Other: with a little of its octave."""
+    """A moment swings at one frequency.  Other: with a little of its octave."""
     phase = 2.0 * math.pi * x["hz"] * b.t + math.radians(x["phase_deg"])
     shape = np.sin(phase) + (OVERTONE * np.sin(2.0 * phase) if is_other(x) else 0.0)
     b.torque += math.radians(x["deg_per_s2"]) * shape
 
 
 def engine_out(b: Build, x: Hidden) -> None:
-    """Other: as the thrust tails off, begun so much earlier that the momentum lost is the same."""
+    """One engine ends, which turns the vehicle.  Other: as the thrust tails off, begun so much earlier that the
+    momentum lost is the same."""
     since = b.t - x["at_s"] + (TAIL_OFF if is_other(x) else 1e-9)
     shape = 1.0 - np.exp(-np.maximum(since, 0.0) / TAIL_OFF) if is_other(x) else (since >= 0.0).astype(float)
     b.torque += math.radians(x["deg_per_s2"]) * shape
 
 
 def heavy_nozzle(b: Build, x: Hidden) -> None:
-    """Other: through a mount that yields."""
+    """The nozzle's inertia kicks the vehicle.  Other: through a mount that yields."""
     b.set(kick=x["kick"], mount=MOUNT if is_other(x) else 0.0)
 
 
 def thrust_trend(b: Build, x: Hidden) -> None:
-    """Other: with the square of time, the same in the middle of the flight and as steep there."""
+    """The thrust grows with time.  Other: with the square of time, the same in the middle of the flight and as steep
+    there."""
     since = b.t - 0.5 * b.duration
     b.k1 *= 1.0 + x["percent_per_s"] / 100.0 * (since + (since**2 / b.duration if is_other(x) else 0.0))
 
 
 def sideways(b: Build, x: Hidden) -> None:
-    """Other: profiles, for the vehicle gets faster."""
+    """The flight path drifts.  Other: profiles, for the vehicle gets faster."""
     profile = 1.0 + (THINNING * (1.0 - 2.0 * b.t / b.duration) if is_other(x) else 0.0)
     b.drift_alpha += x["alpha_per_s"] * profile
     b.drift_beta += x["nozzle_per_s"] * profile
 
 
 def bumpy_air(b: Build, x: Hidden) -> None:
-    """Other: a Dryden spectrum of second order."""
+    """The air is turbulent.  Other: a Dryden spectrum of second order."""
     b.wind += turbulence(b.random("bumpy_air"), math.radians(x["deg"]), x["time_s"], x.variant, b.t)
 
 
 def shifting_wind(b: Build, x: Hidden) -> None:
-    """Other: shear as a polygon."""
+    """The wind wanders.  Other: shear as a polygon."""
     b.wind += wandering(b.random("shifting_wind"), math.radians(x["deg_per_root_s"]), x.variant, b.t)
 
 
 def late_servo(b: Build, x: Hidden) -> None:
-    """Other: jittered by JITTER, at least a sub-step, from one controller period to the next; the mean stays."""
+    """The servo is late.  Other: jittered by JITTER, at least a sub-step, from one controller period to the next; the
+    mean stays."""
     delay = 1e-3 * x["ms"]
     b.late += delay
     if is_other(x):
@@ -157,7 +162,8 @@ def late_servo(b: Build, x: Hidden) -> None:
 
 
 def lazy_servo(b: Build, x: Hidden) -> None:
-    """Other: a first-order lag before the servo that delays slow commands as much (2 zeta/w); slower servos only."""
+    """The servo is slower.  Other: a first-order lag before the servo that delays slow commands as much (2 zeta/w);
+    slower servos only."""
     scale = 1.0 + x["percent"] / 100.0
     craft = b.vehicle
     if is_other(x):
@@ -167,25 +173,25 @@ def lazy_servo(b: Build, x: Hidden) -> None:
 
 
 def servo_gain(b: Build, x: Hidden) -> None:
-    """Other: the deviation settles over the first seconds."""
+    """The servo's gain is off.  Other: the deviation settles over the first seconds."""
     settled = 1.0 - np.exp(-b.t_tick / SETTLING) if is_other(x) else 1.0
     b.servo_gain *= 1.0 + x["percent"] / 100.0 * settled
 
 
 def valve_limit(b: Build, x: Hidden) -> None:
-    """Other: the rate bends softly into its limit, and the demand winds up a little."""
+    """The servo's rate is limited.  Other: the rate bends softly into its limit, and the demand winds up a little."""
     b.set(rate_limit=math.radians(x["deg_per_s"]), soft=1.0 if is_other(x) else 0.0)
 
 
 def servo_play(b: Build, x: Hidden) -> None:
-    """Other: with some Coulomb friction in the servo."""
+    """The servo has backlash.  Other: with some Coulomb friction in the servo."""
     b.set(play=math.radians(x["deg"]))
     if is_other(x):
         b.set(servo_rub=RUB_SHARE * math.radians(x["deg"]) * b.vehicle.servo_frequency**2)
 
 
 def servo_null(b: Build, x: Hidden) -> None:
-    """Other: bent linkage between servo and nozzle, there from the first instant."""
+    """The servo's zero is off.  Other: bent linkage between servo and nozzle, there from the first instant."""
     if is_other(x):
         b.set(linkage=math.radians(x["deg"]))
     else:
@@ -193,12 +199,12 @@ def servo_null(b: Build, x: Hidden) -> None:
 
 
 def tilted_platform(b: Build, x: Hidden) -> None:
-    """Other: it creeps."""
+    """The attitude has a constant error.  Other: it creeps."""
     b.attitude_bias += math.radians(x["deg"]) * (b.creep(b.t_sense) if is_other(x) else 1.0)
 
 
 def late_platform(b: Build, x: Hidden) -> None:
-    """Other: a first-order lag of the same time."""
+    """The attitude is late.  Other: a first-order lag of the same time."""
     if is_other(x):
         b.set(attitude_lag=1e-3 * x["ms"])
     else:
@@ -206,17 +212,17 @@ def late_platform(b: Build, x: Hidden) -> None:
 
 
 def gyro_offset(b: Build, x: Hidden) -> None:
-    """Other: it creeps."""
+    """The gyro has a constant error.  Other: it creeps."""
     b.gyro_bias += math.radians(x["deg_per_s"]) * (b.creep(b.t_sense) if is_other(x) else 1.0)
 
 
 def gyro_percent(b: Build, x: Hidden) -> None:
-    """Other: it creeps."""
+    """The gyro's scale is off.  Other: it creeps."""
     b.gyro_gain *= 1.0 + x["percent"] / 100.0 * (b.creep(b.t_sense) if is_other(x) else 1.0)
 
 
 def late_gyro(b: Build, x: Hidden) -> None:
-    """Other: a first-order lag of the same time."""
+    """The gyro is late.  Other: a first-order lag of the same time."""
     if is_other(x):
         b.set(gyro_lag=1e-3 * x["ms"])
     else:
@@ -224,12 +230,12 @@ def late_gyro(b: Build, x: Hidden) -> None:
 
 
 def pickup_offset(b: Build, x: Hidden) -> None:
-    """Other: it creeps."""
+    """The nozzle's sensor has a constant error.  Other: it creeps."""
     b.pickup_bias += math.radians(x["deg"]) * (b.creep(b.t_sense) if is_other(x) else 1.0)
 
 
 def other_autopilot(b: Build, x: Hidden) -> None:
-    """Other: its derivative filter follows the trapezoidal rule."""
+    """The controller is another one.  Other: its derivative filter follows the trapezoidal rule."""
     craft = b.vehicle
     b.set(kp=craft.kp * (1.0 + x["kp_percent"] / 100.0), kd=craft.kd * (1.0 + x["kd_percent"] / 100.0),
           trapezoid=1.0 if is_other(x) else 0.0)

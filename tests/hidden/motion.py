@@ -27,7 +27,8 @@ WIND_UP = 0.5  # of the rate limit, by which a soft valve's demand may run ahead
 
 
 class Knobs(NamedTuple):
-    """What does not change in flight.  First the vehicle, then what may be wrong with it, at its neutral value."""
+    """The numbers that do not change in flight: the vehicle's, then those of what may be wrong with it, at neutral
+    values."""
 
     substep: float              # s
     servo_frequency: float      # rad/s
@@ -89,7 +90,7 @@ class Clock(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What changes with time alone."""
+    """The values that change with time alone."""
 
     a6: np.ndarray              # (2 steps + 1,) 1/s^2 at every half sub-step
     k1: np.ndarray              # (2 steps + 1,) 1/s^2
@@ -139,7 +140,7 @@ def nozzle_rate(k, u, y):
 
 @fast
 def kicked(k, u, y):
-    """What the moving nozzle adds to the vehicle's rate [rad/s]."""
+    """The part of the vehicle's rate [rad/s] that the moving nozzle adds."""
     if k.kick == 0.0:
         return 0.0
     return k.kick * (y[MOUNTED] if k.mount > 0.0 else nozzle_rate(k, u, y))
@@ -262,7 +263,7 @@ def autopilot(k, error, memory):
 
 @fast
 def servo_entry(k, u, held):
-    """What reaches the servo [rad] of the delayed command.  held (1,) inout: driven side of the play."""
+    """The part of the delayed command that reaches the servo [rad].  held (1,) inout: driven side of the play."""
     u = u + k.servo_odd * u * abs(u) + k.servo_even * u * u
     if k.play > 0.0:
         held[0] = max(u - k.play, min(u + k.play, held[0]))

@@ -1,4 +1,4 @@
-"""What is flown (Spec), what is wrong with it (Hidden), and what is told only afterwards (Label)."""
+"""The description of a flight: what is flown (Spec), what is wrong with it (Hidden), and the truth (Label)."""
 
 from dataclasses import dataclass, field
 from typing import Any

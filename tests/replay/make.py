@@ -98,7 +98,7 @@ def cell(value: object) -> str:
 
 
 def window_cells(estimate: Estimate, changes: tuple[Change, ...], counts: dict[str, int]) -> dict[str, str]:
-    """What leaves with a window."""
+    """The cells that leave with a window."""
     said: dict[str, object] = {"estimate": estimate.status.name, "rows": estimate.rows, "gaps": estimate.gaps}
     said |= {name: getattr(estimate, name) for name in NUMBERS}
     said |= {f"{term} in theta_ddot": x for term, x in zip(estimate.terms, estimate.xi[:, 1].tolist(), strict=True)}

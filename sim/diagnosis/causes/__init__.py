@@ -1,4 +1,4 @@
-"""What may be wrong: every cause of the catalogue as one record, all that the diagnosis knows of it.
+"""The causes that may be wrong: each cause of the catalogue as one record, all that the diagnosis knows of it.
 
 To add a cause: its physics in `sim.effects`, its record in the file of its place here, its test.  Search, judge and
 report ask the record; none of them knows a cause by its name.
@@ -40,17 +40,17 @@ def what_decides(cause: str, rivals: Iterable[str]) -> list[str]:
 
 
 def what_is_like(cause: str, rival: str) -> str | None:
-    """In which form one of two causes is like the other, where the catalogue's own is not."""
+    """The form in which one of two causes is like the other, where the catalogue's own is not."""
     return dict(RECORDS[cause].like).get(rival) or dict(RECORDS[rival].like).get(cause)
 
 
 def has_forms(hypothesis: Hypothesis) -> bool:
-    """Its cause has another form, be it this one."""
+    """Whether the hypothesis' cause has another form, be it this one."""
     return RECORDS[hypothesis.cause].form is not None
 
 
 def other_form(record: Record, cause: Cause, known: Iterable[Hypothesis]) -> Cause | None:
-    """Where the search of another form of this cause starts; None: there is none of a known cause, or it is that."""
+    """The start of the search for another form of this cause; None: a known cause has none, or it is that."""
     form = cause.hypothesis.form
     if form is None:
         return None

@@ -53,7 +53,7 @@ def _as_lag(record: Record, values: Values) -> Values:
 
 
 def _by_its_lag(record: Record, scale: float) -> float:
-    """[s]"""
+    """The time [s] by which a scaled bandwidth is late."""
     return (1.0 / scale - 1.0) * record.actuator.lag
 
 

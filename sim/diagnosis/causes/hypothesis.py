@@ -1,4 +1,4 @@
-"""What the diagnosis knows of one cause: a record, and a cause at its values.
+"""The diagnosis' knowledge of one cause: a record, and a cause at its values.
 
 A record says which parameters of its effect are free, from where the search starts, what the log must hold for it to
 be visible at all, how its limit is given, what else it may look like, what would decide, and what it means in words.
@@ -32,9 +32,9 @@ class Free:
 
 
 class Start(Enum):
-    """How the search finds where to begin: from the response to a small size or at the sizes of the record, along all
-    onsets of a loss of k1, along all onsets of a moment, along all pulses of the angle of attack, or in the
-    spectrum."""
+    """The way in which the search finds its start.  It begins from the response to a small size or at the sizes of the
+    record, along all onsets of a loss of k1, along all onsets of a moment, along all pulses of the angle of attack, or
+    in the spectrum."""
 
     RESPONSE = 0
     ONSET = 1
@@ -58,8 +58,8 @@ class Form:
 
 @dataclass(frozen=True)
 class Steps:
-    """Of a cause that may come gradually, which then is found as steps, each a cause of its own: free numbers size and
-    time, the size a share of what the steps before left.
+    """The steps of a cause that may come gradually, each a cause of its own: free numbers size and time, the size a
+    share of what the steps before left.
 
     near   [s] between steps that belong to one;  apart  [s] from the middle, of two halves to try
     """
@@ -70,7 +70,8 @@ class Steps:
 
 @dataclass(frozen=True)
 class Correction:
-    """How a flight computer takes a known effect off a column of samples; `is_outer` ones after all others."""
+    """The way in which a flight computer takes a known effect off a column of samples; `is_outer` ones after all
+    others."""
 
     column: str
     without: Callable[[np.ndarray, Mapping[str, float | str]], np.ndarray]
@@ -88,7 +89,7 @@ def nothing_given(record: Record) -> Values:
 
 
 def no_floor(record: Record) -> float:
-    """Of what the nominal leaves nothing open."""
+    """The floor of a size of which the nominal leaves nothing open: 0."""
     return 0.0
 
 
@@ -111,12 +112,12 @@ def as_aside(record: Record) -> float:
 
 
 def not_late(record: Record, size: float) -> float:
-    """[s]"""
+    """The lateness [s] of a cause that delays nothing: 0."""
     return 0.0
 
 
 def by_its_size(record: Record, size: float) -> float:
-    """[s]"""
+    """The lateness [s] of a cause whose size is a delay."""
     return size
 
 
@@ -126,17 +127,17 @@ def as_timed(record: Record) -> float:
 
 
 def as_commanded(record: Record) -> float:
-    """[rad] To which a command need be reproduced."""
+    """The error [rad] within which a command need be reproduced."""
     return record.nominal.diagnosis.command
 
 
 def as_dispersed(record: Record) -> float:
-    """Of a6 and k1, relative, one sigma."""
+    """The nominal's tolerance of a6 and k1, relative, one sigma."""
     return record.nominal.diagnosis.tolerance
 
 
 def always(record: Record) -> bool:
-    """Whatever the log holds."""
+    """The condition of a cause that any log can show."""
     return True
 
 
@@ -202,7 +203,7 @@ class Hypothesis:
 
     @property
     def label(self) -> str:
-        """Its cause, with what is fixed."""
+        """The cause's name, with what is fixed."""
         return self.cause + "".join(f"({value})" for _, value in self.fixed)
 
     @property
@@ -211,7 +212,7 @@ class Hypothesis:
 
     @property
     def is_timed(self) -> bool:
-        """Its times are fixed (`pinned`)."""
+        """Whether its times are fixed (`pinned`)."""
         return any(name in TIMES for name, _ in self.fixed)
 
     @property
@@ -221,7 +222,7 @@ class Hypothesis:
 
     @property
     def reach(self) -> float:
-        """How far from neutral a size is sought, in its unit: a larger one is none."""
+        """The distance from neutral within which a size is sought, in its unit: a larger one is none."""
         if math.isinf(self.neutral):
             return self.largest
         return min(self.largest, max(self.free[0].high - self.neutral, self.neutral - self.free[0].low))
@@ -231,7 +232,7 @@ class Hypothesis:
         return next(p.unit for p in CATALOGUE[self.cause].parameters if p.name == name)
 
     def meaning(self, values: Mapping[str, float | str]) -> str:
-        """Its words at these values."""
+        """The cause's words at these values."""
         return self.form.hypothesis.words if self.form is not None and values.get(self.form.parameter) else self.words
 
 

@@ -1,5 +1,5 @@
-"""Is the logged command the nominal controller's?  With the reference it can be recomputed exactly, so any difference
-is a difference of gains, of computing time, or of the derivative's filter.
+"""The check whether the logged command is the nominal controller's.  With the reference it can be recomputed exactly,
+so any difference is a difference of gains, of computing time, or of the derivative's filter.
 
 A log as fast as the controller (or faster) holds every error the controller saw, but for those before its first row:
 what the derivative's filter remembers of them is free where the log begins in flight, and what other filters remember
@@ -35,7 +35,7 @@ COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 
 def check_controller(record: Record, seen: Seen | None = None) -> ControllerCheck | None:
-    """None where it cannot be told: no command, no reference, or no controller.
+    """The check of the log's controller; None where it is not possible: no command, no reference, or no controller.
 
     seen  of a log slower than the controller: what a model saw between its rows
     """
@@ -58,7 +58,7 @@ def check_controller(record: Record, seen: Seen | None = None) -> ControllerChec
 
 
 def _checked(record: Record, begins: bool) -> ControllerCheck | None:
-    """What the log's commands tell;  begins  the controller's first error is the log's, with nothing remembered."""
+    """The check of the log's commands;  begins  the controller's first error is the log's, with nothing remembered."""
     stride = slice(record.held_phase, None, record.held)
     logged = record.commands[stride]
     limit = controller_gains(record.nominal)[4]
@@ -91,8 +91,9 @@ def _checked(record: Record, begins: bool) -> ControllerCheck | None:
 
 
 def _always_limited(record: Record, logged: np.ndarray, expected: np.ndarray) -> ControllerCheck | None:
-    """Of commands (periods,) [rad] hardly any of which tells gains: another's, if the nominal's would be at their limit
-    where most of those logged are not (an attitude that is far from the logged reference); else None."""
+    """The check of commands (periods,) [rad] hardly any of which shows gains.  They are another controller's, if the
+    nominal's would be at their limit where most of those logged are not (an attitude that is far from the logged
+    reference); else None."""
     own, limit = record.nominal.controller, controller_gains(record.nominal)[4]
     differ = (np.abs(expected) >= NEAR_LIMIT * limit) & (np.abs(logged) < NEAR_LIMIT * limit)
     if own is None or own.filters or differ.sum() < max(FEWEST, 0.5 * len(differ)):
@@ -142,7 +143,7 @@ def _period(record: Record) -> float:
 
 
 def _rms(x: np.ndarray, rows: np.ndarray, beside: np.ndarray) -> float:
-    """Of x (n,) in these rows, the best multiples of `beside` (n, columns) taken off."""
+    """The RMS of x (n,) in these rows, the best multiples of `beside` (n, columns) taken off."""
     rest = x[rows]
     if beside.size:
         rest = rest - combined(beside[rows], least_squares(beside[rows], rest))
@@ -220,8 +221,8 @@ class _Told:
 
 
 class _Parts(NamedTuple):
-    """What commands are made of, (periods,) [rad] each: kp e and kd d, in which a command is linear, and the test
-    input, which no gain scales; the commands logged; (periods, 0 or 1) what is remembered of before the log."""
+    """The parts of commands, (periods,) [rad] each: kp e and kd d, in which a command is linear, and the test input,
+    which no gain scales; the commands logged; (periods, 0 or 1) what is remembered of before the log."""
 
     kp: np.ndarray
     kd: np.ndarray

@@ -91,7 +91,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
 
 
 def _held(draft: Record, command: np.ndarray) -> Record:
-    """With the rows that share a command, where the log is faster than the controller."""
+    """The record with the rows that share a command, where the log is faster than the controller."""
     if draft.tick <= draft.every:
         return draft
     held = draft.tick // draft.every
@@ -99,7 +99,8 @@ def _held(draft: Record, command: np.ndarray) -> Record:
 
 
 def _unseen(draft: Record) -> Record:
-    """Of a log without commands whose rows fall between the controller's ticks: `issued` makes all of them."""
+    """The record of a log without commands whose rows fall between the controller's ticks: `issued` makes all of
+    them."""
     none = np.full(draft.rows, math.nan)
     own = ticks_of(draft, none)
     assert own is not None
@@ -108,7 +109,8 @@ def _unseen(draft: Record) -> Record:
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
-    """(n,) [rad] with the command of rows that do not have it from another row at which the same one was held."""
+    """The commands (n,) [rad], with that of rows that do not have it from another row at which the same one was
+    held."""
     made, rows = command.copy(), np.arange(len(command))
     for by in range(1, held):
         for other in (rows - by, rows + by):
@@ -140,15 +142,15 @@ def off_by(command: np.ndarray, lost: np.ndarray, period: float) -> float:
 
 
 def _with_lost(r: Record) -> Record:
-    """Of a record whose commands are recomputed the rows without an attitude, which the controller saw."""
+    """The record with its rows without an attitude, which the controller saw, where commands are recomputed."""
     lost = ~np.isfinite(r.z[:, THETA])
     issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
     return replace(r, lost=lost, unknown=off_by(issued, lost, r.every * r.step)) if lost.any() else r
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
-    """(ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over rows, from
-    the middle between the rows that it changed between; the measured nozzle linear between them."""
+    """The commands (ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over
+    rows, from the middle between the rows that it changed between; the measured nozzle linear between them."""
     ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
     at, values = draft.at[known].astype(np.float64), command[known]
     changed = np.diff(values) != 0.0
@@ -196,7 +198,7 @@ def run_controller(gains, fx, filters, error, excitation, commands, derivative):
 
 
 def controller_gains(nominal: Nominal) -> np.ndarray:
-    """(5,) as `run_controller` reads them."""
+    """The gains (5,) as `run_controller` reads them."""
     c = nominal.controller
     assert c is not None
     limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf

@@ -53,7 +53,7 @@ def on_board(record: Record) -> OnBoard:
 
 
 def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
-    """(ticks,) [rad] of attitude less reference: measured at the rows, of the predicted `attitude` between."""
+    """The errors (ticks,) [rad], attitude less reference: measured at the rows, of the predicted `attitude` between."""
     m, n = record.every // record.tick, record.rows
     known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, THETA])
     reference = np.interp(np.arange(n * m) / m, np.arange(n)[known], record.reference[known])
@@ -75,7 +75,7 @@ def test_of(record: Record, first: int, ticks: int) -> np.ndarray:
 
 
 def test_issued(record: Record, late: int) -> np.ndarray:
-    """(ticks,) [rad] of every tick of the commands, issued when computing takes so many periods."""
+    """The test input (ticks,) [rad] at every tick of the commands, issued when computing takes so many periods."""
     return test_of(record, record.first_step // record.tick - late, len(record.commands))
 
 
@@ -105,7 +105,7 @@ def filled(record: Record, attitude: np.ndarray, of: Controller) -> Record:
 
 def _between(record: Record, kp: float, kd: float, tau: float, error: np.ndarray, test: np.ndarray,
              measured: np.ndarray) -> Record:
-    """With errors that are measured for the rows and predicted for the ticks between them.
+    """The record with errors that are measured for the rows and predicted for the ticks between them.
 
     The derivative's state follows from the command at either end of a gap, so the errors between must carry the one to
     the other: with one tick between rows that fixes its error exactly, with more it corrects the predicted ones by the

@@ -46,7 +46,7 @@ def settling(period: float) -> int:
 
 
 class Seen(NamedTuple):
-    """Of a model that follows the log: attitude (ticks,) [rad] at every tick, innovations (rows, 3)."""
+    """The predictions of a model that follows the log: attitude (ticks,) [rad] at every tick, innovations (rows, 3)."""
 
     attitude: np.ndarray
     innovations: np.ndarray
@@ -59,8 +59,8 @@ def rms(x: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (2,), filter tau [s],
-    how many numbers were free."""
+    """The rest that an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (2,), filter tau
+    [s], how many numbers were free."""
 
     rest: np.ndarray
     gains: np.ndarray
@@ -112,7 +112,7 @@ class Gaps:
         return wanted[self.fair], np.column_stack([self.kp * proportional, self.kd * steps])[self.fair]
 
     def left(self, tau: float, free: tuple[int, ...]) -> "Left":
-        """With this filter [s], and the nominal's gains but for the free ones (0: kp, 1: kd)."""
+        """The rest with this filter [s], and the nominal's gains but for the free ones (0: kp, 1: kd)."""
         wanted, design = self.relation(tau)
         fixed = [k for k in range(2) if k not in free]
         wanted = wanted - design[:, fixed].sum(axis=1)
@@ -126,7 +126,7 @@ class Gaps:
         return Left(rest, gains, std, tau, len(free))
 
     def filtered(self, free: tuple[int, ...]) -> "Left":
-        """With the filter that leaves least."""
+        """The rest with the filter that leaves least."""
         def after(tau: float) -> float:
             return self.left(tau, free).rms
 
@@ -137,13 +137,13 @@ class Gaps:
         return replace(best, numbers=best.numbers + 1)
 
     def rest(self, x: np.ndarray) -> np.ndarray:
-        """(gaps,) [rad] that a controller's numbers x (3,) leave."""
+        """The rest (gaps,) [rad] that a controller's numbers x (3,) leave."""
         wanted, design = self.relation(self.tau * math.exp(x[2]))
         rest = wanted - combined(design, x[:2])
         return rest - combined(self.known, along(self.known, rest))
 
     def noise_of(self, attitude: float) -> float:
-        """What the noise of an attitude [rad] that the log does not have leaves in a gap [rad]."""
+        """The rest [rad] that the noise of an attitude [rad] that the log does not have leaves in a gap."""
         late = self.tau + self.period
         return attitude * self.kd * self.period / late**2
 
@@ -169,8 +169,8 @@ class Backwards:
         self.known = orthonormal(shifted(_surprises(seen), late // 2)[self.fair])[0]
 
     def rest(self, x: np.ndarray) -> np.ndarray:
-        """(rows,) [rad] of the errors that a controller of these numbers must have seen less the predicted ones, times
-        what it makes of them: of the commands, so that no gain is the better for answering less."""
+        """The rest (rows,) [rad] of the errors that a controller of these numbers must have seen less the predicted
+        ones, times what it makes of them: of the commands, so that no gain is the better for answering less."""
         error = self.error.copy()
         run_backwards(x[0] * self.kp, x[1] * self.kd, self.tau * math.exp(x[2]), self.period, math.inf,
                       math.inf, self.logged, self.measured, error, self.commands.copy())
@@ -179,7 +179,7 @@ class Backwards:
         return rest - combined(self.known, along(self.known, rest))
 
     def noise_of(self, attitude: float) -> float:
-        """What the noise of an attitude [rad] that the log does not have makes of a command [rad]."""
+        """The error of a command [rad] by the noise of an attitude [rad] that the log does not have."""
         return attitude * (self.kp + self.kd / (self.tau + self.period))
 
 
@@ -194,13 +194,13 @@ def _surprises(seen: Seen) -> np.ndarray:
 
 
 def gaps_of(record: Record, seen: Seen, late: int) -> "Gaps | Backwards":
-    """What tells a controller so late [periods] from the nominal's."""
+    """The relation that distinguishes a controller so late [periods] from the nominal's."""
     odd = (late + on_board(record).late) % (record.every // record.tick)
     return Backwards(record, seen, late) if odd else Gaps(record, seen, late)
 
 
 def check_gaps(record: Record, seen: Seen | None) -> ControllerCheck | None:
-    """None where it cannot be told; without a rate the predicted errors are too poor to judge gains by."""
+    """The check of a slow log; None where it is not possible: without a rate the predicted errors are too poor."""
     if seen is None or "theta_dot" not in record.channels:
         return None
     own, ticks = on_board(record), record.every // record.tick
@@ -245,7 +245,7 @@ def _late(record: Record, seen: Seen, found: ControllerCheck, first: int = 1) ->
 
 def with_numbers(found: ControllerCheck, gaps: "Gaps | Backwards", x: np.ndarray, information: np.ndarray,
                  clearly: float = CLEARLY) -> ControllerCheck:
-    """What was found with these numbers, as many of them the nominal's as may be; information  of them, inverse
+    """The check with these numbers, as many of them the nominal's as may be; information  of them, inverse
     covariance; clearly  as `simplest`."""
     named, std, _ = simplest(x, information, clearly, gaps.late > 0)
     other = abs(math.expm1(named[2])) > SAME_PREDICTED

@@ -31,7 +31,7 @@ class Follower(Protocol):
     """A model that follows a log."""
 
     def seen(self, record: Record) -> Seen | None:
-        """What it saw between the rows; None: it does not stay with the log."""
+        """The predictions between the rows; None: the model does not stay with the log."""
 
     def vehicle(self, record: Record) -> Vehicle:
         """The same at the declared noise."""
@@ -76,7 +76,7 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
 
 
 def _between_ticks(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
-    """Of a log whose rows fall between the controller's ticks: with the commands that no row saw."""
+    """The record of a log whose rows fall between the controller's ticks, with the commands that no row saw."""
     if record.input == "controller":
         record, _ = with_unseen(record, np.interp(record.tick * np.arange(len(record.commands)), *_measured(record)))
     seen = follower.seen(record)
@@ -90,14 +90,15 @@ def _measured(record: Record) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _recomputed(record: Record, follower: Follower) -> Record:
-    """Of a log without commands: what the controller makes of the model's attitude, off by what it makes of noise."""
+    """The record of a log without commands: those that the controller makes of the model's attitude, off by its
+    noise."""
     seen = follower.seen(record)
     commands = record.commands if seen is None else recomputed(record, seen.attitude)
     return replace(record, commands=commands, fill_gain=of_noise(record), unsure=unsure(record, RECOMPUTED))
 
 
 def _without_reference(record: Record, follower: Follower) -> Record:
-    """Of a log without reference; where the model does not stay with the log, its commands stay on lines."""
+    """The record of a log without reference; where the model does not stay with the log, its commands stay on lines."""
     seen = follower.seen(record)
     if seen is None:
         return replace(record, fill_gain=of_noise(record), unsure=unsure(record, LINES))

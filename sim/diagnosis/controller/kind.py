@@ -1,4 +1,4 @@
-"""What a controller's check finds: which part of the controller on board is not the nominal's."""
+"""The result of a controller's check: which part of the controller on board is not the nominal's."""
 
 from dataclasses import dataclass, replace
 
@@ -43,7 +43,7 @@ class ControllerCheck:
 
     @property
     def words(self) -> str:
-        """How far apart, or what filter would explain it."""
+        """The mismatch in words: how far apart commands are, or which filter would explain it."""
         if self.kind == FILTER and self.time_constant is not None:
             return f"a derivative time constant of {self.time_constant:.4g} s would explain it"
         if self.integral_scale is not None:
@@ -56,7 +56,7 @@ class ControllerCheck:
         return round(self.delay / period)
 
     def of_kind(self, same: float, period: float) -> "ControllerCheck":
-        """With its kind: which parts differ by more than `same`, relative; of the period [s] for a delay."""
+        """The check with its kind: which parts differ by more than `same`, relative; of the period [s] for a delay."""
         parts = {GAIN: abs(self.kp_scale - 1.0) > same or abs(self.kd_scale - 1.0) > same,
                  DELAY: self.delay > same * period, FILTER: self.time_constant is not None}
         return replace(self, kind=" and ".join(name for name, differs in parts.items() if differs) or NONE)

@@ -22,7 +22,7 @@ Residual = Callable[[np.ndarray], np.ndarray]
 
 
 def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
-    """Where a cost with one minimum between low and high is least, by golden section."""
+    """The place where a cost with one minimum between low and high is least, by golden section."""
     for _ in range(steps):
         left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
         low, high = (low, right) if cost(left) < cost(right) else (left, high)
@@ -51,7 +51,7 @@ class Simplest(NamedTuple):
 
 
 def simplest(x: np.ndarray, information: np.ndarray, clearly: float, late: bool = False) -> Simplest:
-    """As many of the numbers the nominal's as the evidence allows.
+    """The numbers, as many of them the nominal's as the evidence allows.
 
     clearly  nats that another filter must bring beside other gains, or beside computing time (late)
     """

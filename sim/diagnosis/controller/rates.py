@@ -1,5 +1,6 @@
-"""Is the logged command that of the nominal's rate controller?  kp e + ki integral(e), e = theta_dot - rate_ref, both
-of which the log holds as the controller saw them; so any difference is one of gains or of computing time.
+"""The check whether the logged command is the nominal rate controller's.  It is kp e + ki integral(e), e = theta_dot -
+rate_ref, both of which the log holds as the controller saw them; so any difference is one of gains or of computing
+time.
 
 What the integral was before the log began, and after the command met its limit (which holds it), is not known: every
 stretch between two limits has a constant of its own.
@@ -22,8 +23,8 @@ FINE = 41            # computing times from a step before the best to one behind
 
 
 def check_rate(record: Record) -> ControllerCheck | None:
-    """None where it cannot be told: no command, rate or its reference, another period, too few commands in a row, or
-    filters beside the law."""
+    """The check of a rate controller; None where it is not possible: no command, rate or its reference, another period,
+    too few commands in a row, or filters beside the law."""
     own = record.law
     if own is None or own.filters or record.input != "beta_cmd" or record.every != record.tick or record.fine > 1 or \
             abs(record.period / own.period - 1.0) > SAME_RECOMPUTED:

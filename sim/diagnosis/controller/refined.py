@@ -27,8 +27,8 @@ GAINS_AND_FILTER = 8.0  # nats that both together must bring: here they are told
 
 
 class Vehicle(Protocol):
-    """What answers a record's commands, as the nominal believes it, at noise levels of its own: a model, handed in by
-    who has one."""
+    """The vehicle that answers a record's commands, as the nominal has it, at noise levels of its own: a model, handed
+    in by who has one."""
 
     def residual(self, record: Record) -> np.ndarray:
         """(3 rows + k,) whitened innovations, then what is expected of the k numbers that may be off (zeros)."""
@@ -58,8 +58,8 @@ def refined(record: Record, seen: Seen, found: ControllerCheck, of: Vehicle) -> 
 
 def _fitted(record: Record, seen: Seen, found: ControllerCheck,
             of: Vehicle) -> tuple[float, float, ControllerCheck, Controller]:
-    """For one computing time: cost, what the nozzle has for it over the nominal's controller (both [nats]), what was
-    found, and the likeliest controller."""
+    """The fit for one computing time: cost, what the nozzle has for it over the nominal's controller (both [nats]),
+    what was found, and the likeliest controller."""
     gaps = gaps_of(record, seen, found.late(on_board(record).period))
     if gaps.tau == 0.0:
         return 0.0, math.inf, found, Controller(found.kp_scale, found.kd_scale, 0.0, gaps.late)
@@ -99,10 +99,12 @@ class _Evidence:
         return white - combined(self.basis, along(self.basis, white))
 
     def of_nozzle(self, of: Controller) -> float:
-        """[nats] against these commands by the nozzle alone: a fault of another sensor does not move it."""
+        """The evidence [nats] against these commands by the nozzle alone: a fault of another sensor does not move
+        it."""
         rows = self.innovations(of)[:3 * self.record.rows].reshape(-1, 3)
         return 0.5 * square(rows[:, BETA])
 
     def residual(self, x: np.ndarray) -> np.ndarray:
-        """(gaps + 3 rows + 4,) at kp and kd over the nominal's and the logarithm of tau over the nominal's."""
+        """The residual (gaps + 3 rows + 4,) at kp and kd over the nominal's and the logarithm of tau over the
+        nominal's."""
         return np.concatenate([self.gaps.rest(x) / self.noise, self.innovations(_controller(x, self.gaps))])

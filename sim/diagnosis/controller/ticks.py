@@ -56,7 +56,7 @@ def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
 
 
 def noise_std(record: Record) -> float:
-    """[rad] of the attitude, its steps included."""
+    """The standard deviation [rad] of the attitude's noise, its steps included."""
     sensors = record.nominal.sensors
     return math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
 
@@ -85,8 +85,8 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
 
 
 def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> Ticks | None:
-    """Of commands (n,) at steps at (n,) so that they change where ticks are between rows, and nowhere else; those at
-    the limit need not."""
+    """The ticks of commands (n,) at steps at (n,) so that they change where ticks are between rows, and nowhere else;
+    those at the limit need not."""
     free = np.abs(command[1:]) < limit
     changed = (np.diff(command) != 0.0)[free]
     if changed.size == 0 or not STAYS <= np.mean(~changed) <= 1.0 - STAYS:
@@ -138,6 +138,6 @@ def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
 
 
 def lined(commands: np.ndarray) -> np.ndarray:
-    """(ticks,) with lines over those that are not logged."""
+    """The values (ticks,) with lines over those that are not logged."""
     known, index = np.isfinite(commands), np.arange(len(commands))
     return np.interp(index, index[known], commands[known])

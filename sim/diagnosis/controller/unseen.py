@@ -41,9 +41,9 @@ LARGE = 0.9  # quantile beyond which an error is cut, as at a step of the refere
 
 @dataclass(frozen=True, eq=False)
 class _Heard:
-    """A controller at its ticks: errors that a model predicts, commands that the log has without the test input, NaN:
-    it has not, or the nozzle's limit cut them, and the test input, (ticks,) [rad]; and the most [rad] that noise makes
-    of an error."""
+    """A controller at its ticks.  error: as a model predicts it; logged: the log's commands without the test input,
+    NaN: it has not, or the nozzle's limit cut them, and the test input, (ticks,) [rad]; and the most [rad] that noise
+    makes of an error."""
 
     own: OnBoard
     error: np.ndarray
@@ -52,13 +52,13 @@ class _Heard:
     most: float
 
     def late(self, by: int) -> "_Heard":
-        """With so many more periods of computing time."""
+        """The errors with so many more periods of computing time."""
         test = shifted(self.test, by)
         return replace(self, error=shifted(self.error, by), logged=self.logged + self.test - test, test=test)
 
     @property
     def tells(self) -> np.ndarray:
-        """(ticks,) bool"""
+        """The ticks (ticks,) bool whose command is known."""
         return np.isfinite(self.logged)
 
     def run(self) -> tuple[np.ndarray, np.ndarray]:
@@ -70,23 +70,23 @@ class _Heard:
 
     @property
     def answer(self) -> float:
-        """Of an error, what the command answers at once."""
+        """The gain from an error to the command's answer at once."""
         return self.own.kp + self.own.kd / (self.own.tau + self.own.period)
 
     def off(self) -> np.ndarray:
-        """[rad] by which the errors that it heard differ from the predicted ones."""
+        """The differences [rad] of the errors that it had from the predicted ones."""
         return (self.run()[0] - self.error)[self.tells][settling(self.own.period):]
 
     def noise(self) -> np.ndarray:
-        """[rad] The same, cut where it is none."""
+        """The noise [rad]: the differences, cut where they are none."""
         return np.clip(self.off(), -self.most, self.most)
 
     def with_gains(self, x: np.ndarray) -> "_Heard":
-        """With kp and kd times these (2,)."""
+        """The errors with kp and kd times these (2,)."""
         return replace(self, own=self.own._replace(kp=x[0] * self.own.kp, kd=x[1] * self.own.kd))
 
     def rest(self, x: np.ndarray) -> np.ndarray:
-        """[rad] of the commands that gains so much larger leave, cut where it is no noise."""
+        """The rest [rad] of the commands that gains so much larger leave, cut where it is no noise."""
         other, most = replace(self.with_gains(x), most=math.inf), self.most * abs(self.answer)
         return np.clip(other.answer * other.off(), -most, most)
 
@@ -105,7 +105,7 @@ class _Heard:
         return x, std
 
     def asked(self) -> np.ndarray:
-        """(ticks,) [rad] what is to be taken off the errors so that they give the commands but for noise."""
+        """The correction (ticks,) [rad] that, taken off the errors, gives the commands but for noise."""
         made = replace(self, logged=np.full(len(self.error), math.nan)).run()[1]
         asks, index = lined(made - self.logged), np.arange(len(made))
         start = asks / self.own.kp if self.own.kp != 0.0 else np.zeros(len(asks))
@@ -167,8 +167,8 @@ def with_unseen(record: Record, attitude: np.ndarray) -> tuple[Record, Controlle
 
 
 def _jumps(asked: np.ndarray, record: Record) -> np.ndarray:
-    """(n - 1,) [rad] by which what is asked, asked (n,) [rad], jumps after a row: where it leaves the line of its
-    neighbours by more than noise; else 0."""
+    """The steps (n - 1,) [rad] by which the reference, asked (n,) [rad], jumps after a row: where it leaves the line of
+    its neighbours by more than noise; else 0."""
     step, least = np.diff(asked), JUMP * max(noise_std(record), ROUNDING)
     beside = np.convolve(np.pad(step, 1, mode="edge"), [0.5, 0.0, 0.5], mode="valid")
     jumps = np.where((np.abs(step - beside) > least) & (np.abs(step) > least), np.abs(step), 0.0)
@@ -176,8 +176,8 @@ def _jumps(asked: np.ndarray, record: Record) -> np.ndarray:
 
 
 def _placed(heard: _Heard, asked: np.ndarray, jumps: np.ndarray, seen: np.ndarray) -> _Heard:
-    """With jumps of the reference asked (n,) [rad] of rows that saw the ticks seen (n,) at the ticks that the next
-    commands tell."""
+    """The errors with jumps of the reference asked (n,) [rad] of rows that saw the ticks seen (n,) at the ticks that
+    the next commands tell."""
     for k in jumps.tolist():
         first, last = seen[k] + 1, min(seen[k + 1] + 1, len(heard.error) - 1)
         after = np.arange(last, min(last + HEARD_AFTER, len(heard.error)))
@@ -195,8 +195,8 @@ def _placed(heard: _Heard, asked: np.ndarray, jumps: np.ndarray, seen: np.ndarra
 
 
 def _in_doubt(record: Record, steps: np.ndarray, tells: np.ndarray) -> Record:
-    """With the rows after steps (n - 1,) [rad] of what was asked lost, up to the next one whose command tells (n,):
-    when a step was heard decides what the nozzle did."""
+    """The record with the rows after steps (n - 1,) [rad] of what was asked lost, up to the next one whose command
+    tells (n,): when a step was heard decides what the nozzle did."""
     jumps, own = np.flatnonzero(steps), on_board(record)
     if not len(jumps):
         return record

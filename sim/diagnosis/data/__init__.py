@@ -1,1 +1,1 @@
-"""What is wrong with the log itself, what of it may be used, and the log on its grid."""
+"""The log itself: what is wrong with it, what of it may be used, and its rows on a uniform grid."""

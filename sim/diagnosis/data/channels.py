@@ -1,4 +1,4 @@
-"""What is wrong with one channel by itself: infinite or absurd values, dropouts, stale runs, spikes.
+"""The faults of one channel by itself: infinite or absurd values, dropouts, stale runs, spikes.
 
 Nothing here asks what the vehicle should do; a physical effect must pass.  A run of
 equal values is bad where the channel's own rate of repeats next to it makes it
@@ -271,7 +271,8 @@ def _quantum(x: np.ndarray) -> float:
 
 
 def _neighbours(x: np.ndarray, command: np.ndarray) -> np.ndarray:
-    """What row k may be interpolated from, (n, columns): three rows either side, for the nozzle also the command."""
+    """The values that row k may be interpolated from, (n, columns): three rows either side, for the nozzle also the
+    command."""
     padded = np.pad(x, 3, mode="reflect")
     n = len(x)
     columns = [padded[3 + lag:3 + lag + n] for lag in (-3, -2, -1, 1, 2, 3)]
@@ -305,7 +306,7 @@ def _weights(x: np.ndarray, command: np.ndarray, marked: np.ndarray) -> np.ndarr
 
 
 def _residual(x: np.ndarray, command: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """What the neighbours do not interpolate (n,)."""
+    """The part of x that the neighbours do not interpolate (n,)."""
     rows = _neighbours(x, command)
     rows[:, :6] -= x.mean()
     residual = np.asarray(_cubic_residual(x) - combined(rows, weights))

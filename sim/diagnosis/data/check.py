@@ -29,7 +29,7 @@ FEWEST_RELATED = 60   # usable rows: less do not tell units and signs
 
 @dataclass(frozen=True, eq=False)
 class DataCheck:
-    """What is wrong with a log of n rows, and what of it can be used.
+    """The faults of a log of n rows, and what of it can be used.
 
     faults  in the order stamps, single channels, between channels
     usable  (n,) bool: the row's stamp is finite and after all usable ones before
@@ -43,7 +43,7 @@ class DataCheck:
 
     @property
     def is_bad(self) -> bool:
-        """Any fault at all."""
+        """Whether there is any fault."""
         return len(self.faults) > 0
 
 

@@ -31,7 +31,7 @@ SAME_SLOPE = 1.0e-3    # of their root mean square
 
 @dataclass(frozen=True, eq=False)
 class Rate:
-    """At what rate a column of n rows was sampled.
+    """The rate at which a column of n rows was sampled.
 
     kind    `own`: the log's, or too little to tell; `held`, `interpolated` between its own values
     period  [s] between these;  own  (n,) bool: the rows of them, at the log's own rate all
@@ -43,7 +43,7 @@ class Rate:
 
     @property
     def words(self) -> str:
-        """What a column of this rate is."""
+        """The words for a column of this rate."""
         between = "each value repeated in the rows up to the next" if self.kind == HELD else \
             "interpolated: what it did between is not in the log"
         return f"of {1.0 / self.period:.3g} Hz, {between}"
@@ -63,7 +63,7 @@ def rate_of(t: np.ndarray, x: np.ndarray) -> Rate:
 
 
 def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Where the values of a held column begin; none if it is not held."""
+    """The rows at which the values of a held column begin; none if it is not held."""
     begins = np.flatnonzero(np.diff(x, prepend=math.nan) != 0.0)
     if len(begins) < FEWEST_VALUES:
         return begins[:0]
@@ -76,7 +76,7 @@ def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _corners(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Where the lines of an interpolated column begin; none if it has no lines.
+    """The rows at which the lines of an interpolated column begin; none if it has no lines.
 
     A corner between two rows bends both: the first of them counts.
     """
@@ -121,7 +121,8 @@ def _usual(lengths: np.ndarray) -> int:
 
 
 def slower(name: str, t: np.ndarray, rate: Rate, mask: np.ndarray) -> Iterator[Fault]:
-    """That a channel is of a lower rate than the log; clears what stands between its own values in mask (n,) inout."""
+    """The fault of a channel of a lower rate than the log; clears what stands between its own values in mask (n,)
+    inout."""
     between = np.flatnonzero(mask & ~rate.own)
     if len(between):
         mask[between] = False

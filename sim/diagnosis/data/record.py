@@ -122,12 +122,12 @@ class Record:
 
     @property
     def period(self) -> float:
-        """[s] between rows"""
+        """The time [s] between rows."""
         return self.every * self.step
 
     @property
     def resolution(self) -> float:
-        """[s] the coarser of the integration's step and the nominal's: frequencies must be resolved by both"""
+        """The coarser [s] of the integration's step and the nominal's: frequencies must be resolved by both."""
         simulation = self.nominal.simulation
         return max(self.at_once * self.step, simulation.step if simulation is not None else 0.0)
 
@@ -139,7 +139,7 @@ class Record:
 
     @functools.cached_property
     def tau(self) -> np.ndarray:
-        """(2 steps + 1,) at every half step: time from -1 at the first row to 1 at the last"""
+        """The time at every half step (2 steps + 1,), from -1 at the first row to 1 at the last."""
         half = np.arange(len(self.a6)) - 2 * self.first_step
         return np.clip(half / max((self.rows - 1) * self.every, 1) - 1.0, -1.0, 1.0)
 
@@ -153,17 +153,17 @@ class Record:
 
     @property
     def t(self) -> np.ndarray:
-        """(n,) [s] the grid's clock, which is what effects with a time read"""
+        """The grid's clock (n,) [s], which is what effects with a time read."""
         return np.round((self.first_step + self.at) * self.step, CLOCK_DIGITS)
 
     @property
     def centre(self) -> float:
-        """[s] the grid's clock between first and last row, about which a slope turns"""
+        """The grid's clock [s] between first and last row, about which a slope turns."""
         return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The measured ones"""
+        """The measured channels."""
         return tuple(name for k, name in enumerate(CHANNELS) if np.isfinite(self.z[:, k]).any())
 
     @property
@@ -260,9 +260,9 @@ def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _period_of_rows(t: np.ndarray, command: np.ndarray, period: float, nominal: Nominal) -> float:
-    """[s] by which stamps t (n,) [s] are placed on the grid: `period`, or their own, where they are a little longer or
-    shorter and the commands (n,) [rad] change after every so many rows all along: rows and controller have one clock,
-    and it is not the one that the nominal believes."""
+    """The period [s] by which stamps t (n,) [s] are placed on the grid.  It is `period`, or their own, where they are a
+    little longer or shorter and the commands (n,) [rad] change after every so many rows all along: rows and controller
+    have one clock, and it is not the one that the nominal believes."""
     steps, rows = np.diff(t), nominal.controller.period / period if nominal.controller is not None else 1.0
     changes = np.flatnonzero(np.diff(command) != 0.0)
     held = round(rows)
@@ -299,8 +299,8 @@ def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int,
 
 
 def _known_wind(nominal: Nominal, t: np.ndarray, measured_at: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """(steps + 1,) [rad] at times t (steps + 1,) [s]: the forecast, less the flight path where it is measured, path
-    (n,) [rad] at measured_at (n,) [s]; (0,) where there is neither."""
+    """The known angle of attack (steps + 1,) [rad] at times t (steps + 1,) [s].  It is the forecast, less the flight
+    path where it is measured, path (n,) [rad] at measured_at (n,) [s]; (0,) where there is neither."""
     forecast = nominal.wind.profile if nominal.wind is not None else None
     known = np.isfinite(path)
     if forecast is None and not known.any():
@@ -310,7 +310,7 @@ def _known_wind(nominal: Nominal, t: np.ndarray, measured_at: np.ndarray, path: 
 
 
 def _answerable(nominal: Nominal) -> Nominal:
-    """Without a controller whose command is not recomputed here: of a rate, or with filters."""
+    """The nominal without a controller whose command is not recomputed here: one of a rate, or with filters."""
     own = nominal.controller
     return nominal if own is None or not (own.is_rate_law or own.filters) else replace(nominal, controller=None)
 

@@ -1,4 +1,4 @@
-"""What is wrong between the channels: units, signs, exchanged columns.
+"""The faults between channels: units, signs, exchanged columns.
 
 Three relations hold whatever the vehicle does:
 
@@ -287,7 +287,8 @@ def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
 
 
 def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
-    """Without a relation that tells: the reference against the guidance's, where theta does not follow it as it is."""
+    """The change of a reference that is far from the guidance's, where theta does not follow it as it is and no
+    relation decides."""
     reference = columns.get("theta_ref")
     if reference is None or nominal.guidance is None:
         return None

@@ -80,7 +80,7 @@ def block_means(x: np.ndarray, rows: int) -> np.ndarray:
 
 
 def integral(x: np.ndarray, period: float) -> np.ndarray:
-    """(n,) from 0 at the first row, by the trapezium."""
+    """The integral (n,) from 0 at the first row, by the trapezium."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * period)))
 
 
@@ -94,7 +94,7 @@ def rate_fit(columns: Columns, angle: str, rate: str, period: float) -> Fit:
 
 
 def lengths(rows: int) -> Iterator[int]:
-    """Of blocks [rows] of which a log of so many rows has enough."""
+    """The lengths [rows] of blocks of which a log of so many rows has enough."""
     length = 2
     while rows >= ENOUGH_BLOCKS * length:
         yield length

@@ -135,7 +135,7 @@ def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
 
 
 def origin_fault(t: np.ndarray, nominal: Nominal) -> list[Fault]:
-    """That increasing stamps t (n,) [s] and the nominal's profile have no time in common."""
+    """The fault of increasing stamps t (n,) [s] that have no time in common with the nominal's profile."""
     profile = nominal.vehicle.t
     if len(profile) < 2 or len(t) == 0 or (t[0] <= profile[-1] and t[-1] >= profile[0]):
         return []

@@ -1,4 +1,4 @@
-"""Which of a log's rows are fitted: all of one of ordinary size, of a larger one so many that an answer comes in time.
+"""The rows of a log that are fitted: all of an ordinary log, of a larger one so many that an answer comes in time.
 
 A log that is fast for its vehicle is thinned: every k-th row keeps its measurements, all commands stay, and nothing is
 averaged or late.  What is longer still is cut to the stretch in which the commands move most.  Both lose information
@@ -22,7 +22,8 @@ SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifth
 
 
 class Used(NamedTuple):
-    """What is fitted of a log: every `every`-th row, `rows` of them, from `begin` to `end` [s, the log's clock]."""
+    """The part of a log that is fitted: every `every`-th row, `rows` of them, from `begin` to `end` [s, the log's
+    clock]."""
 
     rows: int
     every: int
@@ -36,7 +37,8 @@ class Used(NamedTuple):
 
 
 def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) -> DataCheck:
-    """Of a log of a test stand without servo, stamps t (n,) [s], so many of the usable rows; of others all."""
+    """The check with so many of the usable rows, for a log of a test stand without servo, stamps t (n,) [s]; for others
+    with all."""
     rows = np.flatnonzero(data.usable)
     if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
         return data
@@ -51,7 +53,8 @@ def _every(rows: int, period: float, most: int) -> int:
 
 
 def shortened(record: Record, most: int = MOST) -> Record:
-    """As long as a log may be that will be thinned, so that nothing is computed for rows that are not used."""
+    """The record, as long as one may be that will be thinned, so that nothing is computed for rows that are not
+    used."""
     if record.rows <= most:
         return record
     longest = most * _every(record.rows, record.period, most)
@@ -100,7 +103,7 @@ def thinned(record: Record, every: int) -> Record:
 
 
 def _lost(record: Record, every: int) -> np.ndarray | None:
-    """Of so many rows each, whether one is."""
+    """Whether one of so many rows each is lost."""
     if record.lost is None:
         return None
     rest = record.lost[record.held_phase:]

@@ -28,7 +28,7 @@ NOISE_SLACK = 2.2    # noise is declared less well than a parameter, and a loop 
 
 
 def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """What is wrong with beta, theta or all angles, by the nominal's k1 and noise; one at most.
+    """The fault of beta, theta or all angles, by the nominal's k1 and noise; one at most.
 
     masks  channel -> (n,) bool: the values that may be used
     """
@@ -44,7 +44,7 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
 
 
 def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """That all angles are in degrees: theta does as the guidance asks, 57 times, and k1 says nothing against it.
+    """The fault of angles that are all in degrees: theta follows the guidance times 57, and k1 does not contradict it.
 
     masks  as in `plant_faults`
     """

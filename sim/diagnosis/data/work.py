@@ -1,4 +1,5 @@
-"""How much a diagnosis may do: steps of integration, counted, which depend on its log alone; and an emergency brake.
+"""The work that a diagnosis may do: steps of integration, counted, which depend on its log alone; and an emergency
+brake.
 
 The brake is the only clock of the diagnosis, and is read here only: what is answered without it is the same on every
 machine, under any load.
@@ -17,7 +18,7 @@ class Stopped(Exception):
 
 @dataclass(eq=False)
 class Work:
-    """What was done on a record and on all that are made of it.
+    """The work done on a record and on all that are made of it.
 
     steps  of integration, so far;  most  of them, after which a search begins nothing further
     brake  [s] of the monotonic clock, after which nothing is integrated
@@ -28,7 +29,8 @@ class Work:
     brake: float = math.inf
 
     def limit(self, effort: float, seconds: float) -> None:
-        """From now on, for searches of that effort (1: the ordinary), which are stopped after so many seconds."""
+        """Begin to count anew, for searches of that effort (1: the ordinary), which are stopped after so many
+        seconds."""
         self.steps, self.most, self.brake = 0, effort * STEPS, time.monotonic() + seconds
 
     @property
@@ -37,7 +39,7 @@ class Work:
         return self.steps >= self.most
 
     def count(self, steps: int) -> None:
-        """So many more; Stopped when the time is over."""
+        """Count so many steps more; Stopped when the time is over."""
         self.steps += steps
         if time.monotonic() > self.brake:
             raise Stopped

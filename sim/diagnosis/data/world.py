@@ -1,5 +1,4 @@
-"""What the world may do along a log without the model being wrong: states that every model carries, null and causes
-alike.
+"""The world's part in a log that makes no model wrong: states that every model carries, null and causes alike.
 
     x' = -x/T + white noise of a level         wind: a6 x; offsets: k1 x, x, or on a sensor; x rad or as it enters
     x' = white noise of a level                a walk, T = inf
@@ -53,11 +52,12 @@ class Source(NamedTuple):
 
     @property
     def is_sought(self) -> bool:
-        """Nobody declared it."""
+        """Whether it is sought, and not declared."""
         return self.unsought is not None
 
     def keep(self, period: float, z_alpha: float = 0.0) -> float:
-        """What is left of it after a period [s], of a flight path that turns by z_alpha [1/s] of the angle of attack.
+        """The share of the state that is left after a period [s], with a flight path that turns by z_alpha [1/s] of the
+        angle of attack.
 
         The path turns with a wind that wanders, so that less of it is left in the angle of attack (more, where
         z_alpha < 0): of w and the gamma that it makes, gamma' = z_alpha (w - gamma), the state is w - gamma.  A gust is
@@ -84,7 +84,7 @@ class World:
 
     @property
     def levels(self) -> tuple[Source, ...]:
-        """Those with a level, in the order of the levels behind the vehicle's own five."""
+        """The sources with a level, in the order of the levels behind the vehicle's own five."""
         return tuple(each for each in self.sources if each.is_stochastic)
 
     def table(self, period: float, z_alpha: float) -> np.ndarray:
@@ -92,7 +92,7 @@ class World:
         return np.array([[each.entry, each.keep(period, z_alpha)] for each in self.sources]).reshape(-1, 2)
 
     def with_weather(self, source: Source) -> "World":
-        """With one source of any level in the place of the one of its name."""
+        """The world with one source of any level in the place of the one of its name."""
         return replace(self, sources=(*(each for each in self.sources if each.name != source.name), source))
 
 
@@ -100,7 +100,7 @@ CALM = World()
 
 
 def world_of(nominal: Nominal, k1: np.ndarray) -> World:
-    """What this nominal's world may do;  k1 (any,) [1/s^2] along the log."""
+    """The world that this nominal declares;  k1 (any,) [1/s^2] along the log."""
     floor = ARC_MINUTE * max(float(np.sqrt(np.mean(k1**2))), 1e-3)
     sources = [Source(SLOW_MOMENT, MOMENT, floor, floor, SLOW)]
     wind, offsets = nominal.wind, nominal.offsets

@@ -1,4 +1,4 @@
-"""What is left of an effect's gain where nobody models it and the wind's levels change for it.
+"""The part of an effect's gain that is left where nobody models it and the wind's levels change for it.
 
 A model without the effect is not bound to the levels of a clean log: it takes a slow misfit for more wind.  With other
 levels the effect's response c weighs less, |c|^2_k instead of |c|^2, and the log without the effect has become less
@@ -25,7 +25,7 @@ FACTORS = (0.7, 1.0, 1.4, 2.0)  # of each level, within its bounds: a source tha
 
 
 class Absorbing:
-    """Other levels of the wind than a model's, and what they cost."""
+    """The wind's levels other than a model's, and what they cost."""
 
     def __init__(self, model: Model) -> None:
         record, fitted = model.fit.record, model.fit
@@ -63,7 +63,7 @@ class Absorbing:
         return self.weighing.energies(np.where(np.isfinite(self.record.z), e, math.nan))
 
     def gain(self, change: np.ndarray) -> float:
-        """[nats] to be expected of a cause with this change (3n + 5,) of the residual."""
+        """The gain [nats] to be expected of a cause with this change (3n + 5,) of the residual."""
         own = 0.5 * square(change)
         return float(min([own, *(0.5 * self._energies(change) + self.costs)]))
 

@@ -19,7 +19,7 @@ DRAWS = 8              # noise draws
 
 
 def rms(x: np.ndarray) -> float:
-    """Of the finite values, NaN if there is none."""
+    """The root mean square of the finite values, NaN if there is none."""
     x = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(x**2))) if len(x) else math.nan
 

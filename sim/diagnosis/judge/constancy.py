@@ -1,5 +1,6 @@
-"""Is the size of a named cause the same in every part of the log?  A true cause's is (score test over segments of equal
-information; Nyblom 1989, Andrews 1993 for the idea).  Fit and whiteness do not stop a wrong name; this does.
+"""A test whether the size of a named cause is the same in every part of the log.  A true cause's is (score test over
+segments of equal information; Nyblom 1989, Andrews 1993 for the idea).  Fit and whiteness do not stop a wrong name;
+this does.
 
 What may change is the part of its response that no other number of the causes makes, or another's change would be
 called this one's.  The deviations, which are the same all along by what they are, stay free within their prior: a fault
@@ -36,7 +37,7 @@ class Constancy:
 
 
 def constancy(model: Model, index: int) -> Constancy:
-    """Is the size of cause `index` the same all along?"""
+    """The test whether the size of cause `index` is the same all along."""
     fitted = model.fit
     column = sum(len(cause.values) for cause in fitted.causes[:index])
     slopes, prior = fitted.slopes, Problem(fitted.record, fitted.filter).prior

@@ -1,4 +1,4 @@
-"""What was found about one log: the verdict and everything it rests on."""
+"""The diagnosis of one log: the verdict and everything it rests on."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -65,7 +65,8 @@ class Diagnosis:
     catalogue: bool = True
 
     def stopped(self) -> "Diagnosis":
-        """What is left of it when the brake ends the search or its judgement: no verdict, no cause, no numbers."""
+        """The diagnosis that is left when the brake ends the search or its judgement: no verdict, no cause, no
+        numbers."""
         return Diagnosis(self.log, self.nominal, self.data, "unexplained", record=self.record,
                          controller=self.controller, used=self.used, threshold=self.threshold,
                          catalogue=self.catalogue, is_cut_short=True)

@@ -1,4 +1,4 @@
-"""What the extension buys, measured on data that no parameter was fitted to.
+"""The gain of the extension, measured on data that no parameter was fitted to.
 
 Blocks of the log are left out in turn: everything (causes from their own first search, deviations of a6 and k1,
 noise levels) is fitted to the others and judged on them.  With a second log, everything is fitted to the first.
@@ -67,7 +67,7 @@ class Gain:
 
     @property
     def longest(self) -> float:
-        """[s] the horizon by which causes are judged"""
+        """The horizon [s] by which causes are judged."""
         return max(self.nrmse)
 
     @property
@@ -79,8 +79,8 @@ class Gain:
 
     @property
     def is_hollow(self) -> bool:
-        """Of the likelihood that the fit to all rows gains most is lost on rows left out, by more than chance, a
-        variance of twice the nats: the numbers are of no cause that acts all along."""
+        """Whether most of the likelihood that the fit to all rows gains is lost on rows left out, by more than chance,
+        a variance of twice the nats: the numbers are of no cause that acts all along."""
         return self.fitted > 0.0 and self.nats < LEAST_HELD * self.fitted - CONFIDENCE * math.sqrt(2.0 * self.fitted)
 
     @property
@@ -101,23 +101,23 @@ class Gain:
 
     @property
     def is_of_the_pickup(self) -> bool:
-        """What makes the nozzle's measured angle far more like the predicted makes the attitude less so: what is wrong
-        is in the nozzle's sensor, which turns no vehicle."""
+        """Whether the causes predict the nozzle's measured angle far better and the attitude worse: what is wrong is in
+        the nozzle's sensor, which turns no vehicle."""
         better = [name for name, (nominal, extended, _, _) in self.squared.items() if extended < PICKUP * nominal]
         return self.is_worse and better == ["beta"]
 
     @property
     def excess(self) -> tuple[float, float]:
-        """By how much the squared errors of nominal and extended model exceed what noise gives, over that, summed over
-        the channels."""
+        """The excess of the squared errors of nominal and extended model over what noise gives, relative to that,
+        summed over the channels."""
         made = [(max(0.0, nominal / own - 1.0), max(0.0, extended / other - 1.0))
                 for nominal, extended, own, other in self.squared.values()]
         return sum(before for before, _ in made), sum(after for _, after in made)
 
     @property
     def share(self) -> float | None:
-        """Of the nominal's excess that the extended model leaves, 0 to 1; None where there is none to speak of, or no
-        more than chance makes of so many horizons."""
+        """The share of the nominal's excess that the extended model leaves, 0 to 1; None where there is none to speak
+        of, or no more than chance makes of so many horizons."""
         before, after = self.excess
         chance = CHANCE * math.sqrt(sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared))
         return min(1.0, after / before) if before > max(LEAST_EXCESS * len(self.squared), chance) else None
@@ -175,8 +175,8 @@ def _judged(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None)
 
 
 def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
-    """With the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
-    that needs more is another model."""
+    """The model with the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a
+    nominal that needs more is another model."""
     reach = REACH * Problem(record, of.filter).prior
     if np.all(np.abs(of.point.deviations) <= reach):
         return of
@@ -202,8 +202,8 @@ def _levelled(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | Non
 
 
 def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = None, is_named: bool = True) -> Gain:
-    """On blocked folds of the log itself, each model in its own world; the controller found on board flies in the
-    closed loop.
+    """The gain on blocked folds of the log itself, each model in its own world; the controller found on board flies in
+    the closed loop.
 
     is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
     """
@@ -234,7 +234,7 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
-    """Of the nominal's squared error over the longest horizon beyond noise (`Gain.excess`), the share that comes back
+    """The share, of the nominal's squared error over the longest horizon beyond noise (`Gain.excess`), that comes back
     on the held-out rows without each cause, the others fitted anew; () where the nominal has none to speak of."""
     before, after = gain.excess
     if gain.share is None:
@@ -270,8 +270,8 @@ def _noise(record: Record, of: Trained, horizon: float, is_named: bool = True) -
 
 def on_another(other: Record, model: Model, nominal: Model, controller: ControllerCheck | None = None,
                is_named: bool = True) -> Gain:
-    """On a second log: the causes at the values fitted to the first; its own noise levels are not fitted.  is_named as
-    `held_out`."""
+    """The gain on a second log: the causes at the values fitted to the first; its own noise levels are not fitted.
+    is_named as `held_out`."""
     everything = np.ones(other.rows, bool)
     records = [replace(other, world=each.fit.record.world) for each in (nominal, model)]
     pair = []
@@ -291,7 +291,7 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
-    """Of the rows (n,) bool, each predicted from all before it."""
+    """The log-likelihood of the rows (n,) bool, each predicted from all before it."""
     e, _, _ = innovations(record, of.filter, of.point)
     white = np.clip(of.filter.whiten(e), -WORST_WHITE, WORST_WHITE)[rows]
     measured = np.isfinite(record.z)[rows]
@@ -326,8 +326,8 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
 
 def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, np.ndarray],
           closed_loop: tuple[float, float] | None, source: str, alike: np.ndarray) -> Gain:
-    """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3);  alike
-    (s, 3) of the nominal's noise in the extended model"""
+    """The gain from prediction errors.  of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean
+    squares of noise (2, s, 3);  alike (s, 3) of the nominal's noise in the extended model"""
     errors, changes, noise = of
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     over = spans(record)

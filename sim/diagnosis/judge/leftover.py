@@ -1,4 +1,4 @@
-"""Is there something left that the named causes do not explain?
+"""The search for something left that the named causes do not explain.
 
 A stochastic disturbance of any colour, in the plant, at the actuator or on a sensor, a deterministic shape (`shapes`),
 or a line must find nothing worth its place beside them.
@@ -34,7 +34,7 @@ PLACE_OF = {"plant": "plant", "actuator": "actuator", "theta": "sensor", "theta_
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What a generic disturbance at one place gains [nats] beside the model.
+    """The gain [nats] of a generic disturbance at one place beside the model.
 
     shape    "" for a stochastic one, else the signal it is proportional to (then `std` is its RMS)
     at_mode  a line at the frequency of a named mode
@@ -55,7 +55,7 @@ class Leftover:
 
     @property
     def limit(self) -> float:
-        """[nats] that may be left."""
+        """The gain [nats] that may be left."""
         if self.is_line and not self.at_mode:
             return LINE_LIMIT
         if TIME in self.shape:
@@ -64,12 +64,12 @@ class Leftover:
 
     @property
     def words(self) -> str:
-        """What it looks like."""
+        """The shape of the disturbance in words."""
         return f"proportional to {self.shape}" if self.shape else "of unknown shape"
 
 
 def leftovers(model: Model) -> list[Leftover]:
-    """Of every place the log can show the stochastic disturbance and the shape that gain most, the best first."""
+    """The stochastic disturbance and the shape that gain most at each place the log can show, the best first."""
     record = model.fit.record
     places = ["plant", *(["actuator"] if record.command_is_known else []), *record.channels]
     found = []

@@ -1,4 +1,4 @@
-"""What this log could have shown: the smallest size of each cause that would be found, and which look alike.
+"""The limits of this log: the smallest size of each cause that would be found, and which causes look alike.
 
 The smallest size is the one whose expected gain of log-likelihood, everything else refitted (the wind's levels:
 `absorbed`), pays the threshold and the penalty: about even odds of being found.  What the nozzle cannot hold is none.
@@ -44,7 +44,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Isolability:
-    """How alike the responses of visible causes are.
+    """The likeness of the responses of visible causes.
 
     products  (c, c) of the responses, each of length 1
     """
@@ -81,7 +81,7 @@ class Isolability:
 
 
 def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit], Isolability]:
-    """For every hypothesis, and the isolability of those that the log's columns can show."""
+    """The limit of every hypothesis, and the isolability of those that the log's columns can show."""
     problem = Problem(record, model.fit.filter)
     project, absorbing = Projector(problem, model.fit, causes=False), Absorbing(model)
     found, responses, names = [], [], []
@@ -141,7 +141,7 @@ def _confirmed(gain: Callable[[float], float], size: float, most: float, needed:
 
 
 def unseen() -> list[Limit]:
-    """Of a log too short for anything."""
+    """The limits of a log too short for any."""
     return [Limit(each.cause, each.free[0].name, each.unit(each.free[0].name), None, each.neutral, ())
             for each in SOUGHT]
 

@@ -74,7 +74,7 @@ SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not
 
 @dataclass(frozen=True)
 class Remainder:
-    """What `dominant` causes leave: share of the held-out error, where it is, what it looks like."""
+    """The remainder beside `dominant` causes: share of the held-out error, where it is, what it looks like."""
 
     share: float
     where: str
@@ -108,8 +108,8 @@ def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], feigned: f
 
 def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], feigned: float, span: tuple[float, float],
            bounds: Bounds, same_place: bool) -> list[str]:
-    """Why these causes do not keep the bounds, a line each;  feigned [nats] that no cause need explain;  span [s]: the
-    log's first and last row."""
+    """The reasons why these causes do not keep the bounds, a line each;  feigned [nats] that no cause need explain;
+    span [s]: the log's first and last row."""
     found = []
     for each in named:
         varies = variation(each.constancy, each.record.neutral)
@@ -135,7 +135,7 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
 
 
 def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
-    """Why the held-out gain does not keep the bounds."""
+    """The reasons why the held-out gain does not keep the bounds."""
     if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
     if gain.is_hollow:
@@ -153,7 +153,8 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
 
 
 def percent(left: float) -> tuple[str, str]:
-    """What of a whole is gone and what is left, `left` of it, neither of which is all or nothing."""
+    """The words for the share of a whole that is gone and the share that is left, neither of which is all or
+    nothing."""
     whole = round(100.0 * left)
     if whole < 1:
         return "> 99 %", "< 1 %"
@@ -170,7 +171,7 @@ def too_noisy(noise: dict[str, dict[str, Any]], but: str = "") -> str | None:
 
 def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selection, where: str | None,
               noisy: str | None, idle: tuple[Named, ...] = ()) -> Remainder:
-    """What is left beside the causes;  idle: what looks like other causes, and no prediction needs."""
+    """The remainder beside the causes;  idle: what looks like other causes, and no prediction needs."""
     share = gain.share if gain is not None and gain.share is not None else 0.0
     of, place, words = _remains(left, selection, where, noisy)
     seeming = [f"what looks like {each.label} ({each.evidence:.0f} nats) and no prediction needs" for each in idle]
@@ -194,7 +195,7 @@ def _remains(left: tuple[Leftover, ...], selection: Selection, where: str | None
 
 
 def small(weather: Weather, named: tuple[Named, ...]) -> bool:
-    """It is not worth a word beside these causes."""
+    """Whether the weather is too small to be mentioned beside these causes."""
     return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
 
 
@@ -209,5 +210,5 @@ def weather_words(selection: Selection) -> str:
 
 
 def unit_of(source: str) -> str:
-    """Of the level of a source of the world."""
+    """The unit of the level of a source of the world."""
     return RECORDS[source].unit("level") if source in RECORDS else "rad/s^2"

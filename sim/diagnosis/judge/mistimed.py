@@ -1,4 +1,4 @@
-"""Is a column of the log from another time than its stamps say, so that a cause stands in for it?
+"""The check whether a column of the log is from another time than its stamps say, so that a cause stands in for it.
 
 An attitude or a rate that is late is a cause of the catalogue.  One that is early (its stamp is that of another sensor,
 or of when it was logged), and a nozzle angle that is late or early, are none, and the nearest cause takes their place:
@@ -25,19 +25,19 @@ FURTHEST = 8     # tries
 
 @dataclass(frozen=True, eq=False)
 class Mistimed:
-    """What a cause may stand in for: words, and the model of the other causes with the column moved."""
+    """The moved column that a cause may stand in for: words, and the model of the other causes with it."""
 
     words: str
     model: Model
 
     @property
     def is_all(self) -> bool:
-        """Nothing is left beside it."""
+        """Whether nothing is left beside it."""
         return all(each.gain <= each.limit for each in leftovers(self.model))
 
 
 def mistimed(selection: Selection) -> Mistimed | None:
-    """What the strongest cause (or the block that it is part of) may stand in for; None: nothing."""
+    """The moved column that the strongest cause (or the block that it is part of) may stand in for; None: none."""
     model = selection.model
     first, record = strongest(selection), model.fit.record
     alone = not in_a_block(model.causes, first)
@@ -58,7 +58,7 @@ def mistimed(selection: Selection) -> Mistimed | None:
 
 
 def _fitted(model: Model, others: tuple[Cause, ...], record: Record) -> Fit:
-    """Other causes on another record, at the model's noise."""
+    """The fit of other causes to another record, at the model's noise."""
     return fit(Problem(record, model.fit.filter), others, model.fit.delta)
 
 
@@ -80,7 +80,7 @@ def _best(model: Model, others: tuple[Cause, ...], channel: str, way: float) -> 
 
 
 def moved(record: Record, channel: str, rows: float) -> Record:
-    """With a column so many rows earlier (negative: later).
+    """The record with a column so many rows earlier (negative: later).
 
     A part of a row by an all-pass filter, which leaves noise as white and as large as it was (Thiran, IEEE Trans.
     Circuit Theory 18 (1971), of order 1); beyond the log's end its last value stays.

@@ -60,7 +60,7 @@ class Named:
 
     @property
     def record(self) -> Hypothesis:
-        """What is known of this cause."""
+        """The catalogue's record of this cause."""
         return RECORDS[self.cause]
 
     @property
@@ -68,7 +68,7 @@ class Named:
         return self.record.where
 
     def is_open(self, record: Record) -> bool:
-        """Its size is within what the nominal leaves open (`Hypothesis.floor`), so that it explains nothing."""
+        """Whether its size is within what the nominal leaves open (`Hypothesis.floor`), so that it explains nothing."""
         of = self.record
         size = self.values.get(of.free[0].name)
         return not self.is_weather and isinstance(size, float) and abs(size - of.neutral) < of.floor(record)
@@ -80,7 +80,7 @@ class Named:
 
     @property
     def label(self) -> str:
-        """Its name, with the term of a missing one."""
+        """The cause's name, with the term of a missing one."""
         return f"{self.cause} {self.values['term']}" if "term" in self.values else self.cause
 
 
@@ -149,8 +149,8 @@ def _named(selection: Selection, k: int) -> Named:
 
 
 def _onset_std(model: Model, index: int, at: int) -> float:
-    """[s] of cause `index`'s onset, its value `at`, as wide as the log is silent about it: an onset while nothing moves
-    is anywhere between two manoeuvres, whatever the curvature at the best one says."""
+    """The standard deviation [s] of cause `index`'s onset, its value `at`, as wide as the log is silent about it: an
+    onset while nothing moves is anywhere between two manoeuvres, whatever the curvature at the best one says."""
     fitted, widest = model.fit, 0.0
     problem, t = Problem(fitted.record, fitted.filter), fitted.record.t
     for away in (*IDLE, *(-each for each in IDLE)):
@@ -223,7 +223,7 @@ def _rivals(name: str, ranking: list[Ranked], blurred: float, span: tuple[float,
 
 
 def _is_seen(cause: Cause, span: tuple[float, float]) -> bool:
-    """It has no time, or begins or ends within the log."""
+    """Whether a cause has no time, or begins or ends within the log."""
     values = dict(zip((free.name for free in cause.hypothesis.free), cause.values, strict=True))
     edges = [values["time"], values["time"] + values.get("duration", math.inf)] if "time" in values else []
     return not edges or any(span[0] <= edge <= span[1] for edge in edges)
@@ -249,12 +249,12 @@ def mismatch(controller: ControllerCheck) -> Named:
 
 
 def _chi_squared(named: Named) -> float:
-    """Of its size over the log; that of the controller's is exact."""
+    """The chi squared of a cause's size over the log; the controller's is exact."""
     return 0.0 if named.constancy is None else named.constancy.chi_squared
 
 
 def undetermined(each: Named, began: float, ended: float) -> list[str]:
-    """What makes a cause this one and no simpler one must be told by the log: a mode's frequency, an onset."""
+    """Doubts about the numbers that make a cause this one and no simpler one: a mode's frequency, an onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
     size, std = each.values.get(SCALE), each.std.get(SCALE, 0.0)
     if isinstance(size, float) and abs(size) < SIGNIFICANT * std:
@@ -280,8 +280,8 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
 
 
 def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
-    """What may be the stamps', t (n,) [s]: a gyro's scale that is about as far off as the rows are further apart than
-    the nominal says, or than a whole part or multiple of that."""
+    """The doubt that the stamps t (n,) [s] are off: a gyro's scale that is about as far off as the rows are further
+    apart than the nominal says, or than a whole part or multiple of that."""
     scale = each.values.get(SCALE)
     if not each.record.is_of_clock or not isinstance(scale, float):
         return []
@@ -297,7 +297,7 @@ def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
 
 
 def aged(each: Named, record: Record) -> list[str]:
-    """What may be the age of samples that a logger read by a clock of its own."""
+    """The doubt that a delay is the age of samples that a logger read by a clock of its own."""
     size = each.values.get(each.record.free[0].name) if each.record.free else None
     late = each.record.late(record, size) if isinstance(size, float) else 0.0
     if not 0.0 < late < OLDEST * record.age or each.is_open(record):

@@ -1,4 +1,4 @@
-"""Is a cause outdone by what nobody listed?
+"""The check whether a cause is outdone by something that is not listed.
 
 A true cause, in its true form, explains all of its own misfit, so nothing else alone explains more than chance adds.
 Of what is no cause of the catalogue (a gyro that saturates, a bent characteristic) the best imitation explains most and
@@ -42,15 +42,15 @@ class Rival:
 
     @property
     def words(self) -> str:
-        """What it says against the cause."""
+        """The sentence that speaks against the cause."""
         whose = "they do" if " and " in self.cause else "it does"
         return (f"{self.cause}: a disturbance proportional to {self.shape} at the {self.place} alone explains "
                 f"{100 * self.share:.0f} % of what {whose}")
 
 
 def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
-    """What explains more than the strongest cause (or the block that it is part of) in its place, by more than the best
-    of so many shapes does by chance, or nearly as much and is left beside it; None: nothing.
+    """The rival that explains more than the strongest cause (or the block that it is part of) in its place, by more
+    than the best of so many shapes does by chance, or nearly as much and is left beside it; None: nothing.
 
     Both under the filter of the model with the cause;  left  what disturbances find beside the model
     """
@@ -138,6 +138,6 @@ def _ramping(problem: Problem, model: Model) -> Rival | None:
 
 
 def _chance(numbers: int) -> float:
-    """[nats] that so many free amplitudes gain by chance once in 1e4 logs, at most (Laurent and Massart, Ann. Statist.
-    28 (2000), lemma 1)."""
+    """The gain [nats] that so many free amplitudes have by chance once in 1e4 logs, at most (Laurent and Massart, Ann.
+    Statist. 28 (2000), lemma 1)."""
     return 0.5 * numbers + math.sqrt(numbers * RARE) + RARE

@@ -1,4 +1,4 @@
-"""Where the misfit is."""
+"""The place of the misfit."""
 
 from ..controller.issued import is_slow
 from ..controller.kind import UNKNOWN
@@ -6,7 +6,7 @@ from .diagnosis import Diagnosis
 
 
 def unheard(made: Diagnosis) -> list[str]:
-    """What makes the actuator's causes doubtful in a log slower than a controller that is not known, a line each: what
+    """The doubts about the actuator's causes in a log slower than a controller that is not known, a line each: what
     the nozzle did between the rows it may have been told to."""
     assert made.record is not None
     if made.controller is None or made.controller.kind != UNKNOWN or not is_slow(made.record):
@@ -16,7 +16,7 @@ def unheard(made: Diagnosis) -> list[str]:
 
 
 def place(made: Diagnosis) -> str:
-    """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
+    """The place of the misfit: the controller if its command is foreign, else where a disturbance helps most, or the
     place of the nearest cause where that explains more.  Of a controller that is not known a slow log does not have the
     commands between its rows, which then seems the actuator's fault."""
     assert made.selection is not None and made.record is not None

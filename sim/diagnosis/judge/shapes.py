@@ -36,7 +36,7 @@ def _signals(fitted: Fit) -> dict[str, np.ndarray]:
 
 
 def _shapes(s: dict[str, np.ndarray]) -> Iterator[tuple[str, str, np.ndarray]]:
-    """(place, name, signal (n,))"""
+    """The shapes: place, name, signal (n,)."""
     for a, b in (("theta", "theta"), ("theta", "theta_dot"), ("theta", "beta"), ("beta", "beta")):
         yield "plant", f"{a}*{b}", s[a] * s[b]
     for a in ("theta", "theta_dot", "beta"):
@@ -88,7 +88,7 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
 
 
 def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times: np.ndarray | None = None) -> float:
-    """[nats] that a sine of this frequency [rad/s], of any amplitude and phase, gains at a place.
+    """The gain [nats] of a sine of this frequency [rad/s], of any amplitude and phase, at a place.
 
     times  (n,) or (k, n), what the sine is multiplied by, each with its own amplitude and phase; None: 1
     """
@@ -99,13 +99,13 @@ def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times
 
 
 def ramp_gain(problem: Problem, fitted: Fit) -> float:
-    """[nats] that a moment on a straight line in time gains."""
+    """The gain [nats] of a moment on a straight line in time."""
     rows = problem.record.rows
     return _gain_of(problem, fitted, "plant", [np.ones(rows), np.linspace(-1.0, 1.0, rows)])
 
 
 def _gain_of(problem: Problem, fitted: Fit, place: str, signals: list[np.ndarray]) -> float:
-    """[nats] of signals (n,) at a place together, each of any amplitude."""
+    """The gain [nats] of signals (n,) at a place together, each of any amplitude."""
     project, changes = Projector(problem, fitted), []
     for signal in signals:
         size = PIECE / max(float(np.sqrt(np.mean(signal**2))), NO_ENERGY)

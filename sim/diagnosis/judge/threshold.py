@@ -37,7 +37,8 @@ VERSION = 1            # of the score: raised when a change of the method change
 
 
 def threshold(r: Record, flights: int, say: Say) -> float:
-    """Of this log's nominal and grid, from `flights` clean flights; InputError where the nominal cannot fly.
+    """The threshold [nats] of this log's nominal and grid, from `flights` clean flights; InputError where the nominal
+    cannot fly.
 
     Cached: the same question is answered from the file of its last answer.
     """
@@ -61,7 +62,7 @@ def threshold(r: Record, flights: int, say: Say) -> float:
 
 
 def cache_folder() -> Path:
-    """Where answers are kept: LAUNCHID_CACHE, or the user's cache folder."""
+    """The folder in which answers are kept: LAUNCHID_CACHE, or the user's cache folder."""
     own = os.environ.get("LAUNCHID_CACHE")
     return Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "launchid"
 

@@ -1,4 +1,4 @@
-"""What the extension buys the user of the on-board estimator: error and coverage of a6 and k1.
+"""The extension's gain for the user of the on-board estimator: error and coverage of a6 and k1.
 
 Flights of the extended nominal are identified twice: with the on-board model of the nominal, and with that of the
 extension.  Effects of sensors and of the command that the on-board model has no place for are taken off the samples,
@@ -28,9 +28,9 @@ INTERVAL = 1.96       # standard deviations, 95 %
 
 @dataclass(frozen=True)
 class UserGain:
-    """Of a6 and k1 over all windows that gave an answer: RMS relative error and share of 95 % intervals that hold the
-    truth, (nominal, extended) each.  NaN where there is nothing to tell: no error is relative to a truth of zero, and
-    what the nominal has at zero (a lander's a6) is held there, rightly and without a standard deviation."""
+    """The gain of a6 and k1 over all windows that gave an answer: RMS relative error and share of 95 % intervals that
+    hold the truth, (nominal, extended) each.  NaN where there is nothing to tell: no error is relative to a truth of
+    zero, and what the nominal has at zero (a lander's a6) is held there, rightly and without a standard deviation."""
 
     error: dict[str, tuple[float, float]]
     coverage: dict[str, tuple[float, float]]
@@ -38,7 +38,7 @@ class UserGain:
 
 
 def user_gain(nominal: Nominal, extension: Nominal) -> UserGain | None:
-    """None where the on-board model cannot hold the extension, or the nominal cannot fly."""
+    """The gain for the user; None where the on-board model cannot hold the extension, or the nominal cannot fly."""
     names = {effect.name for effect in extension.effects}
     removable = {name for name, of in RECORDS.items() if of.corrections is not None}
     if not names <= {*MODELLED, *removable} or extension.guidance is None or extension.simulation is None:
@@ -73,13 +73,13 @@ def user_gain(nominal: Nominal, extension: Nominal) -> UserGain | None:
 
 
 def _mean(x: np.ndarray) -> float:
-    """Of what is no NaN; NaN if nothing is left."""
+    """The mean of what is no NaN; NaN if nothing is left."""
     x = x[~np.isnan(x)]
     return float(np.mean(x)) if len(x) else math.nan
 
 
 def _modelled(extension: Nominal) -> Nominal:
-    """With the effects that the on-board model holds."""
+    """The extension with the effects that the on-board model holds."""
     return replace(extension, effects=tuple(e for e in extension.effects if e.name in MODELLED))
 
 

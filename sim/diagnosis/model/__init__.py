@@ -1,1 +1,2 @@
-"""What the world may do without being wrong: predictor, likelihood, noise levels, a6 and k1 within their tolerance."""
+"""The model that every cause is compared with: predictor, likelihood, noise levels, a6 and k1 within their
+tolerance."""

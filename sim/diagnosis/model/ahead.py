@@ -1,4 +1,4 @@
-"""How far a right model's predictions are off: the variance that noise alone gives them, a horizon ahead."""
+"""The errors of a right model's predictions: the variance that noise alone gives them, a horizon ahead."""
 
 import numpy as np
 

@@ -23,17 +23,17 @@ class Vehicle:
     filter: Filter
 
     def residual(self, record: Record) -> np.ndarray:
-        """(3n + 5,) on this record's commands."""
+        """The residual (3n + 5,) with this record's commands."""
         return Problem(record, self.filter).residual(Point())
 
     def slopes(self, record: Record) -> np.ndarray:
-        """(3n + 5, 5)"""
+        """The slopes (3n + 5, 5) of the residual over the deviations."""
         return Problem(record, self.filter).deviation_slopes()
 
 
 def lost(record: Record) -> str:
-    """Why there is no likelihood of this log, in words; "" where there is one.  The nominal, at its declared noise,
-    runs away from the log or predicts what is no number: what causes gained over that would be no evidence."""
+    """The reason why there is no likelihood of this log, in words; "" where there is one.  The nominal, at its declared
+    noise, runs away from the log or predicts what is no number: what causes gained over that would be no evidence."""
     filt = first_filter(record, declared(record))
     _, _, states, stayed = Problem(record, filt).white(Point())
     if stayed:
@@ -48,7 +48,7 @@ class NominalFollower:
     """The nominal without causes (`controller.issued.Follower`)."""
 
     def seen(self, record: Record) -> Seen | None:
-        """What it saw between the rows; None: it does not stay with the log."""
+        """The predictions between the rows; None: the model does not stay with the log."""
         levels = declared(record)
         levels[:len(ALERT)] *= ALERT
         gains = first_filter(record, levels)
@@ -56,13 +56,13 @@ class NominalFollower:
         return _as_measured(record, seen) if np.all(np.abs(seen.attitude) < record.farthest) else None
 
     def vehicle(self, record: Record) -> Vehicle:
-        """At the declared noise."""
+        """The nominal's vehicle at the declared noise."""
         return Vehicle(first_filter(record, declared(record)))
 
 
 def _as_measured(record: Record, seen: Seen) -> Seen:
-    """With the attitude that the controller measured, where a gyro's bias takes the predicted one off it: less the
-    slow part of what it differs by at the rows."""
+    """The predictions with the attitude that the controller measured, where a gyro's bias takes the predicted one off
+    it: less the slow part of what it differs by at the rows."""
     measured = np.isfinite(record.z[:, THETA])
     if np.count_nonzero(measured) < FEWEST:
         return seen

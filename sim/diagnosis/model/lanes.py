@@ -20,7 +20,7 @@ LANES = 8
 
 @inner
 def add_scaled(to, i, number, of, j):
-    """to[i] += number * of[j]"""
+    """Add a multiple: to[i] += number * of[j]."""
     a, b = to[i], of[j]
     (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
         a[0] + number * b[0], a[1] + number * b[1], a[2] + number * b[2], a[3] + number * b[3],
@@ -29,7 +29,7 @@ def add_scaled(to, i, number, of, j):
 
 @inner
 def subtract_product(to, i, first, j, second, k):
-    """to[i] -= first[j] * second[k]"""
+    """Subtract a product: to[i] -= first[j] * second[k]."""
     a, b, c = to[i], first[j], second[k]
     (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
         a[0] - b[0] * c[0], a[1] - b[1] * c[1], a[2] - b[2] * c[2], a[3] - b[3] * c[3],
@@ -38,7 +38,7 @@ def subtract_product(to, i, first, j, second, k):
 
 @inner
 def add_product(to, i, first, j, second, k):
-    """to[i] += first[j] * second[k]"""
+    """Add a product: to[i] += first[j] * second[k]."""
     a, b, c = to[i], first[j], second[k]
     (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
         a[0] + b[0] * c[0], a[1] + b[1] * c[1], a[2] + b[2] * c[2], a[3] + b[3] * c[3],
@@ -47,7 +47,7 @@ def add_product(to, i, first, j, second, k):
 
 @inner
 def multiply(to, i, by, j):
-    """to[i] *= by[j]"""
+    """Multiply: to[i] *= by[j]."""
     a, b = to[i], by[j]
     (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
         a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3],
@@ -56,7 +56,7 @@ def multiply(to, i, by, j):
 
 @inner
 def copy(to, i, of, j):
-    """to[i] = of[j]"""
+    """Copy: to[i] = of[j]."""
     a, b = to[i], of[j]
     (a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]) = (
         b[0], b[1], b[2], b[3],
@@ -65,7 +65,7 @@ def copy(to, i, of, j):
 
 @inner
 def fill(to, i, number):
-    """to[i] = number"""
+    """Fill: to[i] = number."""
     a = to[i]
     for lane in range(LANES):
         a[lane] = number

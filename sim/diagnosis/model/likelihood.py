@@ -1,4 +1,4 @@
-"""What other noise levels, or a generic disturbance beside them, would have made of the same data.
+"""The likelihood of the same data at other noise levels, or with a generic disturbance beside them.
 
 A linear Kalman filter on top of the innovations of `predictor.follow`, which need not be run again.  The channels of a
 row are taken one after the other, which is the Cholesky factor of their covariance written out (Bierman, Factorization

@@ -40,7 +40,7 @@ def modes_of(v: st.Vehicle) -> tuple[Modes, np.ndarray]:
 
 
 def matched(known: Modes, modes: Modes) -> list[int]:
-    """For each of `modes` where its value stands among the states of a filter made for `known`, -1: not there."""
+    """The place of the value of each of `modes` among the states of a filter made for `known`, -1: not there."""
     free, slots = list(range(len(known))), []
     for mode in modes:
         near = [(abs(math.log(known[k].frequency / mode.frequency)), k) for k in free if known[k].code == mode.code]
@@ -54,7 +54,7 @@ def matched(known: Modes, modes: Modes) -> list[int]:
 
 
 def slots_of(v: st.Vehicle, known: Modes) -> np.ndarray:
-    """For each row of the vehicle's plant effects where its mode stands in gains made for `known`."""
+    """The place of the mode of each row of the vehicle's plant effects in gains made for `known`."""
     modes, own = modes_of(v)
     slots = np.full(len(v.plant), -1, np.int64)
     slots[own >= 0] = matched(known, modes)

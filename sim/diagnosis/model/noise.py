@@ -126,7 +126,7 @@ def dynamics(record: Record, point: Point) -> Dynamics:
 
 
 def _with_lost(record: Record, own: Dynamics) -> Dynamics:
-    """With blocks of their own for the rows that the log does not have: their command is not believed."""
+    """The dynamics with blocks of their own for the rows that the log does not have: their command is not believed."""
     if record.lost is None:
         return own
     enters = record.unknown * own.entry[:, :, 0]
@@ -138,8 +138,8 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray, z_alpha: float) -> Dynamics:
-    """With the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks; z_alpha
-    [1/s] of the flight path."""
+    """The dynamics with the world's states behind the vehicle's;  a6 (`predictor.push`), k1 (b,) [1/s^2] of the blocks;
+    z_alpha [1/s] of the flight path."""
     sources, period = record.world.sources, record.period
     (b, m, _), w = own.f.shape, len(sources)
     f, entry, c = np.zeros((b, m + w, m + w)), np.zeros((b, m + w, 2)), np.zeros((3, m + w))
@@ -228,14 +228,15 @@ class Filter:
     log_likelihood: float
 
     def whiten(self, innovations: np.ndarray) -> np.ndarray:
-        """(n, 3) of innovations under these gains."""
+        """The whitened innovations (n, 3) under these gains."""
         out = np.empty_like(innovations)
         whiten(self.low, innovations, out)
         return out
 
 
 class Refilter:
-    """What filters with other levels, and a generic disturbance beside the model, make of the innovations of one.
+    """The innovations of one filter as filters with other levels, and a generic disturbance beside the model, have
+    them.
 
     base    (n, 3) innovations of the filter `of`; None: of one that corrects nothing
     counts  (n,) bool: rows that count, None: all
@@ -250,19 +251,21 @@ class Refilter:
         self.counts = np.ones(record.rows, bool) if counts is None else counts
 
     def log_likelihood(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> float:
-        """Of the rows that count."""
+        """The log-likelihood of the rows that count."""
         return self._run(levels, disturbance, np.zeros((0, 1, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
     def log_likelihoods(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> np.ndarray:
-        """(k,) of the rows that count, of each row of levels (k, 5 + the world's)."""
+        """The log-likelihoods (k,) of the rows that count, of each row of levels (k, 5 + the world's)."""
         return self._abreast([(own, disturbance) for own in levels])
 
     def with_sizes(self, levels: np.ndarray, place: str, sizes: np.ndarray, time_constant: float) -> np.ndarray:
-        """(k,) of the rows that count, of levels (5 + the world's,) with a disturbance of each size (k,)."""
+        """The log-likelihoods (k,) of the rows that count, of levels (5 + the world's,) with a disturbance of each size
+        (k,)."""
         return self._abreast([(levels, Disturbance(place, float(size), time_constant)) for size in sizes])
 
     def _abreast(self, sets: list[tuple[np.ndarray, Disturbance | None]]) -> np.ndarray:
-        """(k,) of sets that differ in variances alone, LANES at a time; of one alone the other kernel is faster."""
+        """The log-likelihoods (k,) of sets that differ in variances alone, LANES at a time; for one alone the other
+        kernel is faster."""
         if len(sets) == 1:
             return np.array([self.log_likelihood(*sets[0])])
         totals = np.zeros((-(-len(sets) // LANES), LANES))
@@ -276,7 +279,7 @@ class Refilter:
         return totals.ravel()[:len(sets)]
 
     def filter(self, levels: np.ndarray, disturbance: Disturbance | None = None) -> "Filter":
-        """Its gains and whitening."""
+        """The filter at these levels: its gains and whitening."""
         n, m, modes, world = self.record.rows, self.dyn.f.shape[1], self.dyn.modes, self.record.world
         size = m if disturbance is None else m + 1
         gains, low, whitened = np.zeros((n, size, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
@@ -287,15 +290,15 @@ class Refilter:
         return Filter(levels, full, low, whitened, modes, total)
 
     def gains(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, m, 3) Kalman gains, in these dynamics' units, and (n, 3, 3) lower factor of the innovations."""
+        """The Kalman gains (n, m, 3), in these dynamics' units, and (n, 3, 3) lower factor of the innovations."""
         n, m = self.record.rows, self.dyn.f.shape[1]
         gains, low = np.zeros((n, m, 3)), np.zeros((n, 3, 3))
         self._run(levels, None, gains, low, np.zeros((n, 3)))
         return gains, low
 
     def horizon_variances(self, levels: np.ndarray, spacing: int, ahead: int) -> np.ndarray:
-        """(s, 3) of measured less predicted where nothing but noise of these levels is, `ahead` rows after every
-        `spacing`-th."""
+        """The variances (s, 3) of measured less predicted where nothing but noise of these levels is, `ahead` rows
+        after every `spacing`-th."""
         dyn, measured = self.dyn, np.isfinite(self.record.z)
         variances = np.zeros((-(-self.record.rows // spacing), 3))
         f, q, c, p, held = self._matrices(levels, None)
@@ -335,7 +338,7 @@ def first_filter(record: Record, levels: np.ndarray) -> Filter:
 
 
 def gains_in(dyn: Dynamics, of: Filter, record: Record) -> np.ndarray:
-    """(n, m, 3) what a filter's gains amount to in these dynamics, whose modes and gyro it need not know."""
+    """The gains (n, m, 3) of a filter in these dynamics, whose modes and gyro it need not know."""
     gains = np.ascontiguousarray(carried_over(of, dyn.modes, len(record.world.sources))[:, dyn.slots])
     gains[:, :, THETA_DOT] /= dyn.rate_scale
     return gains

@@ -1,5 +1,5 @@
-"""What may be off without being wrong: a6 and k1 within their tolerance, the servo's timing; and the residuals at any
-numbers.
+"""The numbers that may be off without being wrong: a6 and k1 within their tolerance, the servo's timing; and the
+residuals at any numbers.
 
     minimise  1/2 |L^-1 e(p)|^2 + 1/2 |deviations/prior|^2
 
@@ -52,11 +52,11 @@ class Problem:
         return white
 
     def residual(self, point: Point) -> np.ndarray:
-        """(3n + 5,)"""
+        """The residual (3n + 5,): whitened innovations, and deviations over their prior."""
         return np.concatenate([self.white(point)[0].ravel(), np.array(point.deviations) / self.prior])
 
     def deviation_slopes(self) -> np.ndarray:
-        """(3n + 5, 5) of the residual at the nominal."""
+        """The slopes (3n + 5, 5) of the residual at the nominal."""
         def cut(x: np.ndarray) -> tuple[np.ndarray, Point]:
             within = within_sign(x)
             return within, Point((), tuple(float(d) for d in within))

@@ -22,7 +22,7 @@ FASTEST = 0.65  # of the servo's lag: a timing that is off leaves so much of it
 
 @dataclass(frozen=True)
 class Point:
-    """What is believed beside the nominal: effects, and deviations within the tolerance.
+    """The changes to the nominal: effects, and deviations within the tolerance.
 
     deviations  relative, of a6 and of k1 in the middle of the log, how much more they are at its end than in the
                 middle; and [s] how much later the servo answers
@@ -129,7 +129,7 @@ def innovations(record: Record, of: Gains, point: Point, extra: np.ndarray | Non
 
 
 def predicted_attitude(record: Record, of: Gains) -> np.ndarray:
-    """(ticks,) [rad] what the attitude sensor would have read at every controller tick, under the nominal."""
+    """The readings (ticks,) [rad] of the attitude sensor at every controller tick, under the nominal."""
     attitudes = np.zeros(len(record.commands))
     v = vehicle(record, Point())
     tick_attitudes(v, slots_of(v, of.modes), world_of(record, v), record.a6, record.at, record.z,

@@ -46,7 +46,7 @@ DEAF = 0.1          # least scale factor of a gyro that is made good: of one tha
 
 @inner
 def expected(v, i, world, air, row):
-    """What the sensors should read at step i without noise: row (3,) out."""
+    """The sensors' readings at step i without noise: row (3,) out."""
     row[0] = attitude(v, i)
     row[1] = gyro(v, i)
     row[2] = sensor.nozzle(v.sensor, v.state[BETA])
@@ -61,7 +61,7 @@ def expected(v, i, world, air, row):
 
 @inner
 def push(v, i, world, air, a6):
-    """[rad/s^2] What the world's states (`data.world`) add at step i.
+    """The acceleration [rad/s^2] that the world's states (`data.world`) add at step i.
 
     a6 (2 steps + 1,) in  [1/s^2] the nominal's at every half step: the wind is an acceleration in its units, so that no
     other a6 of the vehicle is the better for making the wind's declared levels larger or smaller
@@ -139,7 +139,7 @@ def correct_row(v, slots, held, world, air, i, k, z, gains, row):
 
 @inner
 def remember_between(v, i, n):
-    """What the sensors' past has of the steps that were passed over, on a line from step i to where the state is."""
+    """Fill the sensors' past for the steps that were passed over, on a line from step i to where the state is."""
     eta, eta_dot = plant.deflection(v.plant)
     for k in range(1, n):
         share = k / n
@@ -149,7 +149,8 @@ def remember_between(v, i, n):
 
 @inner
 def before_late(n, phase, late):
-    """At most n steps from step `phase` of a command's time, when the one before ends after `late` steps of it."""
+    """The number of steps, at most n, from step `phase` of a command's time, when the one before ends after `late`
+    steps of it."""
     whole = int(late + WHOLE)
     if phase < whole:
         return min(n, whole - phase)
@@ -234,7 +235,7 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
 
 @kernel
 def tick_attitudes(v, slots, world, a6, at, z, gains, attitudes):
-    """What the attitude sensor would have read at every tick of the commands: attitudes (ticks,) out [rad]."""
+    """The readings of the attitude sensor at every tick of the commands: attitudes (ticks,) out [rad]."""
     begin, tick = v.counter[0], v.counter[1]
     held, air, row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS)
     k, pushed, here = 0, 0.0, begin + at[0]

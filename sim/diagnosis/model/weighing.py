@@ -1,4 +1,4 @@
-"""How much changes of a filter's innovations weigh under other noise levels: the squares of what filters with these
+"""The weight of changes of a filter's innovations under other noise levels: the squares of what filters with these
 levels make of them, whitened.
 
 As far as covariances go all changes are alike, so gains and whitening are made once per set of levels; a change is then

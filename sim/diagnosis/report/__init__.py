@@ -1,1 +1,1 @@
-"""What is said about it: JSON, words, page, figures."""
+"""The report on a diagnosis: JSON, words, page, figures."""

@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis share: axes, styles that stay apart in grey, words."""
+"""The parts that the figures of a diagnosis share: axes, styles that stay apart in grey, words."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def legend_above(figure: Figure, axis: Any) -> None:
 
 
 def mark_times(axis: Any, made: Diagnosis, named: bool = True) -> None:
-    """When causes begin and end, for those that do; `named` in the uppermost of panels, where that hides least."""
+    """Mark when causes begin and end, for those that do; `named` in the uppermost of panels, where that hides least."""
     for cause in (*made.causes, *made.nearest):
         start, duration = (cause.values.get(name) for name in ("time", "duration"))
         times = [] if start is None else [start] if duration is None else [start, float(start) + float(duration)]

@@ -68,7 +68,7 @@ def judged(made: Diagnosis) -> list[Judged]:
 
 
 def _flown(record: Record, effects: Sequence[Effect]) -> Flight | None:
-    """Without noise: what the simulation means, not one draw of it; None where the nominal cannot fly."""
+    """The flight without noise: what the simulation means, not one draw of it; None where the nominal cannot fly."""
     flown = as_flown(record)
     if flown is None or flown.actuator is None or flown.simulation is None:
         return None
@@ -259,7 +259,8 @@ def sizes(made: Diagnosis) -> Figure | None:
 
 
 def isolability(made: Diagnosis) -> Figure | None:
-    """How alike the responses of the causes are in this log: of those that are like another; None if none is."""
+    """A figure of how alike the responses of the causes are in this log: of those that are like another; None if none
+    is."""
     if (table := made.isolability) is None:
         return None
     alike = (table.cosine >= NEARLY_ALIKE) & ~np.eye(len(table.names), dtype=bool)

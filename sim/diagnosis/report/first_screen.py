@@ -1,4 +1,4 @@
-"""What a report says first: the verdict in plain words, what it cannot be told from, what it rests on and is worth.
+"""The first screen of a report: the verdict in plain words, what looks like it, what it rests on and is worth.
 
 Each term is explained where it first stands.
 """
@@ -19,7 +19,7 @@ CHANNEL_WORDS = {"theta": "attitude sensor", "theta_dot": "gyro", "beta": "nozzl
 
 
 def plain(made: Diagnosis) -> str:
-    """What was found, how large it is, how much of the error it explains, what remains and where; HTML."""
+    """The finding: how large it is, how much of the error it explains, what remains and where; HTML."""
     said = _cause_lines(made)
     explains = worth(made)
     if explains is not None:
@@ -32,7 +32,7 @@ def plain(made: Diagnosis) -> str:
 
 
 def rows(made: Diagnosis) -> str:
-    """What the verdict rests on, below the picture; HTML."""
+    """The rows below the picture that say what the verdict rests on; HTML."""
     said: list[tuple[str, list[str]]] = []
     if made.verdict != "bad-data":
         said += [("Cannot be told from", _alike_lines(made)), ("Evidence", [text(x) for x in evidence(made)]),
@@ -75,7 +75,7 @@ def _alike_lines(made: Diagnosis) -> list[str]:
 
 
 def evidence(made: Diagnosis) -> list[str]:
-    """What the verdict rests on, a line each; its first says what a nat is, and a limit."""
+    """The evidence of the verdict, a line each; its first says what a nat is, and a limit."""
     worst = max(made.left, key=lambda each: each.gain / each.limit, default=None)
     left = "" if worst is None else f"A disturbance {worst.words} explains {worst.gain:.0f} nats more (limit, what " \
                                     f"chance gives: {worst.limit:.0f})."
@@ -112,7 +112,7 @@ def _gain_line(made: Diagnosis) -> str:
 
 
 def doubts(made: Diagnosis) -> list[str]:
-    """What speaks against the verdict or bounds it; never empty."""
+    """The doubts about the verdict or its bounds; never empty."""
     if made.verdict == "bad-data":
         return ["Nothing about the vehicle is concluded from a log with faults."]
     said = [*how_it_ended(made), *made.doubts]

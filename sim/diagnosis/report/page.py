@@ -155,7 +155,7 @@ def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
 
 
 def _figure(name: str, png: bytes, live: dict[str, Any] | None) -> str:
-    """Its picture, and what a browser with scripts draws in the place of that."""
+    """A figure's picture, and what a browser with scripts draws in the place of that."""
     title, caption = PICTURES[name]
     chart = "" if live is None else (
         f'<div class="chart" id="{name.partition(".")[0]}"><script type="application/json">'

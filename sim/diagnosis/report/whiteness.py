@@ -1,4 +1,4 @@
-"""Is what is left random?  Correlations and spectra of whitened innovations."""
+"""The randomness of what is left: correlations and spectra of whitened innovations."""
 
 import math
 from dataclasses import dataclass

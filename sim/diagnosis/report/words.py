@@ -18,9 +18,9 @@ NATS = ": by so much the log-likelihood rises with it beside all else in the mod
        "3 nats are odds of 20 to 1"
 
 def error_words(gain: Gain) -> str:
-    """What is called the error."""
-    return f"error: the square of predicting {gain.longest:g} s ahead, beyond noise, on rows held out, to which " \
-           "nothing was fitted"
+    """The words that define the error."""
+    return f"error: mean square of the errors of predictions {gain.longest:g} s ahead, beyond noise, on held-out " \
+           "rows, to which nothing was fitted"
 
 
 def amount(value: float | str, std: float | None, unit: str, hertz: bool = False) -> str:
@@ -35,7 +35,7 @@ def amount(value: float | str, std: float | None, unit: str, hertz: bool = False
 
 
 def sentence(cause: Named) -> str:
-    """What a cause means, with its size."""
+    """The sentence that says what a cause means, with its size."""
     units = {**cause.units, **({"coefficient": ""} if "term" in cause.values else {})}
     values = {name: amount(value, cause.std.get(name), units.get(name, ""), name == "frequency")
               for name, value in cause.values.items()}
@@ -57,7 +57,8 @@ def values_words(cause: Cause, shift: float) -> str:
 
 
 def alternatives(made: Diagnosis, cause: Named) -> list[str]:
-    """What the log cannot tell a cause from: in which form where the catalogue's own is not like it, and its size."""
+    """The causes that the log cannot distinguish from a cause: with form where the catalogue's own is not like it, and
+    size."""
     sizes: dict[str, str] = {}
     if made.selection is not None and made.record is not None:
         for chosen, ranking in zip(made.selection.model.causes, made.selection.rivals, strict=False):
@@ -86,7 +87,7 @@ def would_decide(cause: Named) -> list[str]:
 
 
 def places(made: Diagnosis) -> str:
-    """Where the causes may be: a set that spans places names them all."""
+    """The places where the causes may be: a set that spans places names them all."""
     sets = [list(dict.fromkeys((cause.where, *(RECORDS[rival].where for rival in cause.rivals))))
             for cause in made.causes]
     return " and ".join(dict.fromkeys(", ".join(of[:-1]) + " or " + of[-1] if len(of) > 1 else of[0] for of in sets))
@@ -119,13 +120,13 @@ def headline(made: Diagnosis) -> str:
 
 
 def shares(left: float) -> str:
-    """How much of the error is explained and how much remains, where something does and `left` is its share."""
+    """The words for the share of the error that is explained and the share `left` that remains."""
     gone, rest = percent(left)
     return f"{gone} of the error explained, {rest} remain"
 
 
 def how_it_ended(made: Diagnosis) -> list[str]:
-    """Why the search is not complete; [] where it is."""
+    """The reason why the search is not complete; [] where it is."""
     own = made.nominal.diagnosis
     if made.is_cut_short:
         return [f"the search was stopped after {own.time_limit:g} s ([diagnosis] time_limit): whether a known cause "
@@ -136,7 +137,7 @@ def how_it_ended(made: Diagnosis) -> list[str]:
 
 
 def worth(made: Diagnosis) -> str | None:
-    """How much of the error the causes explain, what remains and where; None without causes."""
+    """The words for how much of the error the causes explain, what remains and where; None without causes."""
     if not made.causes:
         return None
     gain, rest = made.gain, made.remainder
@@ -167,16 +168,17 @@ def lines(made: Diagnosis) -> list[str]:
             said.append(f"    and the time constant of its derivative is {made.controller.time_constant:.4g} s")
         if cause.rivals:
             decides = would_decide(cause)
-            said.append(f"    this log cannot tell it from {', '.join(alternatives(made, cause))}"
-                        + (f"; what would: {' or '.join(decides)}" if decides else ""))
-    said += [f"  no cause, the nominal leaves so much open: {cause.label}: {sentence(cause)}" for cause in made.open]
+            said.append(f"    this log cannot distinguish it from {', '.join(alternatives(made, cause))}"
+                        + (f"; this would: {' or '.join(decides)}" if decides else ""))
+    said += [f"  within what the nominal leaves open, so not named as a cause: {cause.label}: {sentence(cause)}"
+             for cause in made.open]
     explains = worth(made)
     if explains is not None:
         gain = made.gain
         said.append(f"  {explains}" + ("" if gain is None or gain.share is None else f" ({error_words(gain)})"))
     said += [f"  doubt: {doubt}" for doubt in made.doubts]
     if made.verdict == "dominant":
-        said += [f"  not all: {reason}" for reason in made.remaining]
+        said += [f"  not everything is explained: {reason}" for reason in made.remaining]
     for k, cause in enumerate(made.nearest):
         said.append(f"  nearest (not the cause): resembles {cause.label}, {cause.evidence:.0f} nats"
                     f"{'' if k else NATS}")
@@ -200,7 +202,7 @@ def _gain_lines(made: Diagnosis) -> list[str]:
         said.append(f"  {horizon:>6g} s  " + "  ".join(f"{before:>9.3g} -> {after:<9.3g}"
                                                        for before, after in row.values()))
     if made.user is not None:
-        said.append("  a6, k1 by the on-board estimator, flights of the extension, RMS error (95 % intervals hold): "
+        said.append("  on-board estimator on flights of the extension, RMS error (share of 95 % intervals that hold): "
                     + ", ".join(f"{name} {100 * made.user.error[name][0]:.2g} % ({made.user.coverage[name][0]:.2f}) -> "
                                 f"{100 * made.user.error[name][1]:.2g} % ({made.user.coverage[name][1]:.2f})"
                                 for name in ("a6", "k1") if math.isfinite(made.user.error[name][1])))
@@ -226,11 +228,11 @@ def _noise_lines(made: Diagnosis) -> list[str]:
         return []
     levels = ", ".join(f"{name} x{level['factor']:.2f}{' (differs)' if level['significant'] else ''}"
                        for name, level in made.noise.items())
-    return [f"noise over the nominal's: {levels}"]
+    return [f"noise levels relative to the nominal's: {levels}"]
 
 
 def given(limit: Limit) -> str:
-    """What a limit holds for, of the other parameters of its cause."""
+    """The other parameters of a cause at which its limit holds, in words."""
     units = ((name, value, RECORDS[limit.cause].unit(name)) for name, value in limit.at)
     return ", ".join(f"{name} {value:.4g}{f' {unit}' if unit else ''}" for name, value, unit in units)
 
@@ -240,7 +242,7 @@ def _limit_lines(made: Diagnosis) -> list[str]:
         return []
     seen = [limit for limit in made.limits if limit.size is not None]
     blind = [limit.cause for limit in made.limits if limit.size is None]
-    said = ["could not have been seen below (even odds):"]
+    said = ["detection limits (sizes that this log shows with 50 % probability):"]
     for limit in seen:
         assert limit.size is not None
         at = given(limit)
@@ -248,5 +250,5 @@ def _limit_lines(made: Diagnosis) -> list[str]:
         where = f" ({at})" if at else ""
         said.append(f"  {limit.cause:<24}{limit.parameter} {limit.size:.2g} {limit.unit}{away}{where}")
     if blind:
-        said.append(f"  not at all: {', '.join(blind)}")
+        said.append(f"  at no size: {', '.join(blind)}")
     return said

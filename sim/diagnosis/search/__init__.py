@@ -1,1 +1,1 @@
-"""Which causes the log asks for."""
+"""The search for the causes that the log needs."""

@@ -106,7 +106,7 @@ def steps_of(causes: Sequence[Cause]) -> np.ndarray:
 
 def slopes_at(problem: Problem, causes: Sequence[Cause], delta: np.ndarray, r: np.ndarray,
               known: np.ndarray | None = None) -> np.ndarray:
-    """(3n + 5, k) of the residual at a point where it is r.
+    """The slopes (3n + 5, k) of the residual at a point where it is r.
 
     known  slopes at a point nearby, whose deviations' columns are taken over; None: all are made
     """

@@ -1,4 +1,4 @@
-"""How far ahead a model sees: its predictions over a horizon, begun all along the log.
+"""The foresight of a model: its predictions over a horizon, begun all along the log.
 
 Where the noise is far from the declared, or a moment that nobody declared is in the model, the likelihood of one row
 after the other is bought with noise: a model that follows the sensors closely then beats one that knows where the
@@ -28,8 +28,9 @@ STRAINED = 3.0         # times the declared: noise of the acceleration that stan
 
 
 def spans(record: Record) -> tuple[float, ...]:
-    """[s] of the predictions, the longest last: over longer ones a vehicle that is fast unstable shows nothing but the
-    error of its state at their beginning, and one in weather that nobody declared nothing but what that became."""
+    """The horizons [s] of the predictions, the longest last.  Over longer ones a vehicle that is fast unstable shows
+    nothing but the error of its state at their beginning, and one in weather that nobody declared nothing but what that
+    became."""
     fastest = math.sqrt(max(float(np.max(record.a6)), 0.0))
     longest = min(LONGEST, GROWTH / fastest) if fastest > 0.0 else LONGEST
     longest = min([longest, *(each.time_constant for each in record.world.sources if each.is_sought)])
@@ -37,20 +38,20 @@ def spans(record: Record) -> tuple[float, ...]:
 
 
 def settling(record: Record) -> float:
-    """[s] from the first row, until the filter knows the state."""
+    """The time [s] from the first row until the filter knows the state."""
     return min(SETTLED, 0.25 * record.rows * record.period)
 
 
 def is_strained(model: Model) -> bool:
-    """Its likelihood is bought with noise."""
+    """Whether the model's likelihood is bought with noise."""
     record, levels = model.fit.record, model.fit.filter.levels
     return bool(levels[ACCELERATION] > STRAINED * declared(record)[ACCELERATION]) or \
         any(each.is_sought and each.name == SLOW_MOMENT for each in record.world.sources)
 
 
 def foreseen(base: Model, models: list[Model]) -> list[bool]:
-    """Which of these models, most likely first, may stand: what predicts worse than the base may not, nor what predicts
-    worse than another and is more likely; all may where the most likely is not strained."""
+    """A mask of these models, most likely first, that may stand: what predicts worse than the base may not, nor what
+    predicts worse than another and is more likely; all may where the most likely is not strained."""
     if not models or not is_strained(models[0]):
         return [True] * len(models)
     before, errors = _errors(base), [_errors(model) for model in models]

@@ -1,4 +1,4 @@
-"""Where, to a row, something that stays begins: the score of an onset at every row, in one pass backwards.
+"""The onset, to a row, of something that stays: the score of an onset at every row, in one pass backwards.
 
 The pieces of `pulses` are half a second long.  In calm air that is near enough to start from; weather makes a slow
 change likely and a sharp one telling, so that a tenth of a second beside the onset nothing of it is seen.
@@ -24,7 +24,7 @@ N_CHANNELS = 3
 
 @kernel
 def onset_scores(f, block, entry, c, resets, held, counts, gains, low, whitened, push, score, information):
-    """Backwards over a filter's rows.
+    """The scores of onsets, backwards over a filter's rows.
 
     f (b, m, m)           in   transition over a row, block[k] of it from row k on
     entry (b, m)          in   how an acceleration of 1 held over a row moves the state
@@ -124,7 +124,7 @@ def sandwiched(matrix, big, half):
 
 @inner
 def forget(held, r, cross, big):
-    """What is drawn anew at a row carries nothing over it."""
+    """Clear what is drawn anew at a row: it carries nothing over it."""
     for i in range(4, 4 + held):
         r[i], cross[i] = 0.0, 0.0
         for j in range(len(r)):

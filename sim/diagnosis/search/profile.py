@@ -79,7 +79,7 @@ def given_back(model: Model) -> Model:
 
 
 def _prior(fitted: Fit) -> float:
-    """What the tolerance's prior takes from the log-likelihood [nats]."""
+    """The cost [nats] of the tolerance's prior in the log-likelihood."""
     return 0.5 * float(np.sum((fitted.delta / Problem(fitted.record, fitted.filter).prior)**2))
 
 

@@ -1,4 +1,4 @@
-"""What the catalogue does not hold: a missing term of the plant, found by sparse regression.
+"""The proposal of what the catalogue does not hold: a missing term of the plant, found by sparse regression.
 
 The angular acceleration that the filter had to add, row by row, is regressed on library terms of theta, theta_dot and
 beta by the estimator's own sequentially thresholded least squares (Brunton, Proctor and Kutz 2016).  The filter's
@@ -41,7 +41,7 @@ class Proposal:
 
 
 def acceleration(fitted: Fit) -> np.ndarray:
-    """(n,) [rad/s^2] what the filter had to add to the rate's derivative at each row."""
+    """The acceleration (n,) [rad/s^2] that the filter had to add to the rate's derivative at each row."""
     e = np.where(np.isfinite(fitted.innovations), fitted.innovations, 0.0)
     return np.einsum("kc,kc->k", fitted.filter.gains[:, 1, :], e) / fitted.record.period
 
@@ -98,7 +98,7 @@ def propose(of: Selection, threshold: float, say: Say) -> tuple[Proposal, Select
 
 
 def equation(causes: tuple[Cause, ...]) -> str:
-    """In words: what is missing in theta_ddot."""
+    """The terms that are missing in theta_ddot, in words."""
     parts = []
     for cause in causes:
         value, term = cause.values[0], dict(cause.hypothesis.fixed)["term"]

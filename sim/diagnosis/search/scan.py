@@ -63,7 +63,7 @@ class Projector:
 
 
 def norms(slopes: np.ndarray) -> np.ndarray:
-    """(k,) of the columns of slopes (rows, k), above 0."""
+    """The lengths (k,) of the columns of slopes (rows, k), above 0."""
     return np.maximum(np.sqrt(np.einsum("ij,ij->j", slopes, slopes)), 1e-300)
 
 

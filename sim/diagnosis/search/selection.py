@@ -1,4 +1,5 @@
-"""Which causes the log asks for: forward selection by profile likelihood, with joint refits, swaps and drops.
+"""The selection of the causes that the log needs: forward selection by profile likelihood, with joint refits, swaps and
+drops.
 
 Evidence of a cause: gain of the log-likelihood, everything refitted (the other causes, a6 and k1 within their
 tolerance, the noise levels), less 1/2 ln n for each of its free numbers (Schwarz 1978).  The first cause must reach
@@ -66,13 +67,14 @@ class Weather:
 
     @property
     def is_wind(self) -> bool:
-        """It can be called so: it enters as wind does, all along the log, at a level told from none."""
+        """Whether it can be called wind: it enters as wind does, all along the log, at a level that is clearly above
+        none."""
         return self.source.name in (TURBULENCE, WALK) and self.is_steady and self.level > UNLIKE_NONE * self.std
 
 
 @dataclass(eq=False)
 class Selection:
-    """What was found.
+    """The result of a search.
 
     nominal    the model without further causes, noise fitted
     model      with the causes found
@@ -101,7 +103,8 @@ def needed(threshold: float, causes: int) -> float:
 
 
 def swinging(nominal: Model) -> tuple[tuple[Cause, ...], ...]:
-    """Of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at once."""
+    """The first causes of a plant that swings far and has no sine: a6 sin(theta) in the place of a6 theta, two terms at
+    once."""
     r, theta = nominal.fit.record, nominal.fit.states[:, 0]
     a6 = float(r.a6[0])
     if not np.all(np.isfinite(theta)) or float(np.max(np.abs(theta))) < FAR or a6 == 0.0 or \
@@ -244,12 +247,12 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
 
 
 def _off_grid(candidate: Candidate) -> float:
-    """What a start on the grid of its shapes may promise over what it gains there."""
+    """The factor of what a start may promise over what it gains on the grid of its shapes."""
     return OFF_GRID if candidate.hypothesis.is_mode else 1.0
 
 
 def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit]:
-    """Those that get their own noise levels: the best of each cause, a few and all near the best."""
+    """The fits that get their own noise levels: the best of each cause, a few and all near the best."""
     seen: set[str] = set()
     for fitted, gain in sorted(fits, key=lambda pair: -pair[1]):
         name, most = fitted.causes[-1].hypothesis.label, max(each for _, each in fits)
@@ -285,7 +288,7 @@ def in_a_block(causes: Sequence[Cause], k: int) -> bool:
 
 
 def _dropped(record: Record, model: Model, limit: float) -> Model:
-    """Without the causes that the others made needless, for the predictions too; one alone stays."""
+    """The model without the causes that the others made needless, for the predictions too; one alone stays."""
     for k in range(len(model.causes) if len(model.causes) > 1 else 0):
         if in_a_block(model.causes, k):
             continue
@@ -303,7 +306,7 @@ def strongest(of: Selection) -> int:
 
 
 def only_strongest(of: Selection) -> tuple[bool, ...]:
-    """Of each cause, whether it is the strongest or makes sense together with that only; () where there is none."""
+    """A mask of the causes that are the strongest or make sense together with that only; () where there is none."""
     causes = of.model.causes
     if not causes:
         return ()

@@ -1,4 +1,4 @@
-"""Under which filters a further cause is sought: it may have passed for noise, or for weather."""
+"""The filters under which a further cause is sought: it may have passed for noise, or for weather."""
 
 import math
 

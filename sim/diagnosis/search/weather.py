@@ -99,9 +99,9 @@ def _noisy(model: Model) -> float:
 
 
 def sensors_disagree(model: Model) -> bool:
-    """Attitude and rate are measured, and this model does not make them one motion: a disturbance of one of them, as
-    large as its innovations, is worth DISAGREE nats a row; or beside a cause of a sensor the noise of one of them is as
-    large as it may be."""
+    """Whether attitude and rate are measured, and the model does not make them one motion.  Then a disturbance of one
+    of them, as large as its innovations, is worth DISAGREE nats a row; or beside a cause of a sensor the noise of one
+    of them is as large as it may be."""
     record, fitted = model.fit.record, model.fit
     if not {"theta", "theta_dot"} <= set(record.channels):
         return False
@@ -133,7 +133,7 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
 
 def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[Hypothesis, ...], threshold: float,
           say: Say, also: Sequence[Cause] = ()) -> Selection:
-    """What was found in a weather, with what that brings beside it; sought in calm air again where it is needless."""
+    """The selection in a weather, with what that gains beside it; sought in calm air again where it is needless."""
     record = found.nominal.fit.record
     same = _refitted(calm.fit.record, found.model.causes, calm)
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
@@ -152,12 +152,12 @@ def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[H
 
 
 def is_outside(of: Hypothesis) -> bool:
-    """It turns the vehicle as weather does."""
+    """Whether a cause turns the vehicle as weather does."""
     return of.where in ("plant", "environment")
 
 
 def in_its_weather(of: Selection, found: Selection, threshold: float, say: Say) -> Selection:
-    """What else was found from the nominal of a selection, with what its weather brings beside that, if it has one."""
+    """Another selection from the same nominal, with what the first one's weather gains beside it, if it has one."""
     if of.weather is None or of.calm is None:
         return found
     known = tuple(cause.hypothesis for cause in found.model.causes)
@@ -177,7 +177,7 @@ def _charge(record: Record) -> float:
 
 
 def _weathered(model: Model) -> _Fitted | None:
-    """These causes in the weather that the log likes best; None: a first look finds none."""
+    """The causes in the weather of the highest likelihood; None: a first look finds none."""
     record = model.fit.record
     time = _first_look(model)
     if time is None:
@@ -219,7 +219,8 @@ def _candidates(record: Record, time: float) -> list[Source]:
 
 
 def _levelled(model: Model, source: Source) -> tuple[Source, float, Filter, Record]:
-    """(the source, log-likelihood at the model's causes with levels fitted, that filter, the record with the source)"""
+    """The source, the log-likelihood at the model's causes with levels fitted, that filter, the record with the
+    source."""
     record = model.fit.record
     free = replace(record, world=record.world.with_weather(source))
     levels = declared(free)
