@@ -29,6 +29,8 @@ FIRST_WIND_UP = 0.3    # from where its search starts, and the share of the rate
 MOST_WIND_UP = 20.0
 RATE = Free("rate", 0.01, 1e-3, 50.0, logarithmic=True)  # rad/s
 SLOWEST = 1e-3         # of a fast servo's frequency: a lag of 0.3 s where one of 1 ms is believed
+WASHOUT = Free("time_constant", 0.05, 0.02, 1e3, logarithmic=True)  # s
+WASHOUTS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # s
 NOZZLE_SENSOR = "the nozzle sensor"
 FAST_NOZZLE_SENSOR = "the nozzle sensor several times as often as commands come"
 LIKE_A_DELAY = "a first-order lag of the servo is like a delay"
@@ -43,6 +45,10 @@ def _rates(record: Record) -> list[float]:
 
 def _plays(record: Record) -> list[float]:
     return list(PLAYS)
+
+
+def _washouts(record: Record) -> list[float]:
+    return list(WASHOUTS)
 
 
 def _as_lag(record: Record, values: Values) -> Values:
@@ -102,4 +108,7 @@ CAUSES = (
                                                                   "attitude_bias")),
                corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),), floor=as_commanded,
                held=as_deflected),
+    Hypothesis("input_washout", (WASHOUT,), math.inf,
+               "the input washes out: what acts is less its slow part, of a time constant of {time_constant}",
+               only_start, command_moves, _washouts),
 )
