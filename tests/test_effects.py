@@ -58,7 +58,8 @@ STRONG = {
     "periodic_disturbance:amplitude=0.02,frequency=4", "turbulence:level=0.01", "wind_walk:level=0.01",
     "actuator_delay:delay=0.02", "actuator_bandwidth:scale=0.6",
     "actuator_gain:scale=0.9", "actuator_rate_limit:rate=0.02", "actuator_backlash:half_width=0.002",
-    "actuator_bias:angle=0.01", "input_washout:time_constant=2", "attitude_bias:angle=0.01", "attitude_delay:delay=0.013", "gyro_bias:rate=0.01",
+    "actuator_bias:angle=0.01", "input_washout:time_constant=2",
+    "attitude_bias:angle=0.01", "attitude_delay:delay=0.013", "gyro_bias:rate=0.01",
     "gyro_scale:scale=1.1", "gyro_delay:delay=0.0305", "nozzle_sensor_bias:angle=0.01",
     "controller_mismatch:kp_scale=1.2,delay=0.013"}
 

@@ -111,7 +111,7 @@ def latency(fx):
 
 @inner
 def command(fx, frequency, damping, step, u):
-    """The servo's input [rad] over a step [s] of the delayed command u; play, lag and slow part of row e are kept in its row.
+    """The servo's input [rad] over a step [s] of the delayed command u; what row e remembers is kept in it.
 
     frequency [rad/s], damping   of the nominal's servo
     """

@@ -19,7 +19,7 @@ import numpy as np
 fast = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 (TH, Q, B, R, PSI, PSI_DOT, ETA, ETA_DOT, ETA2, ETA2_DOT, SERVO_IN, ATTITUDE_SEEN, RATE_SEEN, WANDER,
- MOUNTED, WASHED) = range(16)  # Q: momentum, theta_dot less the nozzle's; PSI_DOT: the swing's rate and the nozzle's momentum
+ MOUNTED, WASHED) = range(16)  # Q: theta_dot less the nozzle's momentum; PSI_DOT: the swing's rate with it
 N_STATE = 16
 LOST = 0.5  # rad: beyond it small angles fail, and the log ends
 KNEE = 8.0     # exponent of the soft rate limit: at the limit itself 8 % are gone
