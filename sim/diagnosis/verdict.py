@@ -36,7 +36,6 @@ from .judge.measure import (
     too_noisy,
     weather_words,
 )
-from .judge.mistimed import mistimed
 from .judge.named import aged, clocked, named_causes, named_weather, together, with_removed
 from .judge.outdone import outdone, outdone_beside
 from .judge.threshold import threshold as measured_threshold
@@ -226,8 +225,10 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found.doubts and found.named:
         tried = (_tested(made, each, measure, say) for each in _instead(found))
         found = next((each for each in tried if not each.doubts), found)
-    found = _to_the_end(found, measure) if found.doubts or (foreign and not found.named) else \
-        _needed(made, found, measure, say)
+    if not found.doubts:
+        found = _needed(made, found, measure, say)
+    elif found.gain is None and any(not each.is_weather for each in found.named):
+        found = replace(found, gain=measure(found.selection))
     end = concluded(found, controller, record, made.left_nominal)
     made.selection, made.left, made.noise, made.gain = found.selection, found.left, found.noise, found.gain
     made.verdict, made.where, made.causes, made.open = end.verdict, end.where, end.causes, end.open
@@ -240,13 +241,6 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
                               tuple(each for each in made.causes if each.is_weather), end.idle)
     say("gain for the estimator's user")
     made.user = user_gain(made.nominal, made.extension)
-
-
-def _to_the_end(found: Findings, measure: Measure) -> Findings:
-    """Findings in doubt, with what is said of them besides: a column of another time, and the gain all the same."""
-    late = mistimed(found.selection) if found.selection.model.causes else None
-    named = any(not each.is_weather for each in found.named)
-    return replace(found, mistimed=late, gain=measure(found.selection) if found.gain is None and named else found.gain)
 
 
 def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> Findings:
@@ -272,8 +266,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     if not named:
         return replace(plain, doubts=tuple(strict))
     if not found and selection.model.causes:
-        better = outdone(selection, left) or mistimed(selection) or \
-            (outdone_beside(selection, left) if strict else None)
+        better = outdone(selection, left) or (outdone_beside(selection) if strict else None)
         found += [better.words] if better is not None else []
     if selection.instead is not None and any(each.where in FREE for each in named if not each.is_weather):
         found.append("weather alone explains nearly as much as these causes in weather do")

@@ -13,7 +13,6 @@ from ..search.selection import Selection
 from .gain import Gain
 from .leftover import Leftover
 from .measure import Remainder, remainder, too_noisy
-from .mistimed import Mistimed
 from .named import Named, idle_of, mismatch
 
 
@@ -26,7 +25,6 @@ class Findings:
     doubts     why its causes are not even dominant, one line each;  remaining  why they do not explain everything
     gain       on rows left out; None where it was not measured, since there were doubts before
     needed     share of the error that each of its causes must take away to be named
-    mistimed   what its strongest cause may stand in for, asked of what stays in doubt
     """
 
     selection: Selection
@@ -37,7 +35,6 @@ class Findings:
     remaining: tuple[str, ...] = ()
     gain: Gain | None = None
     needed: float = 0.0
-    mistimed: Mistimed | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +63,9 @@ def concluded(found: Findings, controller: ControllerCheck | None, record: Recor
     if controller is not None and foreign and not found.named:
         doubts = (*doubts, f"the logged command is not the nominal controller's ({controller.words})")
     if doubts:
-        late = found.mistimed
-        where = "sensor" if late is not None and late.is_all else place(found, controller, record, left_nominal)
-        said = dict.fromkeys([*doubts, *([late.words] if late is not None else [])])
-        return Conclusion("unexplained", where, nearest=tuple(each for each in found.named if not each.is_weather),
-                          doubts=tuple(said))
+        return Conclusion("unexplained", place(found, controller, record, left_nominal),
+                          nearest=tuple(each for each in found.named if not each.is_weather),
+                          doubts=tuple(dict.fromkeys(doubts)))
     within = tuple(each for each in found.named if each.is_open(record))
     idle = idle_of(found.named, found.needed)
     causes = [each for each in found.named if each not in (*within, *idle)]
