@@ -35,23 +35,24 @@ class Found:
 
     shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
     rival   what explains as much as the strongest;  others  the same with one cause replaced
-    late    the same of a column that is of another time;  beside  what explains as much as a weaker cause
+    beside  what explains as much as a weaker cause
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=(), late=None,
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=(),
                  beside=None):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
-        self.rival, self.instead, self.others, self.late = rival, instead, others, late
+        self.rival, self.instead, self.others = rival, instead, others
         self.beside = beside
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
+        causes = tuple(SimpleNamespace(cause=each.cause, hypothesis=each.record, values=(0.0, 0.0)) for each in named)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
                                        left=(left_at("plant", 5.0),) if named else beside)
-        self.model = SimpleNamespace(causes=named, log_likelihood=log_likelihood, of=self, fit=fitted, left=beside) \
+        self.model = SimpleNamespace(causes=causes, log_likelihood=log_likelihood, of=self, fit=fitted, left=beside) \
             if named else self.nominal
 
 
@@ -65,8 +66,7 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "named_causes", lambda found: found.named)
     monkeypatch.setattr(verdict, "leftovers", lambda model: list(model.left))
     monkeypatch.setattr(verdict, "outdone", lambda found, left: found.rival)
-    monkeypatch.setattr(verdict, "outdone_beside", lambda found, left: found.beside)
-    monkeypatch.setattr(verdict, "mistimed", lambda found: found.late)
+    monkeypatch.setattr(verdict, "outdone_beside", lambda found: found.beside)
     monkeypatch.setattr(verdict, "noise_of", lambda model: model.of.noise)
     monkeypatch.setattr(verdict, "removed", lambda model, gain: model.of.shares)
     monkeypatch.setattr(verdict, "with_removed", lambda named, model, shares: tuple(
@@ -110,19 +110,6 @@ def test_a_gyro_s_scale_that_the_stamps_make_is_none(judged):
     assert judged(Found(scale)).made.causes == (scale,)
     made = judged(Found(scale), period=1.0 / 1.003).made
     assert made.verdict == "unexplained" and "0.3 % further apart" in made.doubts[0]
-
-
-@pytest.mark.parametrize(("is_all", "where"), [(True, "sensor"), (False, "plant")])
-def test_a_column_of_another_time_is_the_sensor_s_where_nothing_is_left_beside_it(judged, is_all, where):
-    """The column is also named beside whatever else is in doubt."""
-    late = SimpleNamespace(words="a column beta that is late", is_all=is_all)
-    of = cause("aero_damping")
-    assert judged(Found(of)).made.verdict == "explained"
-    made = judged(Found(of, late=late)).made
-    assert (made.verdict, made.where, made.doubts) == ("unexplained", where, (late.words,))
-    assert judged(Found(of, late=late, nats=-1.0)).made.doubts == (late.words,)
-    rival = SimpleNamespace(words="a shape")
-    assert judged(Found(of, late=late, rival=rival)).made.doubts == ("a shape", late.words)
 
 
 def test_nothing_found_and_nothing_left_is_consistent(judged):
@@ -298,9 +285,27 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert [each.cause for each in made.causes] == ["slosh"] and made.verdict == "dominant"
     assert "what looks like gyro_bias (30 nats) and no prediction needs" in made.remainder.words
     found.is_told = False
-    found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
-    assert judged(found).made.causes == (strong, idle)
-    assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
+    found.fewer, found.shares = None, (0.0, 0.0)   # each stands in for the other: the likelier is judged alone
+    assert judged(found).made.causes == (strong,)
+
+
+def test_a_cause_that_rides_along_is_not_named_where_all_is_explained(judged):
+    """A delay, right, and a nozzle's inertia of 54 nats beside it that took nothing of the error away."""
+    late, rider = cause("actuator_delay", 1100.0), cause("nozzle_inertia", 54.0)
+    for share, names in ((INSIDE, (late,)), (OUTSIDE, (late, rider))):
+        made = judged(Found(late, rider, shares=(0.9, share * verdict.LEAST_NAMED))).made
+        assert (made.verdict, made.causes) == ("explained", names)
+    made = judged(Found(late, rider, shares=(0.9, 0.0), is_told=True, fewer=Found(late, nats=-1.0))).made
+    assert made.verdict == "dominant" and [each.cause for each in made.causes] == ["actuator_delay"]
+    assert "what looks like nozzle_inertia (54 nats) and no prediction needs" in made.remainder.words
+
+
+def test_a_cause_in_doubt_does_not_sink_those_beside_it(judged):
+    """A delay of 573 nats was withheld for a bending mode of 900 that did not last."""
+    bending, late, bias = cause("bending", 900.0, varies=OUTSIDE * DOMINANT.variation), \
+        cause("actuator_delay", 573.0), cause("gyro_bias", 90.0)
+    made = judged(Found(bending, late, bias)).made
+    assert (made.verdict, made.causes) == ("explained", (late, bias))
 
 
 def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(judged):
@@ -606,7 +611,6 @@ def test_a_measured_threshold_is_the_one_of_search_and_limits(monkeypatch):
     monkeypatch.setattr(verdict, "select", lambda r, threshold, *given: taken.append(threshold) or Found())
     monkeypatch.setattr(verdict, "_judge", lambda *given: None)
     monkeypatch.setattr(verdict, "limits", lambda r, model, threshold: taken.append(threshold) or ([], None))
-    monkeypatch.setattr(verdict, "mistimed", lambda found: found.late)
     monkeypatch.setattr(verdict, "noise_of", lambda model: {})
     for bootstrap, threshold in ((0, 12.0), (1, 10.0)):
         given = Diagnosis(LOG, PLAIN, SimpleNamespace(usable=slice(None)), record=record)

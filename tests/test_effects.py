@@ -41,6 +41,7 @@ CONTRACT = {  # sections 4 and 5: where, and parameters with their neutral value
     "actuator_delay": ("actuator", {"delay": 0}), "actuator_bandwidth": ("actuator", {"scale": 1}),
     "actuator_gain": ("actuator", {"scale": 1}), "actuator_rate_limit": ("actuator", {"rate": math.inf}),
     "actuator_backlash": ("actuator", {"half_width": 0}), "actuator_bias": ("actuator", {"angle": 0}),
+    "input_washout": ("actuator", {"time_constant": math.inf}),
     "attitude_bias": ("sensor", {"angle": 0}), "attitude_delay": ("sensor", {"delay": 0}),
     "gyro_bias": ("sensor", {"rate": 0}), "gyro_scale": ("sensor", {"scale": 1}),
     "gyro_delay": ("sensor", {"delay": 0}), "nozzle_sensor_bias": ("sensor", {"angle": 0}),
@@ -57,7 +58,8 @@ STRONG = {
     "periodic_disturbance:amplitude=0.02,frequency=4", "turbulence:level=0.01", "wind_walk:level=0.01",
     "actuator_delay:delay=0.02", "actuator_bandwidth:scale=0.6",
     "actuator_gain:scale=0.9", "actuator_rate_limit:rate=0.02", "actuator_backlash:half_width=0.002",
-    "actuator_bias:angle=0.01", "attitude_bias:angle=0.01", "attitude_delay:delay=0.013", "gyro_bias:rate=0.01",
+    "actuator_bias:angle=0.01", "input_washout:time_constant=2",
+    "attitude_bias:angle=0.01", "attitude_delay:delay=0.013", "gyro_bias:rate=0.01",
     "gyro_scale:scale=1.1", "gyro_delay:delay=0.0305", "nozzle_sensor_bias:angle=0.01",
     "controller_mismatch:kp_scale=1.2,delay=0.013"}
 
@@ -295,6 +297,22 @@ def test_lag_before_the_servo():
         for _ in range(fine):
             late += h * (u - late) / tau
             r += h * (w * w * (late - b) - 2 * zeta * w * r)
+            b += h * r
+    assert np.max(np.abs(flight.beta)) > 3e-3
+    assert np.allclose(flight.beta, reference, atol=1e-5)
+
+
+def test_input_that_washes_out():
+    """Against plain Python in steps a hundred times as fine: u - w -> servo, T w' = u - w; a step is gone after some
+    T."""
+    time, w, zeta, fine = 0.4, 50.0, 0.7, 100
+    flight = fly_whole(probed(), 0, "ideal", effects=[effect("input_washout", time_constant=time)])
+    b, r, slow, reference, h = 0.0, 0.0, 0.0, [], 0.001 / fine
+    for u in flight.beta_cmd.tolist():
+        reference.append(b)
+        for _ in range(fine):
+            slow += h * (u - slow) / time
+            r += h * (w * w * (u - slow - b) - 2 * zeta * w * r)
             b += h * r
     assert np.max(np.abs(flight.beta)) > 3e-3
     assert np.allclose(flight.beta, reference, atol=1e-5)

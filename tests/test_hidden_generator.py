@@ -121,13 +121,15 @@ def test_lists_are_the_contract_s_and_more():
 # ---- the equations, without noise
 
 
-def servo_steps(command, period, w, zeta):
-    """Exact answer of the second-order servo to a command held over each period: angle at each period's start."""
-    a = np.array([[0.0, 1.0, 0.0], [-w * w, -2.0 * zeta * w, w * w], [0.0, 0.0, 0.0]])
+def servo_steps(command, period, w, zeta, washout=math.inf):
+    """Exact answer of the second-order servo to a command held over each period: angle at each period's start.
+    washout [s]: of the command's slow part, which does not act."""
+    a = np.array([[0.0, 1.0, 0.0, 0.0], [-w * w, -2.0 * zeta * w, -w * w, w * w],
+                  [0.0, 0.0, -1.0 / washout, 1.0 / washout], [0.0, 0.0, 0.0, 0.0]])
     move = expm(a * period)
-    state, angles = np.zeros(3), []
+    state, angles = np.zeros(4), []
     for value in command:
-        state[2] = value
+        state[3] = value
         angles.append(state[0])
         state = move @ state
     return np.array(angles)
@@ -169,6 +171,7 @@ def test_actuator_delay_is_what_it_says(delay):
 @pytest.mark.parametrize(("cause", "parameters", "expected"), [
     ("actuator_gain", {"scale": 0.9}, lambda u: servo_steps(0.9 * u, 0.01, 50.0, 0.7)),
     ("actuator_bias", {"angle": 0.01}, lambda u: servo_steps(u + 0.01, 0.01, 50.0, 0.7)),
+    ("input_washout", {"time_constant": 2.0}, lambda u: servo_steps(u, 0.01, 50.0, 0.7, 2.0)),
     ("actuator_bandwidth", {"scale": 0.6}, lambda u: servo_steps(u, 0.01, 30.0, 0.7)),
     ("nozzle_sensor_bias", {"angle": -0.01}, lambda u: servo_steps(u, 0.01, 50.0, 0.7) - 0.01)])
 def test_actuator_and_nozzle_sensor_by_their_equation(cause, parameters, expected):

@@ -1,7 +1,7 @@
 """Effects between the command and the nozzle.
 
-The command with its noise goes through delay, gain, bias and backlash, in this
-order, into the second-order servo, whose natural frequency and rate have effects
+The command with its noise goes through delay, gain, bias, backlash and wash-out,
+in this order, into the second-order servo, whose natural frequency and rate have effects
 of their own.  Of several of one kind delays, biases and plays add, gains and
 bandwidths multiply, the lowest rate limits.
 
@@ -9,8 +9,8 @@ Two have a second form, in a parameter beside the contract's: a slow servo may b
 so by a first-order lag before it (`lag`), and the rate that a saturated servo asks
 for may run ahead of its limit (`wind_up`).
 
-Assumptions: nozzle, play and lag rest at 0 before t = 0; a lag's output over a
-step of integration acts by its mean.
+Assumptions: nozzle, play, lag and what washes out rest at 0 before t = 0; a lag's
+output over a step of integration acts by its mean.
 
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """
@@ -20,7 +20,8 @@ import math
 from ..vehicle.kernels import inner, kernel
 from .table import CODE, MEMORY, P0, P1, Cause, Parameter
 
-ACTUATOR_DELAY, ACTUATOR_GAIN, ACTUATOR_BIAS, ACTUATOR_BACKLASH, ACTUATOR_BANDWIDTH, ACTUATOR_RATE_LIMIT = range(6)
+(ACTUATOR_DELAY, ACTUATOR_GAIN, ACTUATOR_BIAS, ACTUATOR_BACKLASH, ACTUATOR_BANDWIDTH, ACTUATOR_RATE_LIMIT,
+ INPUT_WASHOUT) = range(7)
 
 LONGEST_DELAY = 10.0     # s: no attitude loop outlives a tenth of it
 WIDEST_BANDWIDTH = 10.0  # the servo must stay within what the integration step resolves
@@ -36,6 +37,8 @@ EFFECTS = (
     Cause("actuator_rate_limit", "actuator", (
         Parameter("rate", "rad/s", neutral=math.inf, low=0.0, above=True),
         Parameter("wind_up", "", neutral=0.0, low=0.0))),
+    Cause("input_washout", "actuator", (
+        Parameter("time_constant", "s", neutral=math.inf, low=0.0, above=True),)),
 )
 
 
@@ -108,7 +111,7 @@ def latency(fx):
 
 @inner
 def command(fx, frequency, damping, step, u):
-    """The servo's input [rad] over a step [s] of the delayed command u; play and lag of row e are kept in its row.
+    """The servo's input [rad] over a step [s] of the delayed command u; what row e remembers is kept in it.
 
     frequency [rad/s], damping   of the nominal's servo
     """
@@ -125,6 +128,9 @@ def command(fx, frequency, damping, step, u):
             frequency, tau = slowed(value, fx[e, P1], frequency, damping)
             if tau > 0.0:
                 u, fx[e, MEMORY] = lagged(tau, step, u, fx[e, MEMORY])
+        elif code == INPUT_WASHOUT and value < math.inf:
+            slow, fx[e, MEMORY] = lagged(value, step, u, fx[e, MEMORY])
+            u -= slow
     return u
 
 

@@ -15,8 +15,8 @@ import numpy as np
 PLACES = ("plant", "environment", "actuator", "sensor", "controller")
 
 # columns of a row: which effect of its place, its parameters in the cause's order, the code of its library term,
-# its states (slosh, bending: value and rate; backlash: play; bandwidth: lag), and scratch of Runge-Kutta (states at the
-# step's start, weighted slopes)
+# its states (slosh, bending: value and rate; backlash: play; bandwidth, wash-out: lag), and scratch of Runge-Kutta
+# (states at the step's start, weighted slopes)
 (CODE, P0, P1, P2, TERM, _, _, _, _, _, MEMORY, MEMORY_DOT, START, START_DOT, TOTAL, TOTAL_DOT) = range(16)
 N_COLUMNS = 16
 

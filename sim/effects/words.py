@@ -32,6 +32,7 @@ MEANING = {
                            "(a first-order servo has none)",
     "actuator_backlash": "backlash of half_width each way on u",
     "actuator_bias": "u -> u + angle",
+    "input_washout": "u -> u - w, time_constant*w' = u - w from w(0) = 0: u less its slow part (a motor's back-EMF)",
     "attitude_bias": "on z_theta, seen by the controller too",
     "attitude_delay": "on z_theta, seen by the controller too",
     "gyro_bias": "on z_theta_dot",

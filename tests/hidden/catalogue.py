@@ -106,6 +106,11 @@ def _bumpy(f: float, _: float, __: Vehicle) -> Parameters:
     return {"level": 1.75e-3 * f, "time_constant": 1.0}
 
 
+def _fading(f: float, _: float, __: Vehicle) -> Parameters:
+    """No loop keeps an unstable vehicle upright for long with a nozzle that gives way."""
+    return {"time_constant": 200.0 / f}
+
+
 def _autopilot(f: float, s: float, _: Vehicle) -> Parameters:
     return {"kp_scale": 1.0 + 0.05 * f * s, "kd_scale": 1.0, "delay": 0.0}
 
@@ -187,13 +192,14 @@ _ALL = (
            _draw_bumpy, one_sided=True),
     Listed("shifting_wind", "environment", (Value("level", "deg_per_root_s", DEGREE),), _linear("level", 1.0e-3),
            one_sided=True),
+    Listed("washed_out", "actuator", (Value("time_constant", "slow_s", 1.0),), _fading, one_sided=True),
 )
 _CAUSES = ("control_effectiveness", "control_loss", "aero_instability", "aero_damping", "aero_cubic", "friction",
            "thrust_misalignment", "slosh", "bending", "gust", "steady_wind", "periodic_disturbance", "actuator_delay",
            "actuator_bandwidth", "actuator_gain", "actuator_rate_limit", "actuator_backlash", "actuator_bias",
            "attitude_bias", "attitude_delay", "gyro_bias", "gyro_scale", "gyro_delay", "nozzle_sensor_bias",
            "controller_mismatch", "moment_step", "nozzle_inertia", "control_slope", "lateral_drift", "turbulence",
-           "wind_walk")
+           "wind_walk", "input_washout")
 CHANCE = frozenset({"turbulence", "wind_walk"})  # levels of noise: no two draws are alike
 CAUSES: dict[str, Listed] = dict(zip(_CAUSES, _ALL, strict=True))
 _CAUSE_OF = {listed.name: cause for cause, listed in CAUSES.items()}

@@ -22,6 +22,7 @@ PENDULUM = 4.0        # swing of the propellant's pendulum over the rigid body's
 SECOND_MODE = (2.7, -0.2)  # frequency and gain of a second bending mode over the first's: a free beam's 2.76
 OVERTONE = 0.05       # of a disturbance that is no pure sine, at twice its frequency
 JITTER = 0.1          # of a delay, uniform, drawn every controller period
+LEAK = 0.1            # of an input that washes out
 SETTLING = 3.0        # s in which a servo amplifier's gain warms up
 TAIL_OFF = 0.4        # s in which the thrust of an engine that is out falls to 1/e
 MOUNT = 4.0e-3        # s by which the engine's mount yields
@@ -183,6 +184,11 @@ def valve_limit(b: Build, x: Hidden) -> None:
     b.set(rate_limit=math.radians(x["deg_per_s"]), soft=1.0 if is_other(x) else 0.0)
 
 
+def washed_out(b: Build, x: Hidden) -> None:
+    """Other: LEAK of the slow part acts all the same."""
+    b.set(washout=x["slow_s"], washout_leak=LEAK if is_other(x) else 0.0)
+
+
 def servo_play(b: Build, x: Hidden) -> None:
     """The servo has backlash.  Other: with some Coulomb friction in the servo."""
     b.set(play=math.radians(x["deg"]))
@@ -246,4 +252,4 @@ FITS: dict[str, Fit] = {fit.__name__: fit for fit in (
     thrust_percent, thrust_drop, aero_percent, rate_drag, aero_curve, bearing_rub, thrust_tilt, tank, flex,
     gust_pulse, wind, hum, late_servo, lazy_servo, servo_gain, valve_limit, servo_play, servo_null,
     tilted_platform, late_platform, gyro_offset, gyro_percent, late_gyro, pickup_offset, other_autopilot, engine_out,
-    heavy_nozzle, thrust_trend, sideways, bumpy_air, shifting_wind)}
+    heavy_nozzle, thrust_trend, sideways, bumpy_air, shifting_wind, washed_out)}

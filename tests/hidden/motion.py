@@ -19,8 +19,8 @@ import numpy as np
 fast = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 (TH, Q, B, R, PSI, PSI_DOT, ETA, ETA_DOT, ETA2, ETA2_DOT, SERVO_IN, ATTITUDE_SEEN, RATE_SEEN, WANDER,
- MOUNTED) = range(15)  # Q: momentum, theta_dot less the nozzle's; PSI_DOT: the swing's rate and the nozzle's momentum
-N_STATE = 15
+ MOUNTED, WASHED) = range(16)  # Q: theta_dot less the nozzle's momentum; PSI_DOT: the swing's rate with it
+N_STATE = 16
 LOST = 0.5  # rad: beyond it small angles fail, and the log ends
 KNEE = 8.0     # exponent of the soft rate limit: at the limit itself 8 % are gone
 WIND_UP = 0.5  # of the rate limit, by which a soft valve's demand may run ahead of it
@@ -64,6 +64,8 @@ class Knobs(NamedTuple):
     play: float = 0.0           # rad, half width
     servo_rub: float = 0.0      # rad/s^2
     servo_lag: float = 0.0      # s, first-order, before the servo
+    washout: float = 0.0        # s, of the input's slow part, which does not act; 0: all acts
+    washout_leak: float = 0.0   # share of the slow part that acts all the same
     servo_odd: float = 0.0      # 1/rad: u + c u abs(u)
     servo_even: float = 0.0     # 1/rad: u + c u^2
     linkage: float = 0.0        # rad, between servo and nozzle
@@ -131,8 +133,17 @@ def limited(k, rate):
 
 
 @fast
+def acting(k, u, y):
+    """What of the servo's input u [rad] acts."""
+    if k.washout == 0.0:
+        return u
+    return u - (1.0 - k.washout_leak) * y[WASHED]
+
+
+@fast
 def nozzle_rate(k, u, y):
     """The nozzle's own rate [rad/s] where the servo's input, or its lag's, is u [rad]."""
+    u = acting(k, u, y)
     if k.servo_time > 0.0:
         return limited(k, ((y[SERVO_IN] if k.servo_lag > 0.0 else u) - y[B]) / k.servo_time)
     return limited(k, y[R])
@@ -167,8 +178,9 @@ def slopes(k, a6, k1, push, drift_alpha, drift_beta, sway, u, dry, y, dy):
     dy[PSI], dy[PSI_DOT] = swing_rate, -turn - 2.0 * k.tank_damping * w * swing_rate - w * w * swing
 
     v = k.servo_frequency
-    entry = y[SERVO_IN] if k.servo_lag > 0.0 else u
-    dy[SERVO_IN] = (u - y[SERVO_IN]) / k.servo_lag if k.servo_lag > 0.0 else 0.0
+    entry = y[SERVO_IN] if k.servo_lag > 0.0 else acting(k, u, y)
+    dy[SERVO_IN] = (acting(k, u, y) - y[SERVO_IN]) / k.servo_lag if k.servo_lag > 0.0 else 0.0
+    dy[WASHED] = (u - y[WASHED]) / k.washout if k.washout > 0.0 else 0.0
     dy[B] = nozzle_rate(k, u, y)
     dy[MOUNTED] = (dy[B] - y[MOUNTED]) / k.mount if k.mount > 0.0 else 0.0
     dy[R] = v * v * (entry - y[B]) - 2.0 * k.servo_damping * v * y[R] + dry[1]

@@ -82,7 +82,7 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
 
 def _settle(table: Table, beta: float) -> None:
     """Effects that remember, inout, as a nozzle that has long stood at beta [rad] leaves them: a log need not begin
-    where the flight does."""
+    where the flight does.  An input that washes out begins to do so with the log: it would hold no angle for long."""
     for row in table.plant:
         if row[CODE] == plant.BENDING:
             row[MEMORY] = row[P0] * beta
