@@ -1,11 +1,13 @@
 """Which entries an estimator needs, compiled before the first sample, and its three calls with their memory given."""
 
+import functools
 import inspect
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 
 from .. import cache
 from ..algebra.compress import first_state
@@ -14,7 +16,8 @@ from ..regression import equations, regression
 from ..sample import Sample
 from . import block, onboard
 from .assembly import Memory
-from .table import FILTERED
+from .memory import dtype_of
+from .table import FILTERED, Struct
 
 _numba: Any = numba
 NUMBERS = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
@@ -58,15 +61,27 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     return (*REGRESSION_ENTRIES, form, equations.choose_by_share if by_share else SOLVER_ENTRIES[config.solver])
 
 
+@functools.cache
+def block_type(struct: Struct) -> Any:
+    """numba's type of an estimator's block, which it takes a tenth of a second to make."""
+    return _numba.typeof(np.zeros(1, dtype_of(struct)))
+
+
+@functools.cache
+def parameters_of(function: Callable[..., Any]) -> tuple[str, ...]:
+    """Names of the arguments."""
+    return tuple(inspect.signature(function).parameters)
+
+
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    given, news = {"block": memory.block, "words": memory.words, **memory.apart}, False
+    given, news = {"words": memory.words, **memory.apart}, False
+    types = {"block": block_type(memory.struct), **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
             if not hasattr(entry, "py_func"):  # nothing is compiled
                 continue
-            kinds = tuple(_numba.typeof(given[name]) if name in given else NUMBERS.get(name, _numba.int64)
-                          for name in inspect.signature(entry.py_func).parameters)
+            kinds = tuple(types.get(name) or NUMBERS.get(name, _numba.int64) for name in parameters_of(entry.py_func))
             if kinds not in entry.signatures:
                 news = True
                 entry.disable_compile(False)

@@ -98,9 +98,9 @@ class Line:
     about: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Struct:
-    """Arrays that belong together."""
+    """Arrays that belong together; each struct is one object, which is what caches know it by."""
 
     name: str
     about: str
