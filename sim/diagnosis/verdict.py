@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from .causes import Hypothesis
+from .causes import RECORDS, Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
 from .data.check import check
@@ -44,6 +44,7 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
 from .model.noise import ACCELERATION, LEVELS
+from .relations.look import MAIN, called, look
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
@@ -59,6 +60,9 @@ FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
+
+NUMBERS = tuple(RECORDS[name] for name in ("control_effectiveness", "aero_instability", "thrust_misalignment",
+                                           "actuator_bias", "nozzle_sensor_bias", "attitude_bias"))  # of the nominal
 
 Measure = Callable[[Selection], Gain]
 
@@ -132,6 +136,8 @@ def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesi
     made = _searched(made, holdout, hypotheses, say)
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
+    if made.verdict == "unexplained" and made.catalogue:
+        made = _by_regression(made, holdout, say)
     assert made.selection is not None
     if made.verdict == "unexplained":  # for the unit or the sign of a column, which no cause of the vehicle is
         whole = plant_faults(made.log, made.nominal, made.data.masks)
@@ -184,6 +190,32 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
     return again
 
 
+def _by_regression(made: Diagnosis, holdout: Log | None, say: Say) -> Diagnosis:
+    """The causes that the regression finds first, with the likelihood's sizes, where they predict rows left out better
+    and only the likelihood's goodness refuses them; else as it was."""
+    r, controller = made.record, made.controller
+    assert r is not None
+    say("which part of the equation is missing")
+    seen = look(r)
+    if seen is None or not seen.steps or not (seen.steps[0].is_listed and seen.steps[0].share > MAIN):
+        return made
+    names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
+    again = Diagnosis(made.log, made.nominal, made.data, controller=controller, threshold=made.threshold,
+                      catalogue=False, used=made.used, record=r, left_nominal=made.left_nominal)
+    again.selection = select(r, made.threshold, (*called(names), *NUMBERS), say)
+    measure = _measure(again, holdout)
+    again.remaining = tuple(_tested(again, again.selection, measure, say))
+    first = {seen.steps[0].name, *seen.steps[0].alike}
+    if not any(each.hypothesis.label in first for each in again.selection.model.causes):
+        return made
+    again.gain = again.gain or measure(again.selection)
+    if of_gain(again.gain, DOMINANT):
+        return made
+    _concluded(again, measure, say)
+    again.catalogue = True
+    return again if again.causes else made
+
+
 def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     """How a selection's gain is measured: on folds of the record, or on a second log, which passes the first rooms
     once, when it is first asked for."""
@@ -231,6 +263,14 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found:
         _unexplained(made, found, measure)
         return
+    _concluded(made, measure, say)
+
+
+def _concluded(made: Diagnosis, measure: Measure, say: Say) -> None:
+    """The verdict of a selection that is not in doubt: its causes by what they remove, and what remains."""
+    assert made.selection is not None and made.record is not None
+    controller = made.controller
+    foreign = controller is not None and controller.is_foreign
     if made.gain is not None:
         shares = removed(made.selection.model, made.gain)
         if (made.remaining or made.selection.weather is not None) and _without_idle(made, shares, measure, say):

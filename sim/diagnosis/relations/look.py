@@ -4,12 +4,14 @@ The nominal's numbers are free within a factor of FACTOR, for a structure may be
 alternative that needs none of them changed goes before one that does.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...sums import square
 from ...weak_form import column
+from ..causes import SOUGHT, Hypothesis, missing_term
 from ..data.record import Record
 from .score import BLOCKS, Fitted, Rows, convolved, gain, left_out, rows_of, shortest, weights_of
 from .signals import Signals, Travel, signals_of
@@ -24,6 +26,7 @@ FACTOR = 3.0           # by which a number of the nominal may be off
 CANCELS = 4.0          # times what it explains, that an alternative may move
 BETWEEN = 9            # numbers between two of a grid
 FEWEST_ROWS = 200
+MAIN = 0.25            # of the error left out: what a main defect takes away
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +188,14 @@ class Equation:
             self.travel = {**self.travel, tried.alternative.travel: tried.number}
         else:
             self.kept.append((tried.alternative, tried.number))
+
+
+def called(names: Iterable[str]) -> tuple[Hypothesis, ...]:
+    """The catalogue's hypotheses of these names, as the table has them; of a sine the line that it replaces, too."""
+    labels = set(names)
+    terms = [label.partition("(")[2][:-1] for label in sorted(labels) if label.startswith("missing_term(")]
+    terms += ["theta"] * ("sin(theta)" in terms and "theta" not in terms)
+    return (*(each for each in SOUGHT if each.label in labels), *(missing_term(term) for term in terms))
 
 
 def look(record: Record) -> Look | None:
