@@ -29,8 +29,9 @@ CLEARLY = 1.01 * CHANCE * math.sqrt(2.0 / HORIZONS)   # worse, relative, than ch
 
 @pytest.fixture
 def seen(monkeypatch):
-    """Models are the mean squares of their predictions; all are strained."""
-    monkeypatch.setattr(foresight, "_errors", lambda error: (np.array([error]), np.array([HORIZONS])))
+    """Models are the mean squares of their predictions, over one horizon or several; all are strained."""
+    monkeypatch.setattr(foresight, "_errors", lambda errors: (
+        np.reshape(errors, (-1, 1)).astype(float), np.full((np.size(errors), 1), HORIZONS)))
     monkeypatch.setattr(foresight, "is_strained", lambda model: True)
 
 
@@ -58,6 +59,14 @@ def test_a_further_cause_must_take_a_twentieth_of_the_nominal_s_error_away(seen)
     assert is_idle(1.0, 0.5, 0.5 - 0.9 * LEAST_REMOVED) and not is_idle(1.0, 0.5, 0.5 - 1.1 * LEAST_REMOVED)
 
 
+def test_what_is_worse_or_takes_nothing_away_over_one_horizon_may_do_so_over_another(seen):
+    """A delay beside a moment that nobody declared: over a second the loop's commands answer what that did."""
+    both, late = (1.0, 1.0), (0.1, 1.2)
+    assert foreseen(both, [late]) == [True] and not is_idle(both, both, late)
+    assert foreseen(both, [(1.8, 1.8)]) == [False] and is_idle(both, both, (1.0, 0.99))
+    assert foreseen(both, [(0.8, 1.2), late]) == [True, True] and foreseen(both, [(0.8, 2.0), late]) == [False, True]
+
+
 def test_where_no_model_is_strained_the_likelihood_alone_counts(seen, monkeypatch):
     monkeypatch.setattr(foresight, "is_strained", lambda model: False)
     assert foreseen(1.0, [2.0, 0.1]) == [True, True] and not is_idle(1.0, 0.5, 0.5)
@@ -82,7 +91,7 @@ def test_the_true_cause_predicts_best_and_its_error_is_the_noise_s():
     (before, count), (after, same) = foresight._errors(nominal), foresight._errors(late)
     assert np.all(3.0 * after < before) and np.array_equal(count, same)
     seconds = record.rows * record.period
-    assert count[0] == pytest.approx((seconds - foresight.SETTLED - spans(record)[-1]) / spans(record)[-1], abs=1.0)
+    assert count[0, 0] == pytest.approx((seconds - foresight.SETTLED - spans(record)[-1]) / spans(record)[-1], abs=1.0)
     assert is_foreseen(nominal, late) and not is_idle(nominal, nominal, late)
 
 

@@ -17,7 +17,7 @@ from sim.diagnosis.judge.extend import extended
 from sim.diagnosis.judge.gain import LEAST_EXCESS, PICKUP, Gain
 from sim.diagnosis.judge.leftover import Leftover
 from sim.diagnosis.judge.measure import DOMINANT, EXPLAINED, PER_ROW
-from sim.diagnosis.judge.named import SAME_CLOCK, Named, _groups, _rivals, clocked, idle_of, undetermined
+from sim.diagnosis.judge.named import SAME_CLOCK, Named, _rivals, clocked, idle_of, together, undetermined
 from sim.diagnosis.model.noise import Disturbance
 from sim.diagnosis.search import selection
 from sim.diagnosis.search.foresight import CHANCE, LEAST_REMOVED, spans
@@ -246,10 +246,10 @@ def test_a_log_of_another_rate_has_no_wrong_clock(period, scale):
 def test_what_no_prediction_needs_is_no_name_beside_what_they_do():
     delay, mode, other = (Named(name, {}, {}, {}, (), 50.0, None, removed=share) for name, share in (
         ("actuator_delay", 0.9), ("bending", INSIDE * LEAST_REMOVED), ("bending", OUTSIDE * LEAST_REMOVED)))
-    assert idle_of((delay, mode)) == (mode,)
-    assert idle_of((delay, mode, other)) == ()               # one of that name does something
-    assert idle_of((mode,)) == ()                            # nothing does
-    assert idle_of((delay, replace(mode, removed=None))) == ()   # it is not known
+    assert idle_of((delay, mode), LEAST_REMOVED) == (mode,)
+    assert idle_of((delay, mode, other), LEAST_REMOVED) == ()               # one of that name does something
+    assert idle_of((mode,), LEAST_REMOVED) == ()                            # nothing does
+    assert idle_of((delay, replace(mode, removed=None)), LEAST_REMOVED) == ()   # it is not known
 
 
 def test_what_no_cause_is_is_not_in_the_extension():
@@ -391,7 +391,7 @@ def test_a_gust_that_neither_begins_nor_ends_in_the_log_is_nobody_s_rival(time, 
 def test_losses_that_come_soon_after_one_another_and_the_same_way_are_one():
     def grouped(*values):
         losses = [Cause(RECORDS["control_loss"], value) for value in values]
-        return list(_groups(SimpleNamespace(causes=[*losses, Cause(RECORDS["gust"], (0.1, 20.0, 1.0))])))
+        return list(together(SimpleNamespace(causes=[*losses, Cause(RECORDS["gust"], (0.1, 20.0, 1.0))])))
 
     near = RECORDS["control_loss"].steps.near
     assert grouped((0.1, 20.0), (0.1, 20.0 + near)) == [[0, 1], [2]]
@@ -401,7 +401,7 @@ def test_losses_that_come_soon_after_one_another_and_the_same_way_are_one():
     assert grouped((0.1, 20.0), (0.1, 22.0), (0.1, 24.0)) == [[0, 1, 2], [3]]   # from step to step
     other = replace(RECORDS["gust"], steps=RECORDS["control_loss"].steps)
     two = (Cause(RECORDS["control_loss"], (0.1, 20.0)), Cause(other, (0.1, 20.5)))
-    assert list(_groups(SimpleNamespace(causes=two))) == [[0], [1]]   # another cause that may be gradual
+    assert list(together(SimpleNamespace(causes=two))) == [[0], [1]]   # another cause that may be gradual
 
 
 def test_a_further_cause_needs_more_than_the_first_and_never_less_than_the_threshold():

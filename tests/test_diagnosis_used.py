@@ -9,7 +9,7 @@ from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.issued import is_slow
 from sim.diagnosis.data.check import check
 from sim.diagnosis.data.record import BETA
-from sim.diagnosis.data.used import SLOWEST, coarser, cut, shortened, sparser, thinned, used
+from sim.diagnosis.data.used import RESOLVED, SLOWEST, coarser, cut, shortened, slowest, sparser, thinned, used
 from sim.diagnosis.model.noise import declared, first_filter
 from sim.diagnosis.model.point import Point, innovations
 from sim.effects import effect
@@ -97,6 +97,19 @@ def test_a_large_log_is_thinned_and_then_cut():
     assert made.rows == 100 and made.period == pytest.approx(SLOWEST)
     assert said.every == 2 and said.end - said.begin == pytest.approx(99 * SLOWEST)
     assert "100 rows are fitted, one in 2 from" in said.words
+
+
+def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
+    """A pendulum of 60 Hz in a log of 1 kHz, of which one row in three seemed a nozzle's inertia."""
+    nominal = load_nominal(built_in("constant"))
+    fast = np.array([-(2.0 * np.pi * 60.0)**2])
+    assert slowest(nominal, fast) == pytest.approx(RESOLVED / (2.0 * np.pi * 60.0))
+    swinging = dataclasses.replace(nominal, terms=(("sin(theta)", float(fast[0])), ("theta_dot", -1e9)))
+    assert slowest(swinging, np.zeros(1)) == slowest(nominal, -fast) == slowest(nominal, fast)
+    assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == SLOWEST
+    r = dataclasses.replace(as_record(0.002), a6=np.full_like(as_record(0.002).a6, -1e4))   # 1.5 rows of 2 ms
+    made, said = used(r, r.t, most=1000)
+    assert said.every == 1 and made.rows == 1000 and shortened(r, most=1000).rows == 1000
 
 
 def test_a_log_that_is_too_long_even_thinned_is_cut_before_anything_is_computed():

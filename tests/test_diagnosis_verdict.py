@@ -49,9 +49,10 @@ class Found:
         self.beside = beside
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
+        causes = tuple(SimpleNamespace(cause=each.cause, hypothesis=each.record, values=(0.0, 0.0)) for each in named)
         self.nominal = SimpleNamespace(causes=(), log_likelihood=0.0, of=self, fit=fitted,
                                        left=(left_at("plant", 5.0),) if named else beside)
-        self.model = SimpleNamespace(causes=named, log_likelihood=log_likelihood, of=self, fit=fitted, left=beside) \
+        self.model = SimpleNamespace(causes=causes, log_likelihood=log_likelihood, of=self, fit=fitted, left=beside) \
             if named else self.nominal
 
 
@@ -298,9 +299,27 @@ def test_causes_that_do_next_to_nothing_go_where_something_remains(judged):
     assert [each.cause for each in made.causes] == ["slosh"] and made.verdict == "dominant"
     assert "what looks like gyro_bias (30 nats) and no prediction needs" in made.remainder.words
     found.is_told = False
-    found.fewer, found.shares = None, (0.0, 0.0)   # of none that does anything none goes
-    assert judged(found).made.causes == (strong, idle)
-    assert judged(Found(strong, idle, shares=(0.6, 0.0))).made.causes == (strong, idle)   # explained: nothing remains
+    found.fewer, found.shares = None, (0.0, 0.0)   # each stands in for the other: the likelier is judged alone
+    assert judged(found).made.causes == (strong,)
+
+
+def test_a_cause_that_rides_along_is_not_named_where_all_is_explained(judged):
+    """A delay, right, and a nozzle's inertia of 54 nats beside it that took nothing of the error away."""
+    late, rider = cause("actuator_delay", 1100.0), cause("nozzle_inertia", 54.0)
+    for share, names in ((INSIDE, (late,)), (OUTSIDE, (late, rider))):
+        made = judged(Found(late, rider, shares=(0.9, share * verdict.LEAST_NAMED))).made
+        assert (made.verdict, made.causes) == ("explained", names)
+    made = judged(Found(late, rider, shares=(0.9, 0.0), is_told=True, fewer=Found(late, nats=-1.0))).made
+    assert made.verdict == "dominant" and [each.cause for each in made.causes] == ["actuator_delay"]
+    assert "what looks like nozzle_inertia (54 nats) and no prediction needs" in made.remainder.words
+
+
+def test_a_cause_in_doubt_does_not_sink_those_beside_it(judged):
+    """A delay of 573 nats was withheld for a bending mode of 900 that did not last."""
+    bending, late, bias = cause("bending", 900.0, varies=OUTSIDE * DOMINANT.variation), \
+        cause("actuator_delay", 573.0), cause("gyro_bias", 90.0)
+    made = judged(Found(bending, late, bias)).made
+    assert (made.verdict, made.causes) == ("explained", (late, bias))
 
 
 def test_a_cause_in_doubt_gives_way_to_one_that_explains_as_well_and_is_in_none(judged):

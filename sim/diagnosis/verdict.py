@@ -1,7 +1,7 @@
 """The diagnosis of one log: through the rooms in their order, and the verdict."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from .data.vehicle import plant_faults
 from .data.work import Stopped
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
+from .judge.findings import Findings, concluded, place, unheard
 from .judge.gain import Gain, held_out, on_another, removed
 from .judge.leftover import leftovers
 from .judge.levels import noise_of
@@ -31,15 +32,13 @@ from .judge.measure import (
     Remainder,
     doubts,
     of_gain,
-    remainder,
     small,
     too_noisy,
     weather_words,
 )
 from .judge.mistimed import mistimed
-from .judge.named import aged, clocked, idle_of, mismatch, named_causes, named_weather, with_removed
+from .judge.named import aged, clocked, named_causes, named_weather, together, with_removed
 from .judge.outdone import outdone, outdone_beside
-from .judge.place import place, unheard
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
@@ -48,7 +47,7 @@ from .relations.look import MAIN, called, look
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
-from .search.proposal import propose
+from .search.proposal import Proposal, propose
 from .search.selection import THRESHOLD, Say, Selection, fewer, only_strongest
 from .search.weather import select
 
@@ -59,6 +58,7 @@ FEWEST_ROWS = 40       # without which nothing is fitted: about twice as many as
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
+LEAST_NAMED = 0.01     # share of the error that a cause must take away to be named where nothing else is left
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
 
 NUMBERS = tuple(RECORDS[name] for name in ("control_effectiveness", "aero_instability", "thrust_misalignment",
@@ -136,8 +136,6 @@ def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesi
     made = _searched(made, holdout, hypotheses, say)
     if _sensors_disagree(made):
         made = _without_gyro(made, holdout, hypotheses, say)
-    if made.verdict == "unexplained" and made.catalogue:
-        made = _by_regression(made, holdout, say)
     assert made.selection is not None
     if made.verdict == "unexplained":  # for the unit or the sign of a column, which no cause of the vehicle is
         whole = plant_faults(made.log, made.nominal, made.data.masks)
@@ -190,32 +188,6 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
     return again
 
 
-def _by_regression(made: Diagnosis, holdout: Log | None, say: Say) -> Diagnosis:
-    """The causes that the regression finds first, with the likelihood's sizes, where they predict rows left out better
-    and only the likelihood's goodness refuses them; else as it was."""
-    r, controller = made.record, made.controller
-    assert r is not None
-    say("which part of the equation is missing")
-    seen = look(r)
-    if seen is None or not seen.steps or not (seen.steps[0].is_listed and seen.steps[0].share > MAIN):
-        return made
-    names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
-    again = Diagnosis(made.log, made.nominal, made.data, controller=controller, threshold=made.threshold,
-                      catalogue=False, used=made.used, record=r, left_nominal=made.left_nominal)
-    again.selection = select(r, made.threshold, (*called(names), *NUMBERS), say)
-    measure = _measure(again, holdout)
-    again.remaining = tuple(_tested(again, again.selection, measure, say))
-    first = {seen.steps[0].name, *seen.steps[0].alike}
-    if not any(each.hypothesis.label in first for each in again.selection.model.causes):
-        return made
-    again.gain = again.gain or measure(again.selection)
-    if of_gain(again.gain, DOMINANT):
-        return made
-    _concluded(again, measure, say)
-    again.catalogue = True
-    return again if again.causes else made
-
-
 def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
     """How a selection's gain is measured: on folds of the record, or on a second log, which passes the first rooms
     once, when it is first asked for."""
@@ -247,94 +219,77 @@ def _before(selection: Selection) -> Model:
 def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     """Verdict, place, causes, gain, what remains."""
     assert made.selection is not None and made.record is not None
-    controller = made.controller
+    nominal, controller, record = made.selection.nominal, made.controller, made.record
     foreign = controller is not None and controller.is_foreign
     found = _tested(made, made.selection, measure, say)
-    if found or foreign:
-        nominal = made.selection.nominal
-        made.left_nominal = made.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found and made.catalogue and not foreign and place(made) in FREE:
-        found = _with_terms(made, measure, found, say)
-    if found and made.nearest:
-        found = _with_fewer(made, measure, _with_rivals(made, measure, found, say), say)
-    if foreign and not made.nearest:
-        assert controller is not None
-        found = [*found, f"the logged command is not the nominal controller's ({controller.words})"]
-    if found:
-        _unexplained(made, found, measure)
+    if found.doubts or foreign:
+        made.left_nominal = found.left if made.selection.model is nominal else tuple(leftovers(nominal))
+    if found.doubts and made.catalogue and not foreign and \
+            place(found, controller, record, made.left_nominal) in FREE:
+        found, made.proposal = _with_terms(made, found, measure, say)
+    if found.doubts and found.named:
+        tried = (_tested(made, each, measure, say) for each in _instead(found))
+        found = next((each for each in tried if not each.doubts), found)
+    if found.doubts and made.catalogue and not foreign:
+        found = _by_regression(made, measure, say) or found
+    found = _to_the_end(found, measure) if found.doubts or (foreign and not found.named) else \
+        _needed(made, found, measure, say)
+    end = concluded(found, controller, record, made.left_nominal)
+    made.selection, made.left, made.noise, made.gain = found.selection, found.left, found.noise, found.gain
+    made.verdict, made.where, made.causes, made.open = end.verdict, end.where, end.causes, end.open
+    made.nearest, made.doubts, made.remainder, made.remaining = end.nearest, end.doubts, end.remainder, found.remaining
+    if not made.causes:
         return
-    _concluded(made, measure, say)
-
-
-def _concluded(made: Diagnosis, measure: Measure, say: Say) -> None:
-    """The verdict of a selection that is not in doubt: its causes by what they remove, and what remains."""
-    assert made.selection is not None and made.record is not None
-    controller = made.controller
-    foreign = controller is not None and controller.is_foreign
-    if made.gain is not None:
-        shares = removed(made.selection.model, made.gain)
-        if (made.remaining or made.selection.weather is not None) and _without_idle(made, shares, measure, say):
-            shares = removed(made.selection.model, made.gain)
-        made.nearest = with_removed(made.nearest, made.selection.model, shares)
-    made.open = tuple(cause for cause in made.nearest if cause.is_open(made.record))
-    idle = idle_of(made.nearest) if made.remaining else ()
-    causes = [cause for cause in made.nearest if cause not in (*made.open, *idle)]
     if controller is not None and controller.is_named:
-        causes.append(mismatch(controller))
         made.gain = made.gain or measure(made.selection)
-    told = all(cause.removed is not None for cause in causes)
-    causes.sort(key=lambda cause: (-(cause.removed or 0.0) if told else 0.0, -cause.evidence))
-    made.causes, made.nearest = tuple(causes), ()
-    if not causes:
-        made.verdict, made.where = "consistent", None
-        return
-    made.where = causes[0].where
-    made.verdict = "explained" if not made.remaining and not foreign else "dominant"
-    if made.verdict == "dominant":
-        made.remainder = remainder(made.gain, made.left, made.selection, "controller" if foreign else None,
-                                   too_noisy(made.noise), idle)
-    made.extension = extended(made.nominal, made.selection.model.causes, made.record.shift, controller,
-                              made.record.centre, tuple(cause for cause in causes if cause.is_weather), idle)
+    made.extension = extended(made.nominal, made.selection.model.causes, record.shift, controller, record.centre,
+                              tuple(each for each in made.causes if each.is_weather), end.idle)
     say("gain for the estimator's user")
     made.user = user_gain(made.nominal, made.extension)
 
 
-def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> list[str]:
-    """The causes of a selection into `nearest`, with what is left and what they gain; why they are not even dominant.
-    What forbids `explained` alone goes into `remaining`."""
-    assert made.record is not None
-    made.nearest = named_causes(selection)
-    made.left = tuple(leftovers(selection.model))
-    made.noise = noise_of(selection.model)
-    made.gain, made.remaining = None, ()
-    feigned, span = max(PER_ROW, made.record.unsure) * made.record.rows, _span(made.record)
-    found = doubts(made.nearest, made.left, feigned, span, DOMINANT, same_place=False)
+def _to_the_end(found: Findings, measure: Measure) -> Findings:
+    """Findings in doubt, with what is said of them besides: a column of another time, and the gain all the same."""
+    late = mistimed(found.selection) if found.selection.model.causes else None
+    named = any(not each.is_weather for each in found.named)
+    return replace(found, mistimed=late, gain=measure(found.selection) if found.gain is None and named else found.gain)
+
+
+def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> Findings:
+    """The causes of a selection, what is left beside them, what they gain, and what speaks against them."""
+    record = made.record
+    assert record is not None
+    named, left, noise = named_causes(selection), tuple(leftovers(selection.model)), noise_of(selection.model)
+    feigned, span = max(PER_ROW, record.unsure) * record.rows, _span(record)
+    found = doubts(named, left, feigned, span, DOMINANT, same_place=False)
     t = made.log.t[made.data.usable]
-    found += unheard(made) + [words for each in made.nearest
-                              for words in (*aged(each, made.record), *clocked(each, made.record, t))]
-    strict = doubts(made.nearest, made.left, feigned, span, EXPLAINED, same_place=True)
-    noisy = too_noisy(made.noise, _pushed_by_chance(made.record))
+    found += unheard(named, made.controller, record) + [
+        words for each in named for words in (*aged(each, record), *clocked(each, record, t))]
+    strict = doubts(named, left, feigned, span, EXPLAINED, same_place=True)
+    noisy = too_noisy(noise, _pushed_by_chance(record))
     weather = selection.weather
     if weather is not None and _is_named(selection) and not strict and noisy is None:
-        made.nearest = (*made.nearest, named_weather(weather))
-    elif weather is not None and not small(weather, made.nearest):
+        named = (*named, named_weather(weather))
+    elif weather is not None and not small(weather, named):
         strict.append(f"{weather_words(selection)} remains")
     if noisy is not None:
         strict.append(noisy)
-    if not made.nearest:
-        return strict
+    plain = Findings(selection, named, left, noise)
+    if not named:
+        return replace(plain, doubts=tuple(strict))
     if not found and selection.model.causes:
-        better = outdone(selection, made.left) or mistimed(selection) or \
-            (outdone_beside(selection, made.left) if strict else None)
+        better = outdone(selection, left) or mistimed(selection) or \
+            (outdone_beside(selection, left) if strict else None)
         found += [better.words] if better is not None else []
-    if selection.instead is not None and any(each.where in FREE for each in made.nearest if not each.is_weather):
+    if selection.instead is not None and any(each.where in FREE for each in named if not each.is_weather):
         found.append("weather alone explains nearly as much as these causes in weather do")
     if found:
-        return found
+        return replace(plain, doubts=tuple(found))
     say("held-out gain")
-    made.gain = measure(selection)
-    made.remaining = (*strict, *of_gain(made.gain, EXPLAINED))
-    return of_gain(made.gain, DOMINANT)
+    gain = measure(selection)
+    remaining = (*strict, *of_gain(gain, EXPLAINED))
+    least = LEAST_REMOVED if remaining or weather is not None else LEAST_NAMED
+    return replace(plain, doubts=tuple(of_gain(gain, DOMINANT)), remaining=remaining, gain=gain, needed=least)
 
 
 def _pushed_by_chance(r: Record) -> str:
@@ -347,84 +302,75 @@ def _span(r: Record) -> tuple[float, float]:
     return float(r.t[0]) + r.shift, float(r.t[-1]) + r.shift
 
 
-def _with_terms(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """Missing terms in the place of the catalogue's causes: kept where they explain everything (a term that leaves
-    something, be it called weather, may stand for anything), else a proposal."""
-    assert made.selection is not None
-    before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    terms = propose(made.selection, made.threshold, say)
+def _with_terms(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> tuple[Findings, Proposal | None]:
+    """Missing terms in the place of causes in doubt, and the proposal: they stand where they explain everything (a term
+    that leaves something, be it called weather, may stand for anything)."""
+    terms = propose(found.selection, made.threshold, say)
     if terms is None:
-        return found
-    made.proposal, selection = terms
+        return found, None
+    proposal, selection = terms
     again = _tested(made, selection, measure, say)
-    behind = made.selection.model.log_likelihood - selection.model.log_likelihood
-    own = made.gain or measure(selection)
+    behind = found.selection.model.log_likelihood - selection.model.log_likelihood
+    own = again.gain or measure(selection)
     if not (own.nats > 0.0 and (own.share is None or own.share < 1.0)):
-        made.proposal = None  # what does not predict better is none, though a short log may lose by chance
-    elif not again and not made.remaining and selection.weather is None and behind < TERM_MARGIN:
-        made.selection = selection
-        return []
-    made.nearest, made.left, made.gain, made.noise, made.remaining = before
+        return found, None  # what does not predict better is none, though a short log may lose by chance
+    explains = not again.doubts and not again.remaining and selection.weather is None and behind < TERM_MARGIN
+    return again if explains else found, proposal
+
+
+def _instead(found: Findings) -> Iterator[Selection]:
+    """What may stand where a selection is in doubt: one cause replaced by another that explains the log as well; the
+    causes without those that are in doubt themselves; the strongest alone (with what makes sense together with it
+    only); the weather alone."""
+    of = found.selection
+    yield from instead_of_each(of)
+    doubted, causes = {words.partition(":")[0] for words in found.doubts}, of.model.causes
+    sound = [k for k, cause in enumerate(causes) if cause.hypothesis.cause not in doubted]
+    strongest = [k for k, stays in enumerate(only_strongest(of)) if stays]
+    for kept in (sound, strongest) if sound != strongest else (strongest,):
+        if 0 < len(kept) < len(causes):
+            yield fewer(of, kept)
+    if of.instead is not None:
+        yield of.instead
+
+
+def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | None:
+    """The causes that the regression finds, at the likelihood's sizes: they stand, beside something else, where the
+    first of them is no shape outside the catalogue and makes most of the predictions' error, for then the likelihood's
+    goodness alone refuses them; else None."""
+    record = made.record
+    assert record is not None
+    say("which part of the equation is missing")
+    seen = look(record)
+    if seen is None or not seen.steps or not seen.steps[0].is_listed or seen.steps[0].share < MAIN:
+        return None
+    names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
+    selection = select(record, made.threshold, (*called(names), *NUMBERS), say)
+    first = (seen.steps[0].name, *seen.steps[0].alike)
+    if not any(each.hypothesis.label in first for each in selection.model.causes):
+        return None
+    found = _tested(made, selection, measure, say)
+    gain = found.gain or measure(selection)
+    if of_gain(gain, DOMINANT):
+        return None
+    return replace(found, doubts=(), remaining=(*found.doubts, *found.remaining), gain=gain, needed=LEAST_REMOVED)
+
+
+def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:
+    """Without the causes, the idlest first, that take less of the error away than a named one must, each judged beside
+    those that are left; and what those take away.  What cannot go for the others' sake stays, and is not named."""
+    while found.gain is not None:
+        selection = found.selection
+        shares = removed(selection.model, found.gain)
+        groups = list(together(selection.model)) if shares else []
+        idle = [(sum(shares[k] for k in group), sum(selection.evidence[k] for k in group), group) for group in groups]
+        idle = [each for each in idle if each[0] <= found.needed]
+        wind_alone = selection.weather is not None and selection.weather.is_wind
+        if idle and (len(groups) > 1 or wind_alone):
+            gone = min(idle)[2]
+            again = _tested(made, fewer(selection, [k for k in range(len(shares)) if k not in gone]), measure, say)
+            if not again.doubts:
+                found = again
+                continue
+        return replace(found, named=with_removed(found.named, selection.model, shares))
     return found
-
-
-def _with_fewer(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """The strongest cause alone (with what makes sense together with it only), where several together are in doubt; the
-    weather alone, where causes in it are."""
-    assert made.selection is not None
-    kept = [k for k, stays in enumerate(only_strongest(made.selection)) if stays]
-    if len(kept) < len(made.selection.model.causes):
-        found = _instead(made, fewer(made.selection, kept), measure, found, say)
-    if found and made.selection.instead is not None:
-        found = _instead(made, made.selection.instead, measure, found, say)
-    return found
-
-
-def _with_rivals(made: Diagnosis, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """A cause in doubt replaced by one that explains the log as well and is in none: a trim of another place, say."""
-    assert made.selection is not None
-    for other in instead_of_each(made.selection):
-        if not found:
-            break
-        found = _instead(made, other, measure, found, say)
-    return found
-
-
-def _instead(made: Diagnosis, selection: Selection, measure: Measure, found: list[str], say: Say) -> list[str]:
-    """What is in doubt replaced by another selection if that is not."""
-    before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    if not _tested(made, selection, measure, say):
-        made.selection = selection
-        return []
-    made.nearest, made.left, made.gain, made.noise, made.remaining = before
-    return found
-
-
-def _without_idle(made: Diagnosis, shares: tuple[float, ...], measure: Measure, say: Say) -> bool:
-    """Where something remains, or is called weather, without the causes that do next to nothing for the predictions:
-    they stand in for it.  True where that is so."""
-    selection = made.selection
-    assert selection is not None
-    kept = [k for k, share in enumerate(shares) if share > LEAST_REMOVED]
-    wind_alone = selection.weather is not None and selection.weather.is_wind
-    if len(kept) == len(shares) or not (kept or wind_alone):
-        return False
-    before = made.nearest, made.left, made.gain, made.noise, made.remaining
-    without = fewer(selection, kept)
-    if _tested(made, without, measure, say):
-        made.nearest, made.left, made.gain, made.noise, made.remaining = before
-        return False
-    made.selection = without
-    return True
-
-
-def _unexplained(made: Diagnosis, found: list[str], measure: Measure) -> None:
-    selection = made.selection
-    assert selection is not None
-    other = mistimed(selection) if selection.model.causes else None
-    made.verdict = "unexplained"
-    made.doubts = tuple(dict.fromkeys([*found, *([other.words] if other is not None else [])]))
-    made.where = "sensor" if other is not None and other.is_all else place(made)
-    made.nearest = tuple(cause for cause in made.nearest if not cause.is_weather)
-    if made.gain is None and made.nearest:
-        made.gain = measure(selection)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..data.record import Record
 from .hypothesis import (
+    FAR_DELAYS,
     Correction,
     Form,
     Free,
@@ -15,6 +16,8 @@ from .hypothesis import (
     as_deflected,
     as_timed,
     by_its_size,
+    command_moves,
+    far_delays,
     only_start,
     size,
 )
@@ -25,14 +28,10 @@ PLAYS = (3e-4, 1e-3, 3e-3, 1e-2)    # rad
 FIRST_WIND_UP = 0.3    # from where its search starts, and the share of the rate limit that it makes up for
 MOST_WIND_UP = 20.0
 RATE = Free("rate", 0.01, 1e-3, 50.0, logarithmic=True)  # rad/s
+SLOWEST = 1e-3         # of a fast servo's frequency: a lag of 0.3 s where one of 1 ms is believed
 NOZZLE_SENSOR = "the nozzle sensor"
 FAST_NOZZLE_SENSOR = "the nozzle sensor several times as often as commands come"
 LIKE_A_DELAY = "a first-order lag of the servo is like a delay"
-
-
-def _command_is_known(record: Record) -> bool:
-    """The log has the command, or reference and controller make it."""
-    return record.command_is_known
 
 
 def _rates(record: Record) -> list[float]:
@@ -57,6 +56,11 @@ def _by_its_lag(record: Record, scale: float) -> float:
     return (1.0 / scale - 1.0) * record.actuator.lag
 
 
+def _far_lags(record: Record) -> Values:
+    """Scales that are as late as the delays from which a search starts."""
+    return tuple(1.0 / (1.0 + delay / record.actuator.lag) for delay in FAR_DELAYS)
+
+
 def _as_slow(record: Record, values: Values) -> Values:
     return (min(values[0], 1.0),)
 
@@ -71,29 +75,29 @@ SLOW_AS_LAG = "a first-order lag makes the servo as slow as {scale} of its natur
 LIMITED = "the nozzle cannot move faster than {rate}"
 LIMITED_WOUND_UP = "the nozzle cannot move faster than {rate}, and what is asked of it runs ahead by {wind_up} of that"
 
-LAG = Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 1.0),), 1.0, SLOW_AS_LAG,
-                 visible=_command_is_known, fixed=(("lag", 1.0),))
+LAG = Hypothesis("actuator_bandwidth", (Free("scale", 0.02, SLOWEST, 1.0, logarithmic=True),), 1.0, SLOW_AS_LAG,
+                 visible=command_moves, fixed=(("lag", 1.0),))
 WIND_UP = Hypothesis("actuator_rate_limit", (RATE, size("wind_up", 0.05, 0.0, MOST_WIND_UP)), math.inf,
-                     LIMITED_WOUND_UP, lambda record: [(FIRST_WIND_UP,)], _command_is_known, _rates)
+                     LIMITED_WOUND_UP, lambda record: [(FIRST_WIND_UP,)], command_moves, _rates)
 
 CAUSES = (
     Hypothesis("actuator_delay", (size("delay", 1e-3, 0.0, 1.0),), 0.0,
-               "the actuator answers {delay} later than simulated", visible=_command_is_known,
+               "the actuator answers {delay} later than simulated", visible=command_moves, far=far_delays,
                form=Form(LAG, _as_lag, "lag"), decides=(("actuator_bandwidth", FAST_NOZZLE_SENSOR),),
                like=(("actuator_bandwidth", LIKE_A_DELAY),), floor=as_timed, late=by_its_size),
-    Hypothesis("actuator_bandwidth", (size("scale", 0.02, 0.02, 5.0),), 1.0, SLOWER, visible=_command_is_known,
-               late=_by_its_lag, form=Form(LAG, _as_slow, "lag")),
+    Hypothesis("actuator_bandwidth", (Free("scale", 0.02, SLOWEST, 5.0, logarithmic=True),), 1.0, SLOWER,
+               visible=command_moves, far=_far_lags, late=_by_its_lag, form=Form(LAG, _as_slow, "lag")),
     Hypothesis("actuator_gain", (size("scale", 0.005, -3.0, 5.0),), 1.0,
                "the servo moves {scale} of what is commanded (a nozzle sensor that shows so much of it looks the same "
-               "within the tolerance of k1)", visible=_command_is_known,
+               "within the tolerance of k1)", visible=command_moves,
                decides=(("control_effectiveness", NOZZLE_SENSOR),), twin="control_effectiveness",
                corrections=(Correction("beta_cmd", lambda x, of: x * of["scale"]),)),
-    Hypothesis("actuator_rate_limit", (RATE,), math.inf, LIMITED, only_start, _command_is_known, _rates,
+    Hypothesis("actuator_rate_limit", (RATE,), math.inf, LIMITED, only_start, command_moves, _rates,
                form=Form(WIND_UP, _ahead, "wind_up")),
     Hypothesis("actuator_backlash", (size("half_width", 5e-5, 0.0, 0.2),), 0.0,
-               "the servo has a play of {half_width} each way", only_start, _command_is_known, _plays, dithered=0.1),
+               "the servo has a play of {half_width} each way", only_start, command_moves, _plays, dithered=0.1),
     Hypothesis("actuator_bias", (size("angle", 1e-4),), 0.0, "the servo's null is off by {angle}",
-               visible=_command_is_known,
+               visible=command_moves,
                decides=tuple((other, NOZZLE_SENSOR) for other in ("thrust_misalignment", "steady_wind",
                                                                   "attitude_bias")),
                corrections=(Correction("beta_cmd", lambda x, of: x + of["angle"], is_outer=True),), floor=as_commanded,

@@ -18,6 +18,8 @@ from ..data.record import Record
 Values = tuple[float, ...]
 AT_END = 1e-6          # relative, of a value to its range's end
 TIMES = ("time", "duration")
+FAR_DELAYS = tuple(np.geomspace(0.005, 0.3, 12).tolist())  # s: what turns a vehicle is late by less, and half the way
+                                                           # from one to the next is a fifth of it
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,16 @@ def as_aside(record: Record) -> float:
     return float(record.actuator.deflection_limit * np.min(np.abs(record.k1[unstable]) / record.a6[unstable]))
 
 
+def nothing_far(record: Record) -> Values:
+    """No size far from neutral to start from."""
+    return ()
+
+
+def far_delays(record: Record) -> Values:
+    """[s] Of a delay only a small part of the log's motion is proportional to it."""
+    return FAR_DELAYS
+
+
 def not_late(record: Record, size: float) -> float:
     """[s]"""
     return 0.0
@@ -140,6 +152,23 @@ def always(record: Record) -> bool:
     return True
 
 
+def input_moves(record: Record) -> bool:
+    """The input moves, by more than its noise: what acts on it shows."""
+    noise = record.actuator.command_noise_std if record.command_is_known else record.nominal.sensors.beta_std
+    return bool(np.std(record.commands) > noise)
+
+
+def command_moves(record: Record) -> bool:
+    """The same of a command, between which and the vehicle there is an actuator: the log has it, or reference and
+    controller make it."""
+    return record.command_is_known and input_moves(record)
+
+
+def is_told(record: Record, channel: str, other: str) -> bool:
+    """A channel is measured, and another one or the input tells what it should show."""
+    return channel in record.channels and (other in record.channels or input_moves(record))
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """One cause; free[0] is its size, whose `neutral` value makes no difference (where it has several `amounts`, all at
@@ -148,6 +177,7 @@ class Hypothesis:
     words    what it means, with its parameters in braces
     shapes   of a record: values of the other free numbers to start from
     sizes    of a record: sizes to try where the response is not proportional to the size; None: it is
+    far      of a record: sizes to start from beside the one that a response proportional to the size promises
     visible  of a record: whether the log has the columns that could show it
     fixed    parameters that are not searched (the term of a missing one)
     dithered how much of the command noise's rms its size may be off: the noise keeps a play moving, which the
@@ -175,6 +205,7 @@ class Hypothesis:
     shapes: Callable[[Record], list[Values]] = only_start
     visible: Callable[[Record], bool] = always
     sizes: Callable[[Record], list[float]] | None = None
+    far: Callable[[Record], Values] = nothing_far
     fixed: tuple[tuple[str, str | float], ...] = ()
     dithered: float = 0.0
     start: Start = Start.RESPONSE

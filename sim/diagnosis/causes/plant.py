@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.record import Record
-from .hypothesis import Free, Hypothesis, Start, Steps, Values, as_deflected, as_dispersed, size
+from .hypothesis import Free, Hypothesis, Start, Steps, Values, as_deflected, as_dispersed, input_moves, size
 
 SLOSH_FREQUENCIES = tuple(np.geomspace(1.0, 20.0, 28))      # rad/s: liquid propellant, 0.15 to 3 Hz
 BENDING_PER_NYQUIST = 0.9   # highest bending frequency tried over the log's Nyquist frequency
@@ -39,11 +39,11 @@ def _middle(record: Record) -> Values:
 
 CAUSES = (
     Hypothesis("control_effectiveness", (size("scale", 0.01, 0.05, 5.0),), 1.0,
-               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes", floor=as_dispersed,
-               twin="actuator_gain"),
+               "the nozzle turns the vehicle with {scale} of the k1 the simulation believes",
+               visible=input_moves, floor=as_dispersed, twin="actuator_gain"),
     Hypothesis("control_loss", (size("fraction", 0.01, -0.95, 0.95), Free("time", 0.05)), 0.0,
-               "k1 drops by {fraction} at {time}", start=Start.ONSET, limit_at=_middle, largest=1.0, may_repeat=True,
-               tells_onset=True, steps=Steps(3.0, (0.25, 0.8))),
+               "k1 drops by {fraction} at {time}", visible=input_moves, start=Start.ONSET, limit_at=_middle,
+               largest=1.0, may_repeat=True, tells_onset=True, steps=Steps(3.0, (0.25, 0.8))),
     Hypothesis("aero_instability", (size("scale", 0.01, -5.0, 10.0),), 1.0,
                "a6 is {scale} of what the simulation believes", floor=as_dispersed),
     Hypothesis("aero_damping", (size("coefficient", 0.01),), 0.0,
@@ -67,9 +67,9 @@ CAUSES = (
                may_repeat=True, tells_onset=True),
     Hypothesis("nozzle_inertia", (size("coefficient", 1e-4),), 0.0,
                "the moving nozzle kicks back: {coefficient} times its acceleration turns the vehicle",
-               visible=lambda record: record.command_is_known),  # of a measured input only noise has an acceleration
+               visible=input_moves),
     Hypothesis("control_slope", (size("slope", 1e-4, -0.2, 0.2),), 0.0,
-               "k1 runs away from the simulated one by {slope}, about the log's centre",
+               "k1 runs away from the simulated one by {slope}, about the log's centre", visible=input_moves,
                decides=(("control_effectiveness", ANOTHER_PART),)),
     Hypothesis("lateral_drift", (size("z_alpha", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT),
                                  size("z_beta", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT)), 0.0,

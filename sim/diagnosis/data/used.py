@@ -17,8 +17,10 @@ from .check import DataCheck
 from .record import LONGEST_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
+SINE = "sin(theta)"    # the term of a body that swings, beside a6
 NEARLY = 1.0 + 1e-9    # of the longest step: rounding
 SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
+RESOLVED = 0.3         # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
 
 
 class Used(NamedTuple):
@@ -40,28 +42,35 @@ def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) 
     rows = np.flatnonzero(data.usable)
     if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
         return data
-    every = _every(len(rows), float(np.median(np.diff(t[rows]))), most)
+    usual = float(np.median(np.diff(t[rows])))
+    every = _every(len(rows), usual, slowest(nominal, nominal.vehicle.at(t[rows])[0]), most)
     kept = np.zeros_like(data.usable)
     kept[rows[::every]] = True
     return replace(data, usable=kept)
 
 
-def _every(rows: int, period: float, most: int) -> int:
-    return max(1, min(math.ceil(rows / most), math.floor(SLOWEST / period + 1e-9)))
+def slowest(nominal: Nominal, a6: np.ndarray) -> float:
+    """[s] that may lie between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
+    stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SINE)
+    return min(SLOWEST, RESOLVED / math.sqrt(stiffness)) if stiffness > 0.0 else SLOWEST
+
+
+def _every(rows: int, period: float, longest: float, most: int) -> int:
+    return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
 
 
 def shortened(record: Record, most: int = MOST) -> Record:
     """As long as a log may be that will be thinned, so that nothing is computed for rows that are not used."""
     if record.rows <= most:
         return record
-    longest = most * _every(record.rows, record.period, most)
+    longest = most * _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
     return cut(record, longest) if record.rows > longest else record
 
 
 def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
-    every = _every(record.rows, record.period, most)
+    every = _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
     made = coarser(thinned(record, record.held * max(1, round(every / record.held)))) if every > 1 else record
     made = cut(made, most) if made.rows > most else made
     times = round(made.period / float(np.median(np.diff(t))))

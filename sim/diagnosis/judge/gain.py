@@ -7,6 +7,7 @@ noise levels) is fitted to the others and judged on them.  With a second log, ev
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from .closed_loop import closed_loop_errors, rms
 LONG = 1.25            # s left out at a time: a prediction over 1 s fits in
 SHORT = 0.1            # s
 FOLDS_SEED = 11
-REACH = 2.0            # standard deviations of a deviation that the nominal may have when it is judged
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
 CONFIDENCE = 1.645     # standard deviations: one side, 95 %
 LEAST_HELD = 1.0 / 3.0  # of the nats that a fit gains: a true cause gains them (0.5 to 1.1) on rows left out, too
@@ -177,10 +177,9 @@ def _judged(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None)
 def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
     """With the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
     that needs more is another model."""
-    reach = REACH * Problem(record, of.filter).prior
-    if np.all(np.abs(of.point.deviations) <= reach):
+    point = Problem(record, of.filter).within_reach(of.point)
+    if point == of.point:
         return of
-    point = replace(of.point, deviations=tuple(np.clip(of.point.deviations, -reach, reach).tolist()))
     filt = of.filter
     for _ in range(2):
         e, _, _ = innovations(record, filt, point)
@@ -208,7 +207,7 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
     """
     record, own = nominal.fit.record, model.fit.record
-    totals, errors, changes, noises, grown = np.zeros(2), [], [], [], []
+    totals, errors, changes, noises, alike = np.zeros(2), [], [], [], []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
@@ -219,17 +218,17 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         made, change = _errors((record, own), pair, ~mask)
         errors.append(made)
         changes.append(change)
-        noises.append(np.stack([_noise(of, each, spans(record)[-1], is_named)
+        noises.append(np.stack([_noises(of, each, spans(record), is_named)
                                 for of, each in zip((record, own), pair, strict=True)]))
-        alike = Trained(pair[1].point, pair[0].filter)
-        grown.append(_noise(record, alike, spans(record)[-1], is_named))
-    joined = np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1)
+        alike.append(_noises(record, Trained(pair[1].point, pair[0].filter), spans(record), is_named))
+    ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1),
+                   np.concatenate(alike))
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
     judged = np.arange(record.rows) * record.period >= settling(record)
     before, after = (log_likelihood(of, Trained(each.fit.point, each.fit.filter), judged)
                      for of, each in ((record, nominal), (own, model)))
-    return replace(_gain(record, totals, joined, closed_loop, "blocked folds", np.concatenate(grown)), numbers=numbers,
+    return replace(_gain(record, totals, ahead, closed_loop, "blocked folds", is_named), numbers=numbers,
                    fitted=after - before)
 
 
@@ -248,11 +247,16 @@ def removed(model: Model, gain: Gain) -> tuple[float, ...]:
         for mask in long_folds(record):
             one = refitted(record, timed[:k] + timed[k + 1:], model.fit.filter, mask)
             errors.append(_errors((record,), (one,), ~mask)[0][0])
-        last = np.concatenate(errors)[:, -1]
+        last = np.concatenate(errors)[:, len(gain.nrmse) - 1]
         excess = sum(max(0.0, float(np.nanmean(last[:, CHANNELS.index(name)]**2)) / noise - 1.0)
                      for name, (_, _, _, noise) in gain.squared.items())
         found.append((excess - after) / before)
     return tuple(found)
+
+
+def _noises(record: Record, of: Trained, over: Sequence[float], is_named: bool) -> np.ndarray:
+    """(s, h, 3) `_noise` over each horizon [s]."""
+    return np.stack([_noise(record, of, horizon, is_named) for horizon in over], axis=1)
 
 
 def _noise(record: Record, of: Trained, horizon: float, is_named: bool = True) -> np.ndarray:
@@ -282,12 +286,12 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
         pair.append(Trained(point, run_filter(record, dynamics(record, point), start.levels, e, start)))
     pair[0] = within(records[0], pair[0], None)
     totals = np.array([log_likelihood(record, each, everything) for record, each in zip(records, pair, strict=True)])
-    errors, change = _errors(records, pair, everything)
+    over = spans(records[0])
+    noise = np.stack([_noises(record, each, over, is_named) for record, each in zip(records, pair, strict=True)])
+    alike = _noises(records[0], Trained(pair[1].point, pair[0].filter), over, is_named)
+    ahead = _Ahead(*_errors(records, pair, everything), noise, alike)
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
-    noise = np.stack([_noise(record, each, spans(records[0])[-1], is_named)
-                      for record, each in zip(records, pair, strict=True)])
-    alike = _noise(records[0], Trained(pair[1].point, pair[0].filter), spans(records[0])[-1], is_named)
-    return _gain(records[0], totals, (errors, change, noise), closed_loop, "a second log", alike)
+    return _gain(records[0], totals, ahead, closed_loop, "a second log", is_named)
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -324,26 +328,55 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
     return made, change
 
 
-def _gain(record: Record, totals: np.ndarray, of: tuple[np.ndarray, np.ndarray, np.ndarray],
-          closed_loop: tuple[float, float] | None, source: str, alike: np.ndarray) -> Gain:
-    """of  prediction errors (2, s, h, 3), the channels' changes (s, h, 3), mean squares of noise (2, s, 3);  alike
-    (s, 3) of the nominal's noise in the extended model"""
-    errors, changes, noise = of
+class _Ahead(NamedTuple):
+    """Predictions of both models, NaN where their horizon is not in rows left out.
+
+    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, h, 3) mean squares of it;  alike (s, h, 3) of
+    the nominal's noise in the extended model
+    """
+
+    errors: np.ndarray
+    changes: np.ndarray
+    noise: np.ndarray
+    alike: np.ndarray
+
+
+def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
+          is_named: bool) -> Gain:
+    """By the longest horizon; beside weather that nothing names by the one at which the extended model removes most,
+    as long as it is no worse over the longer ones: over those a loop's commands answer what the weather did since."""
+    def over(count: int) -> Gain:
+        return _gain_over(record, totals, ahead, closed_loop, source, spans(record)[:count])
+
+    best = shorter = over(len(spans(record)))
+    for count in range(len(spans(record)) - 1, 0, -1) if not is_named else ():
+        if shorter.is_worse:
+            break
+        shorter = over(count)
+        if shorter.share is not None and (best.share is None or shorter.share < best.share):
+            best = shorter
+    return best
+
+
+def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
+               over: Sequence[float]) -> Gain:
+    """By the last of these horizons [s]."""
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
-    over = spans(record)
     for h, horizon in enumerate(over):
         nrmse[horizon] = {}
         for c, channel in enumerate(CHANNELS):
-            scale = rms(changes[:, h, c])
+            scale = rms(ahead.changes[:, h, c])
             if channel in record.channels and scale > 0.0:
-                nrmse[horizon][channel] = (rms(errors[0, :, h, c]) / scale, rms(errors[1, :, h, c]) / scale)
-    squared, horizons, grown = {}, {}, {}
+                before, after = (rms(errors[:, h, c]) / scale for errors in ahead.errors)
+                nrmse[horizon][channel] = (before, after)
+    squared, horizons, grown, last = {}, {}, {}, len(over) - 1
     for c, channel in enumerate(CHANNELS):
-        seen = np.isfinite(errors[:, :, -1, c]).all(axis=0)
+        errors = ahead.errors[:, :, last, c]
+        seen = np.isfinite(errors).all(axis=0)
         if channel in record.channels and seen.any():
-            made = [float(np.mean(x)) for x in (*(errors[:, seen, -1, c]**2), *noise[:, seen, c])]
+            made = [float(np.mean(x)) for x in (*(errors[:, seen]**2), *ahead.noise[:, seen, last, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
-            horizons[channel] = max(1.0, float(seen.sum()) * SPACING / over[-1])
-            grown[channel] = max(1.0, float(np.mean(alike[seen, c])) / made[2]) if made[2] > 0.0 else 1.0
+            horizons[channel] = max(1.0, float(seen.sum()) * min(SPACING, over[last]) / over[last])
+            grown[channel] = max(1.0, float(np.mean(ahead.alike[seen, last, c])) / made[2]) if made[2] > 0.0 else 1.0
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
                 squared, closed_loop, source, horizons, grown)

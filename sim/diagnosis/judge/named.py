@@ -13,7 +13,6 @@ from ..data.record import LONG_STEP, Record
 from ..data.world import TURBULENCE, WALK
 from ..model.nuisance import Problem
 from ..search.fit import Fit, point_of
-from ..search.foresight import LEAST_REMOVED
 from ..search.profile import TOLD_APART, Model, penalty, profile
 from ..search.selection import UNLIKE_NONE, Ranked, Selection, Weather
 from .constancy import Constancy, constancy
@@ -87,26 +86,26 @@ class Named:
 def named_causes(selection: Selection) -> tuple[Named, ...]:
     """The causes of a selection's model; one that comes in steps is one cause."""
     return tuple(_named(selection, group[0]) if len(group) == 1 else _gradual(selection, group)
-                 for group in _groups(selection.model))
+                 for group in together(selection.model))
 
 
 def with_removed(named: tuple[Named, ...], model: Model, shares: Sequence[float]) -> tuple[Named, ...]:
     """The causes of a model with what each of them removes, from the shares of its single ones; () is not told."""
     if not shares:
         return named
-    of = [sum(shares[k] for k in group) for group in _groups(model)]
+    of = [sum(shares[k] for k in group) for group in together(model)]
     return tuple(replace(each, removed=share) for each, share in zip(named, of, strict=False)) + named[len(of):]
 
 
-def idle_of(named: tuple[Named, ...]) -> tuple[Named, ...]:
-    """Causes that take next to nothing of the held-out error away, beside one that does: what the likelihood asks for
-    and no prediction needs is a name for what remains.  All of one name, or none."""
-    does = {each.cause for each in named if each.removed is not None and each.removed > LEAST_REMOVED}
+def idle_of(named: tuple[Named, ...], least: float) -> tuple[Named, ...]:
+    """Causes that take no more than `least` of the held-out error away, beside one that does: what the likelihood asks
+    for and no prediction needs is a name for what remains.  All of one name, or none."""
+    does = {each.cause for each in named if each.removed is not None and each.removed > least}
     idle = tuple(each for each in named if each.removed is not None and each.cause not in does)
     return idle if does else ()
 
 
-def _groups(model: Model) -> Iterator[list[int]]:
+def together(model: Model) -> Iterator[list[int]]:
     """Indices of the causes; the steps of one cause together, in the order of their times."""
     gradual = sorted((cause.values[1], k) for k, cause in enumerate(model.causes) if cause.hypothesis.steps is not None)
     group: list[int] = []

@@ -8,6 +8,7 @@ covariance, and the Kalman gains are those of one filter (`noise`).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .point import DEVIATIONS, Point, innovations
 DRIFT = 0.25           # of the tolerance, one sigma: what a deviation of a6 or k1 may change from the middle to an end
 LARGEST_DEVIATION = (0.9, 0.9, 0.9, 0.9, 0.02)  # of a6 and k1: the sign is the nominal's; s of the timing
 DEVIATION_STEPS = (1e-3, 1e-3, 1e-3, 1e-3, 2e-4)  # of numerical slopes
+REACH = 2.0            # standard deviations of a deviation that a model may have when its predictions are judged
 WORST_WHITE = 1.0e4    # whitened innovations beyond it are cut, so that sums stay finite
 
 Cut = Callable[[np.ndarray], tuple[np.ndarray, Point]]
@@ -44,6 +46,11 @@ class Problem:
             white[:] = WORST_WHITE
         np.clip(white, -WORST_WHITE, WORST_WHITE, out=white)
         return self.counted(white), e, states, stayed
+
+    def within_reach(self, point: Point) -> Point:
+        """The point with deviations that the tolerance allows: a nominal that needs more is another model."""
+        most = REACH * self.prior
+        return replace(point, deviations=tuple(np.clip(point.deviations, -most, most).tolist()))
 
     def counted(self, white: np.ndarray) -> np.ndarray:
         """The same array (n, 3) with rows that do not count set to 0."""

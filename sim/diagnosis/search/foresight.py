@@ -13,6 +13,7 @@ import numpy as np
 from ..data.record import Record
 from ..data.world import SLOW_MOMENT
 from ..model.noise import ACCELERATION, declared
+from ..model.nuisance import Problem
 from ..model.point import prediction_errors
 from .profile import Model
 
@@ -54,7 +55,7 @@ def foreseen(base: Model, models: list[Model]) -> list[bool]:
     if not models or not is_strained(models[0]):
         return [True] * len(models)
     before, errors = _errors(base), [_errors(model) for model in models]
-    best = min(range(len(models)), key=lambda k: float(np.sum(errors[k][0] / before[0])))
+    best = min(range(len(models)), key=lambda k: float(np.min(np.sum(errors[k][0] / before[0], axis=1))))
     return [not _is_worse(errors[k], before) and (k >= best or not _is_worse(errors[k], errors[best]))
             for k in range(len(models))]
 
@@ -70,15 +71,24 @@ def is_idle(nominal: Model, base: Model, other: Model) -> bool:
     if not is_strained(other):
         return False
     none = _errors(nominal)[0]
-    before, after = (float(np.sum(_errors(each)[0] / none)) for each in (base, other))
-    return before - after < LEAST_REMOVED * np.size(none)
+    before, after = (np.mean(_errors(each)[0] / none, axis=1) for each in (base, other))
+    return bool(np.all(before - after < LEAST_REMOVED))
 
 
 def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """(c,) mean squares of the predictions over the longest horizon, of each channel that is measured, and how many
-    horizons stand side by side in each."""
-    record, over = model.fit.record, spans(model.fit.record)[-1]
-    errors = prediction_errors(record, model.fit.filter, model.fit.point, (over,), SPACING)[:, 0]
+    """(h, c) mean squares of the predictions over the longest horizon, of each channel that is measured, and how many
+    horizons stand side by side in each; over all horizons in weather that nobody declared: over the longest a loop's
+    commands answer what that did since."""
+    record = model.fit.record
+    over = spans(record) if any(each.is_sought for each in record.world.sources) else spans(record)[-1:]
+    point = Problem(record, model.fit.filter).within_reach(model.fit.point)
+    errors = prediction_errors(record, model.fit.filter, point, over, SPACING)
+    pairs = [_squares(record, errors[:, h], horizon) for h, horizon in enumerate(over)]
+    return np.stack([squares for squares, _ in pairs]), np.stack([count for _, count in pairs])
+
+
+def _squares(record: Record, errors: np.ndarray, over: float) -> tuple[np.ndarray, np.ndarray]:
+    """`_errors` of one horizon [s], with errors (s, 3)."""
     apart, ahead = (max(1, round(seconds / record.period)) for seconds in (SPACING, over))
     starts = apart * np.arange(len(errors))
     inside = (starts * record.period >= settling(record)) & (starts + ahead < record.rows)
@@ -87,10 +97,10 @@ def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
     there = count > 0
     off = np.nan_to_num(np.clip(errors, -FARTHEST, FARTHEST), nan=FARTHEST)  # what did not stay with the log is far off
     squares = np.sum(np.where(seen, off, 0.0)**2, axis=0)[there] / count[there]
-    return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * apart * record.period / over)
+    return np.maximum(squares, FARTHEST**-2), np.maximum(1.0, count[there] * min(1.0, apart * record.period / over))
 
 
 def _is_worse(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
-    """One's squared errors exceed the other's by more than chance, all channels together."""
-    excess = float(np.sum(one[0] / other[0] - 1.0))
-    return excess > CHANCE * math.sqrt(float(np.sum(2.0 / one[1])))
+    """One's squared errors exceed the other's by more than chance over every horizon, all channels together."""
+    excess = np.sum(one[0] / other[0] - 1.0, axis=1)
+    return bool(np.all(excess > CHANCE * np.sqrt(np.sum(2.0 / one[1], axis=1))))

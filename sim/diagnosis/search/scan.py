@@ -85,8 +85,9 @@ def scan(problem: Problem, base: Fit, hypotheses: Iterable[Hypothesis]) -> list[
                 tries += _proportional(problem, base, project, hypothesis, sharp)
             found += [max(tries, key=lambda candidate: candidate.gain)] if gain > 0.0 else []
             continue
-        tries = _sized(problem, base, project, hypothesis) if hypothesis.sizes else \
+        tries = _sized(problem, base, project, hypothesis, hypothesis.sizes(problem.record)) if hypothesis.sizes else \
             _proportional(problem, base, project, hypothesis, hypothesis.shapes(problem.record))
+        tries += _sized(problem, base, project, hypothesis, hypothesis.far(problem.record))
         best = max(tries, key=lambda candidate: candidate.gain, default=None)
         if best is not None and best.gain > 0.0:
             found.append(best)
@@ -127,10 +128,10 @@ def _proportional(problem: Problem, base: Fit, project: Projector, hypothesis: H
     return tries
 
 
-def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis) -> list[Candidate]:
-    assert hypothesis.sizes is not None
+def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothesis,
+           sizes: Iterable[float]) -> list[Candidate]:
     cost, tries = square(project.rest), []
-    for size, shape in itertools.product(hypothesis.sizes(problem.record), hypothesis.shapes(problem.record)):
+    for size, shape in itertools.product(sizes, hypothesis.shapes(problem.record)):
         values = (size, *shape)
         rest = project.out(problem.residual(with_effect(base, Cause(hypothesis, values))))
         tries.append(Candidate(hypothesis, values, 0.5 * (cost - square(rest))))

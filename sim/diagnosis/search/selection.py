@@ -14,6 +14,7 @@ import numpy as np
 
 from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
+from ..data.used import SINE
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.nuisance import Problem
 from .fit import Fit, fit
@@ -22,7 +23,6 @@ from .profile import TOLD_APART, Model, given_back, penalty, profile
 from .scan import Candidate, scan
 from .starts import starts
 
-SINE = "sin(theta)"
 FAR = 0.3             # rad: below it sin(theta) is theta and theta^3
 THRESHOLD = 12.0      # nats of evidence for the first cause, where no bootstrap has measured it
 FURTHER = 22.0        # nats for each further one
