@@ -1,1 +1,1 @@
-"""Which part of the equation of motion is missing, by regression on the log: the look before the likelihood's search."""
+"""A look at the equation of motion by regression: which part of it is missing, listed in the catalogue or not."""

@@ -80,7 +80,9 @@ class Equation:
     """The equation of motion of a log: its rows, the nominal's columns, and the alternatives beside them."""
 
     def __init__(self, signals: Signals, rows: Rows) -> None:
-        self.signals, self.travel, self.kept = signals, {}, []
+        self.signals = signals
+        self.travel: Travel = {}
+        self.kept: list[tuple[Alternative, float]] = []
         smooth = weights_of(0, max(rows.steps[0] // 2, 1), signals.period)
         edge = len(smooth) // 2
         rate = np.pad(signals.rate, edge, mode="edge")
@@ -114,7 +116,8 @@ class Equation:
             if term == "1":
                 constant = coefficient
                 continue
-            columns.append(coefficient * view.mean(column(term, self.signals.attack, self.rate, view.input, self.signals.t)))
+            x = column(term, self.signals.attack, self.rate, view.input, self.signals.t)
+            columns.append(coefficient * view.mean(x))
             numbers.append(1.0)
         columns.append(view.mean(np.ones(len(self.rate))))
         numbers.append(constant)
@@ -211,7 +214,8 @@ def look(record: Record) -> Look | None:
     equation = Equation(signals, rows)
     null = square(equation.y - equation.base({}) @ equation.numbers)
     errors = equation.judged([equation.design({})])[0].errors
-    free, steps = square(errors) / null, []
+    free = square(errors) / null
+    steps: list[Step] = []
     while len(steps) < STEPS:
         best = _next(equation, errors, null, {step.name for step in steps})
         if best is None:

@@ -1,4 +1,4 @@
-"""The columns of a log that the equation of motion is made of, and the input on its way from the command to the nozzle."""
+"""The columns of a log that the equation of motion is made of, and the input between command and nozzle."""
 
 from dataclasses import dataclass
 
@@ -19,8 +19,10 @@ Travel = dict[str, float]  # what may be on the way: see `on_its_way`
 
 @kernel
 def moved_servo(xx, xr, rx, rr, command, beta):
-    """beta (n,) [rad] of a servo at rest at first, from each held command (n,) [rad] to the next; xx .. rr: `free_servo`
-    over the time between."""
+    """beta (n,) [rad] of a servo that rests at first, from each held command (n,) [rad] to the next.
+
+    xx .. rr  `free_servo` over the time between
+    """
     off, rate = 0.0, 0.0
     beta[0] = command[0]
     for i in range(1, len(command)):
@@ -64,7 +66,8 @@ def mode(x: np.ndarray, frequency: float, damping: float, period: float, numerat
                   c * c - 2.0 * damping * frequency * c + frequency**2])
     b = np.array([n2 * c * c + n0, 2.0 * (n0 - n2 * c * c), n2 * c * c + n0])
     y = np.empty(len(x))
-    second_order(*(a[1:] / a[0]), *(b / a[0]), x, y)
+    a1, a2, b0, b1, b2 = (np.concatenate([a[1:], b]) / a[0]).tolist()
+    second_order(a1, a2, b0, b1, b2, x, y)
     return y
 
 
@@ -128,9 +131,9 @@ class Signals:
         return min(max(shown, TRUSTED[0] * declared), TRUSTED[1] * declared) if declared > 0.0 else shown
 
     def on_its_way(self, travel: Travel) -> np.ndarray:
-        """(n,) [rad] The input that turns the vehicle: the measured nozzle, or the command behind play, servo and delay.
+        """(n,) [rad] The input that turns the vehicle: the measured nozzle, or what the servo makes of the command.
 
-        travel  what is on the way beside the nominal's: `delay` [s], `lag` [s] of the servo, `play` [rad], `rate` [rad/s]
+        travel  what is on the way beside the nominal's: `delay` [s], servo's `lag` [s], `play` [rad], `rate` [rad/s]
         """
         if self.nozzle is not None:
             beta = lagged(self.nozzle, travel["lag"], self.period) if "lag" in travel else self.nozzle
@@ -140,7 +143,8 @@ class Signals:
             with_play(travel["play"], command, command := np.empty(len(command)))
         frequency, damping = _slowed(servo, travel.get("lag", 0.0))
         beta = np.empty(len(command))
-        moved_servo(*free_servo(frequency, damping, servo.is_first_order, self.tick), command, beta)
+        xx, xr, rx, rr = free_servo(frequency, damping, servo.is_first_order, self.tick)
+        moved_servo(xx, xr, rx, rr, command, beta)
         if "rate" in travel:
             with_limit(travel["rate"] * self.tick, beta, beta := np.empty(len(beta)))
         late = (servo.delay + travel.get("delay", 0.0)) / self.tick

@@ -1,4 +1,4 @@
-"""What may be missing in the equation of motion: causes of the catalogue and shapes that it does not list, in one table.
+"""What may be missing in the equation of motion: causes of the catalogue, and shapes that it does not list.
 
 Each alternative is a column, or some, beside the nominal's terms, or something on the input's way.  To add one: an
 entry here, and a case with a known truth in the tests.
@@ -193,6 +193,20 @@ def _line(view: View, frequency: float) -> np.ndarray:
     return np.column_stack([view.mean(np.sin(phase)), view.mean(np.cos(phase))])
 
 
+def _sine(view: View, number: float) -> np.ndarray:
+    return view.mean(np.sin(view.signals.attack) - view.signals.attack)
+
+
+def _slosh(view: View, frequency: float) -> np.ndarray:
+    signals = view.signals
+    return view.mean(frequency**2 * mode(signals.theta, frequency, LIGHT[0], signals.period, (-1.0, 0.0)))
+
+
+def _bending(view: View, frequency: float) -> np.ndarray:
+    signals = view.signals
+    return view.mean(mode(view.input, frequency, LIGHT[1], signals.period, (0.0, frequency**2)), signals.equation[1])
+
+
 def wander(view: View) -> np.ndarray:
     """(k, HATS) rows of what is straight within HATS parts of the log, and 0 at its begin."""
     nodes = np.linspace(0.0, view.length, HATS + 1)
@@ -233,16 +247,14 @@ TABLE = (
     Alternative("friction", lambda view, _: view.mean(np.tanh(view.rate / view.still)), high=0.0),
     Alternative("aero_cubic", lambda view, _: view.mean(view.signals.a6 * view.signals.attack**3),
                 when=lambda view: view.has("theta") and view.is_bounded),
-    Alternative("missing_term(sin(theta))", lambda view, _: view.mean(np.sin(view.signals.attack) - view.signals.attack),
+    Alternative("missing_term(sin(theta))", _sine,
                 when=lambda view: view.has("theta") and float(np.max(np.abs(view.signals.theta))) > FAR),
     Alternative("missing_term(theta)", _term("theta"),
                 when=lambda view: not view.has("theta", "sin(theta)") and view.is_bounded),
     Alternative("missing_term(beta^2)", lambda view, _: view.mean((view.input - view.input.mean()) ** 2), when=moving),
     Alternative("nozzle_inertia", lambda view, _: view.mean(view.input, 2), when=moving),
-    Alternative("slosh", lambda view, w: view.mean(w * w * mode(view.signals.theta, w, LIGHT[0], view.signals.period,
-                                                                (-1.0, 0.0))), modes(*SLOSH, 12), between=True),
-    Alternative("bending", lambda view, w: view.mean(mode(view.input, w, LIGHT[1], view.signals.period, (0.0, w * w)),
-                                                     view.signals.equation[1]), modes(*BENDING, 22), moving, between=True),
+    Alternative("slosh", _slosh, modes(*SLOSH, 12), between=True),
+    Alternative("bending", _bending, modes(*BENDING, 22), moving, between=True),
     Alternative("gust", _pulse, pulses, lambda view: view.has("theta")),
     Alternative("control_loss", lambda view, time: _after(view, time, view.effect), onsets, moving),
     Alternative("moment_step", lambda view, time: _after(view, time, np.ones(len(view.effect))), onsets),
@@ -255,7 +267,8 @@ TABLE = (
     Alternative("the measured nozzle lags", None, times, is_measured, travel="lag", between=True),
     Alternative("the body sticks", lambda view, _: view.mean((np.abs(view.rate) < view.still) * (
         view.signals.a6 * view.signals.attack + view.effect)), low=-WASHED, high=0.0),
-    Alternative("damping by the square of the rate", lambda view, _: view.mean(view.rate * np.abs(view.rate)), high=0.0),
+    Alternative("damping by the square of the rate", lambda view, _: view.mean(view.rate * np.abs(view.rate)),
+                high=0.0),
     Alternative("the square of the angle", _term("theta^2"), when=bounded),
     Alternative("angle times rate", _term("theta*theta_dot"), when=bounded),
     Alternative("a moment that wanders slowly", lambda view, _: wander(view)),
