@@ -15,7 +15,7 @@ from sim.diagnosis.causes import RECORDS
 from sim.effects import CATALOGUE
 
 DIAGNOSIS = ROOT / "sim" / "diagnosis"
-ROOMS = ("data", "controller", "model", "causes", "search", "judge", "report")
+ROOMS = ("data", "controller", "model", "causes", "relations", "search", "judge", "report")
 FILES = sorted(DIAGNOSIS.rglob("*.py"))
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
            for path in CORE + SIM}

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from .causes import Hypothesis
+from .causes import RECORDS, Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
 from .data.check import check
@@ -42,6 +42,7 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
 from .model.noise import ACCELERATION, LEVELS
+from .relations.look import MAIN, called, look
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
@@ -58,6 +59,9 @@ TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted ca
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
 LEAST_NAMED = 0.01     # share of the error that a cause must take away to be named where nothing else is left
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
+
+NUMBERS = tuple(RECORDS[name] for name in ("control_effectiveness", "aero_instability", "thrust_misalignment",
+                                           "actuator_bias", "nozzle_sensor_bias", "attitude_bias"))  # of the nominal
 
 Measure = Callable[[Selection], Gain]
 
@@ -225,6 +229,8 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found.doubts and found.named:
         tried = (_tested(made, each, measure, say) for each in _instead(found))
         found = next((each for each in tried if not each.doubts), found)
+    if found.doubts and made.catalogue and not foreign:
+        found = _by_regression(made, measure, say) or found
     if not found.doubts:
         found = _needed(made, found, measure, say)
     elif found.gain is None and any(not each.is_weather for each in found.named):
@@ -319,6 +325,30 @@ def _instead(found: Findings) -> Iterator[Selection]:
             yield fewer(of, kept)
     if of.instead is not None:
         yield of.instead
+
+
+def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | None:
+    """The causes that the regression finds, at the likelihood's sizes: they stand, beside something else, where the
+    first of them makes a main part of the predictions' error and no shape outside the catalogue does as well, for then
+    the likelihood's goodness alone refuses them; else None."""
+    record = made.record
+    assert record is not None
+    say("which part of the equation is missing")
+    seen = look(record)
+    if seen is None or not seen.steps or not seen.steps[0].is_listed or seen.steps[0].share < MAIN:
+        return None
+    names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
+    selection = select(record, made.threshold, (*called(names), *NUMBERS), say)
+    first = (seen.steps[0].name, *seen.steps[0].alike)
+    if not any(each.hypothesis.label in first for each in selection.model.causes):
+        return None
+    found = _tested(made, selection, measure, say)
+    if outdone(selection, found.left) is not None:
+        return None
+    gain = found.gain or measure(selection)
+    if of_gain(gain, DOMINANT):
+        return None
+    return replace(found, doubts=(), remaining=(*found.doubts, *found.remaining), gain=gain, needed=LEAST_REMOVED)
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:
