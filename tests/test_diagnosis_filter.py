@@ -27,6 +27,7 @@ from sim.diagnosis.model.noise import (
     dynamics,
     first_filter,
     largest,
+    nothing_foreseen,
     run_filter,
 )
 from sim.diagnosis.model.nuisance import Problem
@@ -341,3 +342,17 @@ def test_a_second_log_is_judged_in_the_weather_of_the_first(record):
     gain = on_another(record, model, model)
     assert gain.nats == 0.0 and gain.source == "a second log"
     assert gain.squared["theta"][0] == gain.squared["theta"][1] > 0.0
+
+
+def test_no_model_is_less_likely_than_one_that_foresees_nothing():
+    """299999992233 nats were said of a nominal that lost the log: no log tells more than where in its range each value
+    is."""
+    log = on_grid(flown(NOMINAL), NOMINAL)
+    span = np.ptp(log.z, axis=0)
+    assert nothing_foreseen(log) == pytest.approx(-log.rows * float(np.sum(np.log(span))))
+    half = np.arange(log.rows) % 2 == 0
+    assert nothing_foreseen(log, half) == pytest.approx(0.5 * nothing_foreseen(log), rel=0.01)
+    near, torn = (profile(each, (), np.zeros(5), first_filter(each, declared(each))) for each in (
+        log, dataclasses.replace(log, noise="declared", z=log.z + np.where(half, 0.0, 0.3)[:, None])))
+    assert near.log_likelihood > nothing_foreseen(log)
+    assert torn.log_likelihood == nothing_foreseen(torn.fit.record)

@@ -86,7 +86,7 @@ def judged(monkeypatch):
                          selection=found)
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
                                       tick=1, rows=ROWS, centre=0.5 * ENDED, fine=1, input="beta_cmd",
-                                      thinned=1, unsure=unsure, channels=channels,
+                                      thinned=1, unsure=unsure, command_is_known=True, channels=channels,
                                       nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis(),
                                                               sensors=SimpleNamespace(period=period)))
 
@@ -330,7 +330,9 @@ def test_causes_come_in_the_order_of_the_error_they_remove(judged):
 def test_what_the_nominal_leaves_open_is_no_cause(judged):
     """A delay of the gyro within `[diagnosis] timing` is said, and nothing is explained by it."""
     late = [replace(cause("gyro_delay", 90.0), values={"delay": size}) for size in (0.9e-3, 1.1e-3)]
-    assert late[0].record.floor(SimpleNamespace(nominal=SimpleNamespace(diagnosis=sections.Diagnosis()))) == 1e-3
+    floor, believed = late[0].record.floor, SimpleNamespace(diagnosis=sections.Diagnosis())
+    assert floor(SimpleNamespace(command_is_known=True, period=0.005, nominal=believed)) == 1e-3
+    assert floor(SimpleNamespace(command_is_known=False, period=0.005, nominal=believed)) == 5e-3
     made = judged(Found(late[0])).made
     assert (made.verdict, made.causes, made.open) == ("consistent", (), (late[0],))
     made = judged(Found(late[1])).made

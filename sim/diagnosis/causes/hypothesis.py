@@ -134,8 +134,9 @@ def by_its_size(record: Record, size: float) -> float:
 
 
 def as_timed(record: Record) -> float:
-    """[s] Servo and transport times may be off by this, one sigma, without being wrong."""
-    return record.nominal.diagnosis.timing
+    """[s] Servo and transport times may be off by this, one sigma, without being wrong; and by a row where the measured
+    nozzle stands for the command, for nobody knows what it did between the rows."""
+    return max(record.nominal.diagnosis.timing, 0.0 if record.command_is_known else record.period)
 
 
 def as_commanded(record: Record) -> float:

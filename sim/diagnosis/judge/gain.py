@@ -15,7 +15,7 @@ from ..causes import Cause, pinned
 from ..controller.kind import ControllerCheck
 from ..data.record import CHANNELS, Record
 from ..model.level_fit import fit_levels
-from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, run_filter
+from ..model.noise import Filter, Refilter, declared, dynamics, first_filter, nothing_foreseen, run_filter
 from ..model.nuisance import WORST_WHITE, Problem
 from ..model.point import DEVIATIONS, Point, innovations, prediction_errors
 from ..search.fit import Fit, fit
@@ -300,8 +300,9 @@ def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
     white = np.clip(of.filter.whiten(e), -WORST_WHITE, WORST_WHITE)[rows]
     measured = np.isfinite(record.z)[rows]
     diagonal = np.einsum("kaa->ka", of.filter.low)[rows]
-    return float(-0.5 * np.sum(white[measured]**2) - np.sum(np.log(diagonal[measured]))
-                 - 0.5 * math.log(2.0 * math.pi) * measured.sum())
+    likely = float(-0.5 * np.sum(white[measured]**2) - np.sum(np.log(diagonal[measured]))
+                   - 0.5 * math.log(2.0 * math.pi) * measured.sum())
+    return max(likely, nothing_foreseen(record, rows)) if math.isfinite(likely) else likely
 
 
 def _errors(records: Sequence[Record], models: Sequence[Trained],

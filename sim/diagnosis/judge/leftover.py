@@ -12,7 +12,7 @@ import numpy as np
 from ..data.record import Record
 from ..model.lanes import LANES
 from ..model.level_fit import fit_levels
-from ..model.noise import Disturbance, Refilter, largest
+from ..model.noise import Disturbance, Refilter, largest, nothing_foreseen
 from ..model.nuisance import Problem
 from ..search.profile import Model
 from ..search.scan import lines
@@ -111,7 +111,8 @@ def _relevelled(record: Record, model: Model, leftover: Leftover) -> Leftover:
     fitted = model.fit
     filt = fit_levels(record, model.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels,
                       leftover.disturbance)
-    gain = filt.log_likelihood - _refilter(record, model).log_likelihood(fitted.filter.levels)
+    own = _refilter(record, model).log_likelihood(fitted.filter.levels)
+    gain = filt.log_likelihood - max(own, nothing_foreseen(record))
     return Leftover(leftover.disturbance, max(gain, leftover.gain))
 
 
@@ -122,7 +123,7 @@ def _refilter(record: Record, model: Model) -> Refilter:
 def _best_size(record: Record, model: Model, place: str, tau: float) -> Leftover:
     """The standard deviation that gains most: a coarse look, and where it gains anything a closer one."""
     levels, refilter = model.fit.filter.levels, _refilter(record, model)
-    base = refilter.log_likelihood(levels)
+    base = max(refilter.log_likelihood(levels), nothing_foreseen(record))
 
     def look(low: float, high: float) -> tuple[float, float, np.ndarray]:
         """(gain, size) of the best of LANES sizes, evenly over the logarithm, and the sizes beside it."""

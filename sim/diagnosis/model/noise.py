@@ -65,6 +65,19 @@ def bounds(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return np.append(low, [span[0] for span in spans]), np.append(high, [span[1] for span in spans])
 
 
+def nothing_foreseen(record: Record, counts: np.ndarray | None = None) -> float:
+    """Log-likelihood of a model that knows no more than the range of each channel: no log tells more nats against any
+    model than against this one.
+
+    counts  (n,) bool: rows that count, None: all
+    """
+    z, noise = record.z if counts is None else record.z[counts], declared(record)
+    count = np.isfinite(z).sum(axis=0)
+    span = [float(np.ptp(column[np.isfinite(column)])) if known else 1.0
+            for column, known in zip(record.z.T, np.isfinite(record.z).any(axis=0), strict=True)]
+    return -float(count @ np.log(np.maximum(span, noise[:3])))
+
+
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """Linear dynamics over a row, for covariances, and where noise enters.

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..causes import Cause, Hypothesis
 from ..data.record import Record
 from ..model.level_fit import fit_levels
-from ..model.noise import Dynamics, Filter, bounds, declared, dynamics, first_filter
+from ..model.noise import Dynamics, Filter, bounds, declared, dynamics, first_filter, nothing_foreseen
 from ..model.nuisance import Problem
 from ..model.point import DEVIATIONS, Point, innovations
 from .fit import Fit, fit
@@ -42,7 +42,8 @@ def penalty(record: Record, hypothesis: Hypothesis) -> float:
 
 def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
             mask: np.ndarray | None = None, fitted: Fit | None = None) -> Model:
-    """Causes and noise levels fitted in turn until neither brings anything.
+    """Causes and noise levels fitted in turn until neither brings anything; no less likely than where nothing is
+    foreseen.
 
     fitted  the causes' fit under `start`, where there is one
     """
@@ -57,7 +58,9 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
         if not better.log_likelihood > made.log_likelihood:
             break
         made = better
-    return made
+    if not math.isfinite(made.log_likelihood):
+        return made
+    return replace(made, log_likelihood=max(made.log_likelihood, nothing_foreseen(record, mask)))
 
 
 def given_back(model: Model) -> Model:
