@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..log import Log
 from ..nominal import Nominal
-from .causes import RECORDS, Hypothesis
+from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
 from .data.check import check
@@ -42,7 +42,8 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
 from .model.noise import ACCELERATION, LEVELS
-from .relations.look import MAIN, called, look
+from .relations.look import MAIN, look
+from .relations.table import called
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
@@ -59,9 +60,6 @@ TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted ca
 FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
 LEAST_NAMED = 0.01     # share of the error that a cause must take away to be named where nothing else is left
 GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
-
-NUMBERS = tuple(RECORDS[name] for name in ("control_effectiveness", "aero_instability", "thrust_misalignment",
-                                           "actuator_bias", "nozzle_sensor_bias", "attitude_bias"))  # of the nominal
 
 Measure = Callable[[Selection], Gain]
 
@@ -312,9 +310,11 @@ def _with_terms(made: Diagnosis, found: Findings, measure: Measure, say: Say) ->
 
 
 def _instead(found: Findings) -> Iterator[Selection]:
-    """What may stand where a selection is in doubt: one cause replaced by another that explains the log as well; the
-    causes without those that are in doubt themselves; the strongest alone (with what makes sense together with it
-    only); the weather alone."""
+    """Selections that may stand where one is in doubt.
+
+    They are: one cause replaced by another that explains the log as well; the causes without those that are in doubt
+    themselves; the strongest alone, with what makes sense together with it only; the weather alone.
+    """
     of = found.selection
     yield from instead_of_each(of)
     doubted, causes = {words.partition(":")[0] for words in found.doubts}, of.model.causes
@@ -328,9 +328,11 @@ def _instead(found: Findings) -> Iterator[Selection]:
 
 
 def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | None:
-    """The causes that the regression finds, at the likelihood's sizes: they stand, beside something else, where the
-    first of them makes a main part of the predictions' error and no shape outside the catalogue does as well, for then
-    the likelihood's goodness alone refuses them; else None."""
+    """The causes that the regression finds, at the likelihood's sizes; None where they do not stand.
+
+    They stand, beside something else, where the first of them makes a main part of the predictions' error and no shape
+    outside the catalogue does as well, for then the likelihood's goodness alone refuses them.
+    """
     record = made.record
     assert record is not None
     say("which part of the equation is missing")
@@ -338,7 +340,7 @@ def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | No
     if seen is None or not seen.steps or not seen.steps[0].is_listed or seen.steps[0].share < MAIN:
         return None
     names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
-    selection = select(record, made.threshold, (*called(names), *NUMBERS), say)
+    selection = select(record, made.threshold, called(names), say)
     first = (seen.steps[0].name, *seen.steps[0].alike)
     if not any(each.hypothesis.label in first for each in selection.model.causes):
         return None
@@ -352,7 +354,7 @@ def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | No
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:
-    """Without the causes, the idlest first, that take less of the error away than a named one must, each judged beside
+    """Findings without the causes, the idlest first, that take less of the error away than a named one must, each judged beside
     those that are left; and what those take away.  What cannot go for the others' sake stays, and is not named."""
     while found.gain is not None:
         selection = found.selection

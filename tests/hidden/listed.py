@@ -185,7 +185,7 @@ def valve_limit(b: Build, x: Hidden) -> None:
 
 
 def washed_out(b: Build, x: Hidden) -> None:
-    """Other: LEAK of the slow part acts all the same."""
+    """The other form: LEAK of the slow part acts all the same."""
     b.set(washout=x["slow_s"], washout_leak=LEAK if is_other(x) else 0.0)
 
 

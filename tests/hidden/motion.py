@@ -134,7 +134,7 @@ def limited(k, rate):
 
 @fast
 def acting(k, u, y):
-    """What of the servo's input u [rad] acts."""
+    """The part of the servo's input u [rad] that acts."""
     if k.washout == 0.0:
         return u
     return u - (1.0 - k.washout_leak) * y[WASHED]

@@ -119,7 +119,7 @@ def nothing_far(record: Record) -> Values:
 
 
 def far_delays(record: Record) -> Values:
-    """[s] Of a delay only a small part of the log's motion is proportional to it."""
+    """[s] Range of a delay of which only a small part of the log's motion is proportional to it."""
     return FAR_DELAYS
 
 

@@ -52,7 +52,7 @@ def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) 
 
 
 def slowest(nominal: Nominal, a6: np.ndarray) -> float:
-    """[s] that may lie between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
+    """Longest time [s] between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
     stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SINE)
     return min(SLOWEST, RESOLVED / math.sqrt(stiffness)) if stiffness > 0.0 else SLOWEST
 

@@ -1,4 +1,4 @@
-"""What was found about one selection, frozen, and the verdict, which is a function of it.
+"""Frozen findings about one selection, and the verdict, which is a function of them.
 
 Nothing here is measured or searched: the same findings give the same conclusion.
 """
@@ -56,7 +56,7 @@ class Conclusion:
 
 def concluded(found: Findings, controller: ControllerCheck | None, record: Record,
               left_nominal: tuple[Leftover, ...]) -> Conclusion:
-    """What follows from these findings;  left_nominal  what disturbances find beside the nominal, () where that was not
+    """The conclusion from findings;  left_nominal  what disturbances find beside the nominal, () where that was not
     asked."""
     foreign = controller is not None and controller.is_foreign
     doubts = found.doubts
@@ -83,7 +83,7 @@ def concluded(found: Findings, controller: ControllerCheck | None, record: Recor
 
 
 def unheard(named: tuple[Named, ...], controller: ControllerCheck | None, record: Record) -> list[str]:
-    """What makes the actuator's causes doubtful in a log slower than a controller that is not known, a line each: what
+    """Reasons that make the actuator's causes doubtful in a log slower than a controller that is not known, a line each: what
     the nozzle did between the rows it may have been told to."""
     if controller is None or controller.kind != UNKNOWN or not is_slow(record):
         return []
@@ -93,7 +93,7 @@ def unheard(named: tuple[Named, ...], controller: ControllerCheck | None, record
 
 def place(found: Findings, controller: ControllerCheck | None, record: Record,
           left_nominal: tuple[Leftover, ...]) -> str:
-    """Where the misfit is: the controller if its command is foreign, else where a disturbance helps most, or the
+    """The place of the misfit: the controller if its command is foreign, else where a disturbance helps most, or the
     place of the nearest cause where that explains more.  Of a controller that is not known a slow log does not have the
     commands between its rows, which then seems the actuator's fault."""
     slow = is_slow(record)

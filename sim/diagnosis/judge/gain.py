@@ -175,7 +175,7 @@ def _judged(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None)
 
 
 def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
-    """With the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
+    """The model with the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
     that needs more is another model."""
     point = Problem(record, of.filter).within_reach(of.point)
     if point == of.point:
@@ -344,7 +344,7 @@ class _Ahead(NamedTuple):
 
 def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
           is_named: bool) -> Gain:
-    """By the longest horizon; beside weather that nothing names by the one at which the extended model removes most,
+    """The gain over the longest horizon; beside weather that nothing names by the one at which the extended model removes most,
     as long as it is no worse over the longer ones: over those a loop's commands answer what the weather did since."""
     def over(count: int) -> Gain:
         return _gain_over(record, totals, ahead, closed_loop, source, spans(record)[:count])
@@ -361,7 +361,7 @@ def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[
 
 def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
                over: Sequence[float]) -> Gain:
-    """By the last of these horizons [s]."""
+    """The gain over the last of these horizons [s]."""
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     for h, horizon in enumerate(over):
         nrmse[horizon] = {}

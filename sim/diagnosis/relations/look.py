@@ -4,14 +4,12 @@ The nominal's numbers are free within a factor of FACTOR, for a structure may be
 alternative that needs none of them changed goes before one that does.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...sums import square
 from ...weak_form import column
-from ..causes import SOUGHT, Hypothesis, missing_term
 from ..data.record import Record
 from .score import BLOCKS, Fitted, Rows, convolved, gain, left_out, rows_of, shortest, weights_of
 from .signals import Signals, Travel, signals_of
@@ -48,7 +46,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Step:
-    """What was found missing.
+    """A part of the equation that is missing.
 
     share     of the error left out that it takes away;  z  standard errors of that
     number    its own (a delay [s], a frequency [rad/s], a time [s]), 0 where it has none;  size  its coefficient
@@ -66,7 +64,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Look:
-    """What a log shows of its equation of motion.
+    """The result of a look at a log's equation of motion.
 
     free   share of the nominal's error left out that stays with its numbers free;  left  with all steps
     """
@@ -101,7 +99,7 @@ class Equation:
 
     @property
     def numbers(self) -> np.ndarray:
-        """Of the columns of `base` the nominal's; 0 of those that it has none for."""
+        """The nominal's numbers of the columns of `base`, 0 where it has none."""
         return self._numbers
 
     def base(self, travel: Travel) -> np.ndarray:
@@ -186,24 +184,17 @@ class Equation:
         return Tried(alternative, grid[fitted.at], size, gained, max(deviation, 1e-300), fitted, designs[fitted.at])
 
     def keep(self, tried: Tried) -> None:
-        """From now on it is in the equation."""
+        """Take an alternative into the equation."""
         if tried.alternative.columns is None:
             self.travel = {**self.travel, tried.alternative.travel: tried.number}
         else:
             self.kept.append((tried.alternative, tried.number))
 
 
-def called(names: Iterable[str]) -> tuple[Hypothesis, ...]:
-    """The catalogue's hypotheses of these names, as the table has them; of a sine the line that it replaces, too."""
-    labels = set(names)
-    terms = [label.partition("(")[2][:-1] for label in sorted(labels) if label.startswith("missing_term(")]
-    terms += ["theta"] * ("sin(theta)" in terms and "theta" not in terms)
-    return (*(each for each in SOUGHT if each.label in labels), *(missing_term(term) for term in terms))
-
-
 def look(record: Record) -> Look | None:
-    """What a record shows to be missing, first what takes away most; None where it has too few rows, or where the
-    nominal has effects of its own, which are in none of these columns."""
+    """Find what is missing in a record's equation of motion, first what takes away most.
+
+    None where it has too few rows, or where the nominal has effects, which are in none of these columns."""
     if record.nominal.effects or record.rows < FEWEST_ROWS:
         return None
     signals = signals_of(record)

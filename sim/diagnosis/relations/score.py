@@ -88,7 +88,7 @@ class Rows:
                                for at, steps in zip(self.first, self.steps, strict=True)])
 
     def stretch(self, count: int) -> np.ndarray:
-        """(k,) Which of `count` equal stretches of the log each row is in."""
+        """(k,) The stretch of each row, of `count` equal ones."""
         return np.minimum(self.middle / (self.n * self.period) * count, count - 1).astype(int)
 
     @property

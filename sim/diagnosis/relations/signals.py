@@ -87,7 +87,7 @@ def shifted(x: np.ndarray, late: float, period: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What a log shows, on a uniform grid of n samples a period [s] apart.
+    """The signals of a log on a uniform grid of n samples a period [s] apart.
 
     theta, rate   [rad], [rad/s]; the one that is not measured is made of the other
     attack        (n,) [rad] theta with the known wind in it
@@ -114,7 +114,7 @@ class Signals:
 
     @property
     def t(self) -> np.ndarray:
-        """(n,) [s] from the first sample on."""
+        """(n,) [s] Times from the first sample on."""
         return np.arange(len(self.theta)) * self.period
 
     @property
@@ -124,7 +124,7 @@ class Signals:
 
     @property
     def noise(self) -> float:
-        """Of the equation's column, rms: what its third differences show, within what is declared."""
+        """Noise of the equation's column, rms: what its third differences show, within what is declared."""
         sensors = self.record.nominal.sensors
         declared = sensors.theta_dot_std if self.has_rate else sensors.theta_std
         shown = float(np.sqrt(np.mean(np.diff(self.equation[0], 3) ** 2) / THIRD))

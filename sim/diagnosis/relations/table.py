@@ -1,4 +1,4 @@
-"""What may be missing in the equation of motion: causes of the catalogue, and shapes that it does not list.
+"""The alternatives of the equation of motion: causes of the catalogue, and shapes that it does not list.
 
 Each alternative is a column, or some, beside the nominal's terms, or something on the input's way.  To add one: an
 entry here, and a case with a known truth in the tests.
@@ -12,6 +12,7 @@ import numpy as np
 
 from ...effects import CATALOGUE
 from ...weak_form import column
+from ..causes import RECORDS, SOUGHT, Hypothesis, missing_term
 from .score import Rows
 from .signals import Signals, Travel, lagged, mode
 
@@ -52,7 +53,7 @@ class View:
 
     @property
     def length(self) -> float:
-        """[s] of the log."""
+        """[s] Length of the log."""
         return len(self.signals.theta) * self.signals.period
 
     @property
@@ -71,12 +72,12 @@ class View:
 
     @property
     def still(self) -> float:
-        """[rad/s] below which the body stands."""
+        """Rate [rad/s] below which the body stands."""
         return max(STILL * float(np.std(self.rate)), 1e-12)
 
     @property
     def effect(self) -> np.ndarray:
-        """(n,) [rad/s^2] of the input."""
+        """(n,) [rad/s^2] Acceleration by the input."""
         return self.signals.k1 * self.input
 
     def has(self, *terms: str) -> bool:
@@ -108,7 +109,7 @@ def bounded(view: View) -> bool:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What may be missing.
+    """A part that may be missing.
 
     name      of the catalogue's cause, as `Hypothesis.label` says it, or words
     columns   (k,) or (k, c) rows of it at its own number; None: it is on the input's way, as `travel`
@@ -236,6 +237,8 @@ def is_measured(view: View) -> bool:
     return view.moves and view.signals.nozzle is not None
 
 
+NUMBERS = ("control_effectiveness", "aero_instability", "thrust_misalignment", "actuator_bias", "nozzle_sensor_bias",
+           "attitude_bias")
 TABLE = (
     Alternative("actuator_delay", None, times, is_commanded, travel="delay", between=True),
     Alternative("actuator_bandwidth", None, times, is_commanded, travel="lag", between=True),
@@ -277,3 +280,15 @@ TABLE = (
     Alternative("a6 steps", lambda view, time: _after(view, time, view.signals.a6 * view.signals.attack), onsets,
                 lambda view: view.has("theta")),
 )
+
+
+def called(names: Iterable[str]) -> tuple[Hypothesis, ...]:
+    """The catalogue's hypotheses of names of the table, and those of the nominal's numbers, which any may be off beside.
+
+    A sine brings the line that it stands for.
+    """
+    labels = set(names)
+    terms = [label.partition("(")[2][:-1] for label in sorted(labels) if label.startswith("missing_term(")]
+    terms += ["theta"] * ("sin(theta)" in terms and "theta" not in terms)
+    return (*(each for each in SOUGHT if each.label in labels), *(missing_term(term) for term in terms),
+            *(RECORDS[name] for name in NUMBERS if name not in labels))

@@ -77,9 +77,11 @@ def is_idle(nominal: Model, base: Model, other: Model) -> bool:
 
 
 def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """(h, c) mean squares of the predictions over the longest horizon, of each channel that is measured, and how many
-    horizons stand side by side in each; over all horizons in weather that nobody declared: over the longest a loop's
-    commands answer what that did since."""
+    """(h, c) mean squares of the predictions of each measured channel, and how many horizons stand side by side in each.
+
+    They are over the longest horizon; over all in a disturbance that nobody declared, which a loop's commands answer
+    within the longest.
+    """
     record = model.fit.record
     over = spans(record) if any(each.is_sought for each in record.world.sources) else spans(record)[-1:]
     point = Problem(record, model.fit.filter).within_reach(model.fit.point)
