@@ -130,7 +130,8 @@ def test_names_are_the_catalogue_s():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_row_of_a_wave_s_derivative_is_that_of_its_slope(order):
-    """The error is of fourth order in the step: a wave of ten samples a period, whose slope a difference quotient misses by 6 %."""
+    """The error is of fourth order in the step: a wave of ten samples a period, whose slope a difference quotient
+    misses by 6 %."""
     period, w = 0.01, 2.0 * math.pi / 0.1
     t = period * np.arange(41)
     by_parts = weights_of(order, 40, period) @ np.cos(w * t)

@@ -303,8 +303,8 @@ def test_lag_before_the_servo():
 
 
 def test_input_that_washes_out():
-    """The oracle is plain Python in steps a hundred times as fine: u - w -> servo, T w' = u - w; a step is gone after some
-    T."""
+    """The oracle is plain Python in steps a hundred times as fine: u - w -> servo, T w' = u - w; a step is gone after
+    some T."""
     time, w, zeta, fine = 0.4, 50.0, 0.7, 100
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("input_washout", time_constant=time)])
     b, r, slow, reference, h = 0.0, 0.0, 0.0, [], 0.001 / fine

@@ -354,8 +354,9 @@ def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | No
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:
-    """Findings without the causes, the idlest first, that take less of the error away than a named one must, each judged beside
-    those that are left; and what those take away.  What cannot go for the others' sake stays, and is not named."""
+    """Findings without the causes, the idlest first, that take less of the error away than a named one must, each
+    judged beside those that are left; and what those take away.  What cannot go for the others' sake stays, and is not
+    named."""
     while found.gain is not None:
         selection = found.selection
         shares = removed(selection.model, found.gain)

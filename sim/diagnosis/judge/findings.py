@@ -83,8 +83,8 @@ def concluded(found: Findings, controller: ControllerCheck | None, record: Recor
 
 
 def unheard(named: tuple[Named, ...], controller: ControllerCheck | None, record: Record) -> list[str]:
-    """Reasons that make the actuator's causes doubtful in a log slower than a controller that is not known, a line each: what
-    the nozzle did between the rows it may have been told to."""
+    """Reasons that make the actuator's causes doubtful in a log slower than a controller that is not known, a line
+    each: what the nozzle did between the rows it may have been told to."""
     if controller is None or controller.kind != UNKNOWN or not is_slow(record):
         return []
     return [f"{each.cause}: the commands between the rows are not known, since no gains make the logged ones"

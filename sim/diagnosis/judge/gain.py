@@ -175,8 +175,8 @@ def _judged(record: Record, fitted: Fit, start: Filter, mask: np.ndarray | None)
 
 
 def within(record: Record, of: Trained, mask: np.ndarray | None) -> Trained:
-    """The model with the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a nominal
-    that needs more is another model."""
+    """The model with the deviations of a6 and k1 that the tolerance allows, and the noise levels that go with them: a
+    nominal that needs more is another model."""
     point = Problem(record, of.filter).within_reach(of.point)
     if point == of.point:
         return of
@@ -344,8 +344,9 @@ class _Ahead(NamedTuple):
 
 def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
           is_named: bool) -> Gain:
-    """The gain over the longest horizon; beside weather that nothing names by the one at which the extended model removes most,
-    as long as it is no worse over the longer ones: over those a loop's commands answer what the weather did since."""
+    """The gain over the longest horizon; beside weather that nothing names by the one at which the extended model
+    removes most, as long as it is no worse over the longer ones: over those a loop's commands answer what the weather
+    did since."""
     def over(count: int) -> Gain:
         return _gain_over(record, totals, ahead, closed_loop, source, spans(record)[:count])
 

@@ -48,8 +48,8 @@ class Rival:
 
 
 def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
-    """The rival that explains more than the strongest cause (or the block that it is part of) in its place, by more than the best
-    of so many shapes does by chance, or is left beside it too much to be another thing; None: nothing.
+    """The rival that explains more than the strongest cause (or the block that it is part of) in its place, by more
+    than the best of so many shapes does by chance, or is left beside it too much to be another thing; None: nothing.
 
     Both under the filter of the model with the cause;  left  what disturbances find beside the model
     """

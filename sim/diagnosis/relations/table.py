@@ -283,7 +283,8 @@ TABLE = (
 
 
 def called(names: Iterable[str]) -> tuple[Hypothesis, ...]:
-    """The catalogue's hypotheses of names of the table, and those of the nominal's numbers, which any may be off beside.
+    """The catalogue's hypotheses of names of the table, and those of the nominal's numbers, which any may be off
+    beside.
 
     A sine brings the line that it stands for.
     """

@@ -77,7 +77,8 @@ def is_idle(nominal: Model, base: Model, other: Model) -> bool:
 
 
 def _errors(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """(h, c) mean squares of the predictions of each measured channel, and how many horizons stand side by side in each.
+    """(h, c) mean squares of the predictions of each measured channel, and how many horizons stand side by side in
+    each.
 
     They are over the longest horizon; over all in a disturbance that nobody declared, which a loop's commands answer
     within the longest.
