@@ -73,7 +73,8 @@ def test_a_gyro_that_saturates_is_no_scale_factor(ceiling):
     ("plant", 1.0 + UNLIKE - KEPT + 0.02, UNLIKE + 0.01, True),
     ("plant", 1.0 + UNLIKE - KEPT - 0.02, UNLIKE + 0.01, False),
     ("actuator", 0.2, UNLIKE + 0.01, True), ("actuator", 0.2, UNLIKE - 0.01, False),   # the servo itself is bent
-    ("plant", 0.95, UNLIKE - 0.01, False), ("plant", 1.1, UNLIKE - 0.01, True)])
+    ("plant", 0.85, UNLIKE - 0.01, False), ("plant", 0.95, UNLIKE - 0.01, True),
+    ("plant", 0.95, 0.0, False)])
 def test_a_shape_left_elsewhere_is_no_rival_of_a_cause_that_keeps_half_beside_it(monkeypatch, place, alone, beside,
                                                                                  told):
     """A delay and a bent spring are two things.  Of what a cause explains, it keeps 1 + beside - alone where the shape
@@ -293,6 +294,7 @@ def sizes_searched(monkeypatch, gain):
         [gain(math.log(size)) for size in sizes]))
     monkeypatch.setattr(leftover_module, "_refilter", lambda *given: refilter)
     monkeypatch.setattr(leftover_module, "largest", lambda record, place: 0.3)
+    monkeypatch.setattr(leftover_module, "nothing_foreseen", lambda record: -math.inf)
     model = SimpleNamespace(fit=SimpleNamespace(filter=SimpleNamespace(levels=None)))
     return leftover_module._best_size(None, model, "plant", 2.0)
 
@@ -333,7 +335,10 @@ def test_what_is_left_gains_at_least_what_it_did_under_the_old_noise(monkeypatch
     monkeypatch.setattr(leftover_module, "fit_levels", lambda *given: filt)
     monkeypatch.setattr(leftover_module, "_refilter", lambda *given: SimpleNamespace(log_likelihood=lambda levels: 4.0))
     model = SimpleNamespace(fit=SimpleNamespace(innovations=None, filter=filt), dynamics=None)
-    assert [leftover_module._relevelled(None, model, left(gain)).gain for gain in (2.5, 3.5)] == [3.0, 3.5]
+    for nothing, gains in ((-math.inf, [3.0, 3.5]), (4.2, [2.8, 3.5])):   # and no more than beside a log of nothing
+        monkeypatch.setattr(leftover_module, "nothing_foreseen", lambda record, nothing=nothing: nothing)
+        assert [leftover_module._relevelled(None, model, left(gain)).gain for gain in (2.5, 3.5)] == \
+            pytest.approx(gains)
 
 
 # ---- noise

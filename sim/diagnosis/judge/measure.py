@@ -19,6 +19,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
     DOMINANT.line       the same of a line, which is a cause itself and was not one    meaning only
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
+    outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
     outdone.UNLIKE      share of it that a shape may leave at its own place            meaning only: |cos| below 0.95
     outdone.KEPT        share of it that must be its own beside a shape elsewhere      meaning only: more than half
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals

@@ -21,6 +21,7 @@ from .shapes import line_gain, ramp_gain, shape_gains, swell_gain, swing_gain
 
 ODDS = math.log(5.0)   # nats: a cause of the catalogue is so many times as common as its one twin that is none
 RARE = math.log(1e4)  # nats
+PARALLEL = 0.9  # of what a cause explains, |cos|^2 of 0.95: a shape that is left and explains so much is its rival
 RAMP_NUMBERS = 2  # that a straight line in time has
 UNLIKE = 0.1    # of what a cause explains: a shape that leaves more is another thing, if it is of another place and the
 KEPT = 0.5      # cause keeps so much of what it explains beside it; else the cause's own part does something else
@@ -49,7 +50,7 @@ class Rival:
 
 def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     """The rival that explains more than the strongest cause (or the block that it is part of) in its place, by more
-    than the best of so many shapes does by chance, or is left beside it too much to be another thing; None: nothing.
+    than the best of so many shapes does by chance, or nearly as much and is left beside it; None: nothing.
 
     Both under the filter of the model with the cause;  left  what disturbances find beside the model
     """
@@ -73,8 +74,9 @@ def outdone(selection: Selection, left: tuple[Leftover, ...]) -> Rival | None:
     for place, shape, _, gain in shape_gains(problem, base):
         margin = ODDS if cause.hypothesis.imitated == (place, shape) else SHAPE_LIMIT
         beside = remaining.get((place, shape), 0.0)
-        if gain > own + margin or (beside > UNLIKE * own and (PLACE_OF[place] == cause.hypothesis.where
-                                                              or own + beside - gain < KEPT * own)):
+        if gain > own + margin or (beside > 0.0 and gain > PARALLEL * own) or \
+                (beside > UNLIKE * own and (PLACE_OF[place] == cause.hypothesis.where
+                                            or own + beside - gain < KEPT * own)):
             share = gain / own if own > 0.0 else math.inf  # of nothing, any
             return Rival(cause.hypothesis.cause, place, shape, share)
     return None
