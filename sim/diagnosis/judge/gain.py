@@ -344,9 +344,11 @@ class _Ahead(NamedTuple):
 
 def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
           is_named: bool) -> Gain:
-    """The gain over the longest horizon; beside weather that nothing names by the one at which the extended model
-    removes most, as long as it is no worse over the longer ones: over those a loop's commands answer what the weather
-    did since."""
+    """The gain over the longest horizon, or beside weather that nothing names over that at which most is removed.
+
+    That is the case as long as it is no worse over the longer ones: over those a loop's commands answer what the
+    weather did since.
+    """
     def over(count: int) -> Gain:
         return _gain_over(record, totals, ahead, closed_loop, source, spans(record)[:count])
 
