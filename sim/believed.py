@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from launchid_core import SLOWEST, Model
+from launchid_core.model import SERVO
 
 from .effects import values
 from .errors import InputError
@@ -82,7 +83,8 @@ def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
     bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
                           if effect.name == "actuator_bandwidth")
     return {"natural_frequency": actuator.natural_frequency * bandwidth, "damping_ratio": actuator.damping_ratio,
-            "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay}
+            "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay,
+            **{f"{name}_sigma": getattr(actuator, f"{name}_sigma") for name in SERVO}}
 
 
 def _known(nominal: Nominal) -> dict[str, Any]:

@@ -9,6 +9,9 @@ from ..filter.belief import (
     AT_BETA,
     AT_THETA,
     COV,
+    DAMPING,
+    DELAY,
+    FREQUENCY,
     K1,
     MEAN_A6,
     MEAN_K1,
@@ -18,6 +21,7 @@ from ..filter.belief import (
     profile_at,
 )
 from ..filter.states import LAST, N_STATES
+from ..filter.unknown_servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from .changes import (
@@ -122,6 +126,24 @@ def report_air(belief, air, fil, total, contradicted, rep):
         known = air_at(air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
         report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
         rep.air[0] += known
+
+
+@inner
+def report_servo(belief, fil, contradicted, rep):
+    """What the flight has said so far of a servo that is not known, as numbers with their standard deviations.
+
+    Of samples slower than the controller the commands between are not known, nor when they came: so much less the
+    delay is.
+    """
+    rep.actuator[:, :] = np.nan
+    constant, servo = belief.constant, fil.servo
+    unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
+    for j in range(belief.size.servo):
+        if contradicted:
+            continue
+        scale = belief.servo[j] * unit[j]
+        rep.actuator[j, 0] = (constant[DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
+        rep.actuator[j, 1] = scale * std_of(belief.size, servo, j)
 
 
 @inner
