@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 
 from launchid_core import SLOWEST, Model
-from launchid_core.model import SERVO
 
 from .effects import values
 from .errors import InputError
 from .flight import parameters
 from .nominal import Nominal
-from .sections import Actuator
+from .sections import SERVO, Actuator
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6

@@ -61,8 +61,8 @@ from .states import (
     RUNNING,
     SEGMENTS,
 )
-from .unknown_servo import acting_commands, add_change, drive_servo
 from .transition import add_process_noise, advance_state, carry, congruence, drive_terms, drive_tests, fill_transition
+from .unknown_servo import acting_commands, add_change, drive_servo
 
 UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without our knowing, if no command is logged
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro

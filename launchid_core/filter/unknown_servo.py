@@ -27,7 +27,7 @@ import numpy as np
 from ..algebra.linsolve import absorb_rows
 from ..kernels import inner
 from ..model import SERVO
-from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, PERIOD, TIME_CONSTANT
+from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, MISSING, PERIOD, TIME_CONSTANT
 from .servo import GAMMA, J1, J2, PHI, SAME_STEP, STEP, set_servo_step
 from .states import MAX_DELAY_SAMPLES, N_CHANNELS, N_STATES
 
@@ -157,8 +157,10 @@ def acting_commands(belief, fil):
 @inner
 def drive_servo(belief, fil, work, k1, u, change):
     """Effect of a unit of each deviation on the state over the step, into work.servo_drive (servo, 4); none where the
-    command is not known (`change` NaN): what the nozzle does then says nothing of the servo."""
+    command is not known, as between samples slower than the controller: what the nozzle does then says nothing of the
+    servo."""
     x = fil.x
+    is_known = belief.constant[MISSING] == 0.0 and not np.isnan(change)
     for j in range(belief.size.servo):
         response = fil.servo.response[1 + j]
         ratio = 1.0 if j == BY_DELAY else fil.step[STEP] / belief.constant[PERIOD]
@@ -167,7 +169,7 @@ def drive_servo(belief, fil, work, k1, u, change):
                               + response[i, CHANGE] * change)
             if i < 2:
                 effect *= k1
-            work.servo_drive[j, i] = 0.0 if np.isnan(change) else effect
+            work.servo_drive[j, i] = effect if is_known else 0.0
 
 
 @inner
@@ -381,6 +383,8 @@ def move_servo(belief, fil, work):
     speed = 1.0 / time if time > 0.0 else number[BY_FREQUENCY]
     unit = (1.0, belief.constant[DAMPING], speed)
     for j in range(size.servo):
+        if belief.servo[j] == 0.0:
+            continue
         step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
         moved = step * belief.servo[j] * unit[j]
         square += moved * moved

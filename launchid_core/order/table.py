@@ -64,13 +64,15 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **f
     states = N_STATES + nuisances if levels else 0
     sensitivities = states + terms + servo + N_TESTS
     is_known = levels > 0 and nuisances == 0
-    return Size(terms, states, nuisances, levels, servo, servo + 1 if servo else 0, sensitivities, columns=sensitivities + 1, pair=states + 3,
-                wider=terms + PAIR, learned=terms + 1, gust=states + 2 if nuisances else 0,
-                undeclared=un.SIZE if is_known else 0,
+    responses = servo + 1 if servo else 0
+    return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
+                columns=sensitivities + 1, pair=states + 3, wider=terms + PAIR, learned=terms + 1,
+                gust=states + 2 if nuisances else 0, undeclared=un.SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
 
-LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.SIZE)  # the extents of every record
+# the extents of every record
+LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.SIZE)
 
 
 class Grown(NamedTuple):
@@ -219,7 +221,7 @@ UNKNOWN_SERVO = struct(
     ("root", F8, ("servo", "servo"), "of the estimate's covariance"),
     ("mean", F8, ("servo",), "estimate: frequency, damping, delay"),
     ("about", F8, ("servo",), "that the filter is linearised about"),
-    ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the time step that comes next [s]"),
+    ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the next time step [s]"),
     ("response", F8, ("responses", N_STATES, N_STATES), "of a step, and its derivatives"))
 
 FILTER = struct(

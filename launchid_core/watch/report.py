@@ -130,11 +130,7 @@ def report_air(belief, air, fil, total, contradicted, rep):
 
 @inner
 def report_servo(belief, fil, contradicted, rep):
-    """What the flight has said so far of a servo that is not known, as numbers with their standard deviations.
-
-    Of samples slower than the controller the commands between are not known, nor when they came: so much less the
-    delay is.
-    """
+    """What the flight has said so far of a servo that is not known, as numbers with their standard deviations."""
     rep.actuator[:, :] = np.nan
     constant, servo = belief.constant, fil.servo
     unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
