@@ -106,8 +106,9 @@ def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[li
 
 
 @needs_compiler  # of every formulation, solver and part of the filter one
-@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-functions",
-                                      "measured-stls", "difference-sr3", "integral-ssr", "integral-lasso", "lpv"))
+@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-servo",
+                                      "filtered-functions", "measured-stls", "difference-sr3", "integral-ssr",
+                                      "integral-lasso", "lpv"))
 def test_a_flight_gives_the_same_bits(name, tmp_path):
     config = CONFIGS[name]
     samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",

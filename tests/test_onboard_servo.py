@@ -142,7 +142,7 @@ def test_of_a_known_servo_nothing_is_estimated_and_no_word_is_kept():
 
 
 def test_a_servo_that_is_all_but_known_is_as_a_known_one():
-    """But for the first step: where the delay is doubted the command before the first sample matters, which none has."""
+    """But for the first step: where the delay is doubted the command before the first sample matters."""
     tiny = with_servo(natural_frequency_sigma=1e-9, damping_ratio_sigma=1e-9, delay_sigma=1e-11)
     flight = [s for s in fly_whole(CONSTANT, 4).samples() if s.t < SECONDS]
     one, two = (Estimator(config(nominal)).replay(flight) for nominal in (CONSTANT, tiny))

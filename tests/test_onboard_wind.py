@@ -32,6 +32,7 @@ from launchid_core.gate import ring as rb
 from launchid_core.gate.window import STATUS
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
+from launchid_core.status import EstimateStatus
 from launchid_core.watch import changes as ch
 from sim.effects import from_text
 from sim.errors import InputError
@@ -785,13 +786,13 @@ def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
     assert abs(work.deviation) == pytest.approx([std, std, abs(correlation)], rel=1e-9)
     assert work.coefficient == pytest.approx([0.1, -0.2], rel=1e-9)
     found = report_window(belief, cut.apart["profile"], cut.state, work, 2.5)
-    assert ft.EstimateStatus(found).name == status
+    assert EstimateStatus(found).name == status
     number = cut.state.outcome.number
     assert (number[ft.O_A6_BOUND], number[ft.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
     if status == "OK":
         assert (number[ft.O_A6], number[ft.O_K1]) == pytest.approx((2.2, -5.6))
     cut.state.check.flag[wh.IN_WINDOW] = 1
-    contradicted = ft.EstimateStatus(report_window(belief, cut.apart["profile"], cut.state, work, 2.5)).name
+    contradicted = EstimateStatus(report_window(belief, cut.apart["profile"], cut.state, work, 2.5)).name
     assert contradicted == ("LOW_INFORMATION" if status == "LOW_INFORMATION" else "MODEL")
 
 
