@@ -105,6 +105,8 @@ class Estimate:
     uncertainty          the uncertainty level (a model with sigma), else None
     wind, wind_std [rad] all of the wind angle at t_end (a model with wind), else NaN
     offsets              what the model does not know, by its name in `Model`, at t_end
+    actuator             the servo's natural_frequency [rad/s], damping_ratio and delay [s], each with its standard
+                         deviation, at t_end, from all data so far (a model with a sigma of it, else None)
     whiteness            p-value of the innovations until t_end, were the model true (formulation `filtered`), else NaN
     absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
                          from the active ones; read-only
@@ -134,6 +136,7 @@ class Estimate:
     wind: float = math.nan
     wind_std: float = math.nan
     offsets: Mapping[str, Offset] = field(default_factory=dict)
+    actuator: Mapping[str, Offset] | None = None
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
     terms_std: Mapping[str, float] = field(default_factory=dict)

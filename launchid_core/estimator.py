@@ -14,7 +14,7 @@ from .filter.belief import A6
 from .filter.states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .gate import ring as rb
 from .gate import window as wn
-from .model import OFFSETS, Model
+from .model import OFFSETS, SERVO, Model
 from .order.assembly import allocate
 from .order.entries import calls_of
 from .sample import NAN, Sample
@@ -168,6 +168,7 @@ class Estimator:
             rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._memory.size.ranged == 0 else _uncertainty(report),
+            actuator=None if report is None else _actuator(report, self.config.model),
             whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)))
 
     def changes(self) -> tuple[Change, ...]:
@@ -243,6 +244,13 @@ def _air(report: Any, model: Model | None) -> dict[str, Any]:
     offsets = {name: Offset(*_numbers(report.offset[k])) for k, name in enumerate(OFFSETS)
                if getattr(model, name) > 0.0}
     return {"wind": wind, "wind_std": wind_std, "offsets": MappingProxyType(offsets)}
+
+
+def _actuator(report: Any, model: Model | None) -> Mapping[str, Offset] | None:
+    """The servo out of a report; None where it is known."""
+    if model is None or not model.servo_sigma:
+        return None
+    return MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)})
 
 
 def _uncertainty(report: Any) -> Uncertainty:

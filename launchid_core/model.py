@@ -13,13 +13,15 @@ OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzl
 N_OFFSETS = len(OFFSETS)
 MAX_NUISANCES = len(WIND_NOISES) + N_OFFSETS
 MAX_LEVELS = N_NOISES + len(WIND_NOISES)
+SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may be unknown
 # what a nuisance state is: the wind's two parts, then OFFSETS
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
 
 
 NODES = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"), "forecast_t": ("forecast",),
          "drift_t": ("drift_alpha", "drift_beta")}
-AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS)
+AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
+                 *(f"{name}_sigma" for name in SERVO))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +33,8 @@ class Model:
     natural_frequency [rad/s], damping_ratio, delay [s]  beta_ddot = w^2 (u(t - delay) - beta) - 2 zeta w beta_dot
     time_constant [s]      of a first-order actuator, beta_dot = (u(t - delay) - beta)/time_constant; 0: second order,
                            else natural_frequency and damping_ratio are not used
+    natural_frequency_sigma, damping_ratio_sigma, delay_sigma [s]  one sigma of what is not known of the servo before
+                           the flight, of frequency and damping relative; 0: known.  Any above 0: it is estimated
     theta_std [rad], theta_dot_std [rad/s], beta_std [rad]  white sensor noise, one draw per sample
     command_noise_std [rad], acceleration_noise_std [rad/s^2]  process noise, one draw per `noise_period`
     noise_period [s]       how long a draw of the process noise is held
@@ -91,6 +95,9 @@ class Model:
     command_gain: float = 1.0
     command_offset: float = 0.0
     known_damping: float = 0.0
+    natural_frequency_sigma: float = 0.0
+    damping_ratio_sigma: float = 0.0
+    delay_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         for nodes, values in NODES.items():
@@ -112,6 +119,10 @@ class Model:
                 allowed, words = value > 0.0, " above 0"
             if not (math.isfinite(value) and allowed):
                 raise ValueError(f"{field.name}={value!r}: expected a finite number{words}")
+
+        if self.time_constant > 0.0 and self.natural_frequency_sigma + self.damping_ratio_sigma > 0.0:
+            raise ValueError(f"time_constant={self.time_constant!r}: a first-order actuator has no natural_frequency "
+                             "and no damping_ratio: expected a delay_sigma alone")
 
     def _require_nodes(self, nodes: str, names: tuple[str, ...]) -> None:
         """Increasing times, and as many finite numbers of each name; a range sigma is above 0."""
@@ -138,6 +149,12 @@ class Model:
         wind = [(WALK, self.walk > 0.0 or self.wind_initial > 0.0), (TURBULENCE, self.turbulence > 0.0)]
         constants = [(MISALIGNMENT + k, getattr(self, name) > 0.0) for k, name in enumerate(OFFSETS)]
         return tuple(role for role, there in wind + constants if there)
+
+    @property
+    def servo_sigma(self) -> tuple[float, ...]:
+        """One sigma of what is not known of SERVO; empty where all of it is known."""
+        sigma = tuple(getattr(self, f"{name}_sigma") for name in SERVO)
+        return sigma if any(sigma) else ()
 
     def spread(self, role: int) -> float:
         """Standard deviation of a nuisance at the first sample."""

@@ -11,7 +11,7 @@ from .effects import values
 from .errors import InputError
 from .flight import parameters
 from .nominal import Nominal
-from .sections import Actuator
+from .sections import SERVO, Actuator
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
@@ -82,7 +82,8 @@ def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
     bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
                           if effect.name == "actuator_bandwidth")
     return {"natural_frequency": actuator.natural_frequency * bandwidth, "damping_ratio": actuator.damping_ratio,
-            "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay}
+            "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay,
+            **{f"{name}_sigma": getattr(actuator, f"{name}_sigma") for name in SERVO}}
 
 
 def _known(nominal: Nominal) -> dict[str, Any]:

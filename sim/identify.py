@@ -19,14 +19,15 @@ from .lacking import Lack
 from .log import Log
 from .nominal import Nominal
 from .running import run
-from .sections import Offsets
-from .shown import slow_hint, with_std
+from .sections import SERVO, Offsets
+from .shown import servo_lines, slow_hint, with_std
 from .weak_form import near_all
 
 __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
-           "report_of", "run", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
+           "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
+NO_SERVO: dict[str, Any] = {name: {"value": None, "std": None} for name in SERVO}  # the model is contradicted
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "restarts of the filter",
                 "LEVEL_CLAMP": "noise-level steps limited (normal at the start)",
@@ -93,6 +94,25 @@ def log_config(log: Log, nominal: Nominal | None, window: float | str, formulati
         raise UsageError(f"{error}{slow_hint(log.period)}") from None
 
 
+def servo_note(log: Log, nominal: Nominal | None, config: Config) -> tuple[str, ...]:
+    """A note of what a log cannot tell of a servo of which [actuator] gives a sigma."""
+    servo = None if nominal is None else nominal.actuator
+    if nominal is None or servo is None or servo.is_known:
+        return ()
+    there = log.in_range("beta_cmd") & log.in_range("beta") if "beta_cmd" in log.columns else np.zeros(0, bool)
+    if not there.any():
+        lacking = "column beta_cmd is missing: without the command"
+    elif np.array_equal(log.beta[there], log.beta_cmd[there]):
+        lacking = "column beta is the command itself: without a sensor of the nozzle"
+    elif config.missing_commands > 0.0:
+        lacking = "slower than the controller: without the commands between its rows"
+    else:
+        return ()
+    names = ", ".join(name for name in SERVO if getattr(servo, f"{name}_sigma") > 0.0)
+    return (f"{log.path}: {lacking} nothing is known of the servo's {names} but what {nominal.path} declares; log it, "
+            "or declare the servo known",)
+
+
 def whole_log(rows: int, period: float, t_first: float, t_last: float) -> dict[str, float]:
     """Config fields `window` and `sample_period` that make one window of a whole log."""
     span = max(t_last - t_first, period)
@@ -113,7 +133,8 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
             "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
             "terms": {term: number(value) for term, value in active},
             "terms_std": {term: number(std) for term, std in estimate.terms_std.items()},
-            "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate)}
+            "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate),
+            **actuator_json(estimate)}
 
 
 def air_json(estimate: Estimate) -> dict[str, Any]:
@@ -121,6 +142,14 @@ def air_json(estimate: Estimate) -> dict[str, Any]:
     return {"wind": number(estimate.wind), "wind_std": number(estimate.wind_std),
             "offsets": {name: {"value": number(offset.value), "std": number(offset.std)}
                         for name, offset in estimate.offsets.items()}}
+
+
+def actuator_json(estimate: Estimate) -> dict[str, Any]:
+    """The servo at t_end, from all data so far, where it is estimated."""
+    if estimate.actuator is None:
+        return {}
+    return {"actuator": {name: {"value": number(each.value), "std": number(each.std)}
+                         for name, each in estimate.actuator.items()}}
 
 
 def tracked_json(estimate: Estimate) -> dict[str, Any]:
@@ -169,6 +198,9 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         said["why"] = why(windows)
     if config.model is not None and (asked := next_step(windows, config.model)):
         said["next"] = asked
+    known = [window["actuator"] for window in windows if window.get("actuator", NO_SERVO) != NO_SERVO]
+    if config.model is not None and not all(getattr(config.model, f"{name}_sigma") == 0.0 for name in SERVO):
+        said["actuator"] = known[-1] if known else NO_SERVO
     changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
     return {"windows": windows, **changes, **said,
             "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
@@ -281,6 +313,7 @@ def table(result: dict[str, Any]) -> str:
         before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
                      f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
+    lines += servo_lines(result.get("actuator", {}))
     lines += [result[words] for words in ("why", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"

@@ -83,12 +83,15 @@ def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
 
 
 def _without_air(estimate: Estimate) -> Estimate:
-    """The estimate without wind, offsets and tracked estimate, as while the model is contradicted."""
+    """The estimate without wind, offsets, servo and tracked estimate, as while the model is contradicted."""
     nan = math.nan
     tracked = estimate.tracked
     if tracked is not None:
         tracked = tracked._replace(valid=False, **dict.fromkeys(tracked._fields[1:], nan))
-    return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, tracked=tracked)
+    servo = estimate.actuator
+    if servo is not None:
+        servo = {name: each._replace(value=nan, std=nan) for name, each in servo.items()}
+    return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, actuator=servo, tracked=tracked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,6 +96,9 @@ class Offsets:
         return self == Offsets()
 
 
+SERVO = ("natural_frequency", "damping_ratio", "delay")  # of what [actuator] may give a sigma
+
+
 @dataclass(frozen=True)
 class Actuator:
     """beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, or, with a time constant T, beta_dot = (u - beta)/T; u the

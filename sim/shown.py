@@ -38,6 +38,18 @@ def _last_digit(std: float) -> tuple[float, int]:
     return rounded, DIGITS - 1 - math.floor(math.log10(rounded) + 1e-12)
 
 
+def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
+    """The servo in one line, where it was estimated: a JSON's natural_frequency [rad/s], damping_ratio and delay [s],
+    each with its standard deviation."""
+    if not any(each["std"] for each in actuator.values()):
+        return []
+    w, damping, delay = ((actuator[name]["value"], actuator[name]["std"])
+                         for name in ("natural_frequency", "damping_ratio", "delay"))
+    late = with_std(*(None if x is None else 1e3 * x for x in delay))
+    return [f"servo as estimated: {with_std(*w)} rad/s, damping ratio {with_std(*damping)}, delay {late} ms "
+            f"({PLUS_MINUS})"]
+
+
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
     """The lines, the first with a `+-` saying what stands behind it."""
     first = next((k for k, line in enumerate(lines) if " +- " in line), None)

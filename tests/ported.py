@@ -86,6 +86,17 @@ def rough(**choices) -> Config:
     return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **ROUGH)), **choices)
 
 
+UNSURE = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
+
+
+def unsure(**choices) -> Config:
+    """The constant nominal with a servo that is not known."""
+    nominal = load_nominal("constant")
+    assert nominal.actuator is not None
+    servo = dataclasses.replace(nominal.actuator, **UNSURE)
+    return filtered(model=onboard_model(dataclasses.replace(nominal, actuator=servo)), **choices)
+
+
 def regression(formulation: str, **choices) -> Config:
     return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
                   | choices)
@@ -98,6 +109,7 @@ CONFIGS = {
     "filtered-vega-range": filtered("vega_like", True, window=5.0),
     "filtered-terms": filtered(library="quadratic", window=5.0),
     "filtered-wind": rough(window=10.0),
+    "filtered-servo": unsure(),
     "filtered-declared": filtered(noise="declared"),
     "measured-stls": regression("measured", compression=3),
     "difference-sr3": regression("difference", solver="sr3", compression=2),

@@ -63,7 +63,8 @@ def window_words(e: Estimate) -> list[str]:
         words += [bits(value), str(int(active))]
     tracked = e.tracked or (False, *(NAN,) * 5)
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
-    return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets))]
+    servo = [x for each in e.actuator.values() for x in each] if e.actuator else [NAN] * 6
+    return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets, *servo))]
 
 
 def level_words(e: Estimate) -> list[list[str]]:
@@ -105,8 +106,9 @@ def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[li
 
 
 @needs_compiler  # of every formulation, solver and part of the filter one
-@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-functions",
-                                      "measured-stls", "difference-sr3", "integral-ssr", "integral-lasso", "lpv"))
+@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-servo",
+                                      "filtered-functions", "measured-stls", "difference-sr3", "integral-ssr",
+                                      "integral-lasso", "lpv"))
 def test_a_flight_gives_the_same_bits(name, tmp_path):
     config = CONFIGS[name]
     samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",

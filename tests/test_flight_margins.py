@@ -412,11 +412,6 @@ def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow
     assert found.to_json() == launchid.margins(slow, unsure()).to_json()
 
 
-def test_identify_says_that_it_takes_the_servo_as_known(slow):
-    with pytest.warns(launchid.DataWarning, match="identify takes the servo as known"):
-        launchid.identify(slow, unsure(), window=5.0)
-
-
 # ---- the command, the picture
 
 

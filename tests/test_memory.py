@@ -24,6 +24,8 @@ WINDY = dataclasses.replace(
     CALM, wind=Wind(walk=0.005, turbulence=0.005),
     offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
                     moment=1e-3))
+UNSURE = dataclasses.replace(CALM, actuator=dataclasses.replace(
+    CALM.actuator, natural_frequency_sigma=0.3, damping_ratio_sigma=0.3, delay_sigma=0.02))
 TURBULENT = dataclasses.replace(CALM, wind=Wind(turbulence=0.005))
 
 
@@ -39,6 +41,7 @@ CONFIGS = {
     "range": filtered(model=ranged_model(CALM)),
     "terms": filtered(library="quadratic"),
     "wind": filtered(WINDY),
+    "servo": filtered(UNSURE),
 }
 
 
@@ -92,7 +95,7 @@ def test_a_word_outside_the_extents_in_use_that_flips_is_seen_and_forgotten(name
 
 def test_the_extents_in_use_never_exceed_the_largest():
     """The largest library, every nuisance, every level."""
-    largest = filtered(WINDY, library=polynomial(5)[:MAX_TERMS])
+    largest = filtered(dataclasses.replace(WINDY, actuator=UNSURE.actuator), library=polynomial(5)[:MAX_TERMS])
     for config in (largest, *CONFIGS.values()):
         for name, number in size_of(config)._asdict().items():
             assert number <= getattr(LARGEST, name) or name in CHOICES, name

@@ -20,6 +20,7 @@ from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, 
 from .disturbances import spread_at
 from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, RESTARTS, RUNNING
+from .unknown_servo import doubt_of, first_column, note_servo
 from .whiteness import forget_blocks, note_innovation, note_loss
 
 BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least
@@ -39,10 +40,12 @@ ROWS, SAMPLES, GAPS = range(3)
 
 @inner
 def start_window(size, acc):
-    """Forget the window's information but for the weak prior on the terms."""
+    """Forget the window's information but for the weak prior on the terms, and what was declared of the servo."""
     acc.window[:, :] = 0.0
     for j in range(size.states, size.states + size.terms):
         acc.window[j, j] = WEAK_PRIOR
+    for j in range(size.servo):
+        acc.window[first_column(size) + j, first_column(size) + j] = 1.0
     set_identity(size, acc.psi)
     acc.counts[SAMPLES] = 0
     acc.counts[GAPS] = 0
@@ -71,6 +74,8 @@ def believe_nuisances(belief, fil, acc, t):
         for j in range(n, last):
             acc.window[k, j] = w * fil.s[k, j]
         acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
+        for j in range(belief.size.servo):
+            acc.window[k, last] += w * fil.s[k, first_column(belief.size) + j] * fil.servo.about[j]
 
 
 @inner
@@ -112,6 +117,13 @@ def reduce_block(size, acc, rows, work, theta, beta):
         pair[n + 2, i] = work.triangle[i, c - 1]
     work.pair[:, :] = 0.0
     absorb_rows(work.pair[:], pair, width, c)
+    reduce_pair(size, work)
+
+
+@inner
+def reduce_pair(size, work):
+    """The triangle of (theta, beta), state known, out of that of (offset, theta, beta)."""
+    width, n = size.pair, size.states
     known = work.scratch[:3 * (width - 1)].reshape((3, width - 1))
     for i in range(width - 1):
         for j in range(3):
@@ -121,8 +133,11 @@ def reduce_block(size, acc, rows, work, theta, beta):
 
 
 @inner
-def absorb_block(size, acc, work):
-    """Add the block to the window's information, its offset carried back to the window's start."""
+def absorb_block(size, acc, work, about):
+    """Add the block to the window's information, its offset carried back to the window's start.
+
+    about (servo,)  in  deviations of the servo that its rows are linearised about
+    """
     width, n = size.columns, size.states
     copy = work.scratch[:width * width].reshape((width, width))
     for i in range(width):
@@ -133,6 +148,8 @@ def absorb_block(size, acc, work):
             copy[c, i] = value
         for c in range(n, width):
             copy[c, i] = work.triangle[i, c]
+        for j in range(size.servo):
+            copy[width - 1, i] += work.triangle[i, first_column(size) + j] * about[j]
     absorb_rows(acc.window[:], copy, width, width)
 
 
@@ -186,7 +203,7 @@ def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap)
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
         partner = belief.partner[channel]
-        if is_outlier(fil, channel, partner, z, r):
+        if is_outlier(fil, channel, partner, z, r + doubt_of(belief, fil, channel, partner)):
             continue
         e, variance = correct(belief.size, fil, work, channel, partner, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
@@ -196,8 +213,9 @@ def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap)
         rows[last, k] = (e + work.out[theta] * fil.p_bar[A6] + work.out[beta] * fil.p_bar[K1]) * scale
         acc.counts[ROWS] = k + 1
         note_innovation(check, channel, e * scale, work.out[theta] * scale, work.out[beta] * scale)
+        note_servo(belief, check, channel, work.out[:], scale)
     acc.counts[SAMPLES] += 1
-    take_command(belief.constant, fil, row[BETA_CMD])
+    take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
 
 
 @inner

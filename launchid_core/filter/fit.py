@@ -26,6 +26,7 @@ from ..gate.window import (
 from ..kernels import inner
 from .belief import AT_BETA, AT_THETA, profile_at
 from .states import N_SLOPES, N_TESTS
+from .unknown_servo import first_column
 from .whiteness import IN_WINDOW
 
 # deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
@@ -33,16 +34,24 @@ STD_A6, STD_K1, CORR = range(3)
 
 
 @inner
+def begin_columns(size, columns):
+    """Columns of what is solved for first, offset and servo; returns how many."""
+    for j in range(size.states):
+        columns[j] = j
+    for j in range(size.servo):
+        columns[size.states + j] = first_column(size) + j
+    return size.states + size.servo
+
+
+@inner
 def select_columns(size, active, theta, beta, columns):
-    """Columns of the window's triangle to keep, in the order offset, other active terms, theta, beta, tests, right-hand
-    side.
+    """Columns of the window's triangle to keep, in the order offset, servo, other active terms, theta, beta, tests,
+    right-hand side.
 
     columns (c,) out int64;  returns how many.
     """
     n, q = size.states, size.terms
-    m = n
-    for j in range(n):
-        columns[j] = j
+    m = begin_columns(size, columns)
     for j in range(q):
         if active[j] and j != theta and j != beta:
             columns[m] = n + j
@@ -54,7 +63,7 @@ def select_columns(size, active, theta, beta, columns):
         columns[m] = n + beta
         m += 1
     for j in range(N_TESTS + 1):
-        columns[m + j] = n + q + j
+        columns[m + j] = n + q + size.servo + j
     return m + N_TESTS + 1
 
 
@@ -75,10 +84,7 @@ def reduce_columns(width, acc, work, r):
 @inner
 def solve_absent(size, acc, work, active, term):
     """(coefficient, standard deviation) that a term has beside the active ones, or would have, as of `solve_window`."""
-    n = size.states
-    m = n
-    for j in range(n):
-        work.columns[j] = j
+    n, m = size.states, begin_columns(size, work.columns[:])
     for j in range(size.terms):
         if active[j] and j != term:
             work.columns[m] = n + j
@@ -107,7 +113,7 @@ def solve_window(belief, acc, work, active):
     reduce_columns(belief.size.columns, acc, work, r)
     coefficient[:] = 0.0
     last = m - N_TESTS - 2  # of the terms
-    for k in range(last, n - 1, -1):
+    for k in range(last, n + belief.size.servo - 1, -1):
         value = r[k, m - 1]
         for j in range(k + 1, last + 1):
             value -= r[k, j] * coefficient[columns[j] - n]

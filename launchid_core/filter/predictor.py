@@ -7,8 +7,9 @@ Input is the actuator's command, process noise on the command and on the
 acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
 
 * s, the derivative of the predicted state for an offset at the block's start
-  (n columns), for each library term of theta_ddot (q columns) and for what no
-  model has (N_TESTS columns, for the check of the model);
+  (n columns), for each library term of theta_ddot (q columns), for what is not
+  known of the servo (`unknown_servo`) and for what no model has (N_TESTS columns,
+  for the check of the model);
 * the derivative of x and of the covariance for the L log noise levels.
 
 What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of
@@ -44,7 +45,7 @@ from .belief import (
     profile_at,
 )
 from .disturbances import add_wind, fill_push, follow_path, spread_at
-from .servo import STEP, set_step
+from .servo import SAME_STEP, STEP, set_step
 from .states import (
     ACCELERATION_NOISE,
     COMMAND_NOISE,
@@ -61,6 +62,7 @@ from .states import (
     SEGMENTS,
 )
 from .transition import add_process_noise, advance_state, carry, congruence, drive_terms, drive_tests, fill_transition
+from .unknown_servo import acting_commands, add_change, drive_servo
 
 UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without our knowing, if no command is logged
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
@@ -69,7 +71,6 @@ OUTLIER = 8.0                   # standard deviations of an innovation: beyond i
 MAX_OUTLIERS = 5                # in a row of one channel, for LOST: then the filter is wrong, and starts afresh
 LOST = 0.05                     # s: so long may a sensor's spike last at any rate
 SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
-SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 
 @inner
@@ -141,22 +142,26 @@ def delayed_input(constant, fil):
 
 
 @inner
-def take_command(constant, fil, command):
-    """Shift a command into the history (only as far as the delay needs)."""
+def take_command(constant, servo, fil, command):
+    """Shift a command into the history: only as far as the delay needs, or all of it where it is not known.
+
+    servo  in  how many of the servo's numbers are not
+    """
     depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
+    if servo > 0:
+        depth = MAX_DELAY_SAMPLES - 1
     for k in range(depth, 0, -1):
         fil.command[k] = fil.command[k - 1]
     fil.command[0] = constant[COMMAND_GAIN] * command + constant[COMMAND_OFFSET]
 
 
 @inner
-def step_input(belief, fil, command):
-    """(command that acts over the step [rad], its variance).
+def step_input(belief, fil, u, command):
+    """(command that acts over the step [rad], its variance); u the logged one, NaN if it is not known.
 
     Of samples slower than the controller the commands between are not known.  The last one is taken as held; for the
     share of the step in which it may not be, it is uncertain by its whole change.
     """
-    u = delayed_input(belief.constant, fil)
     variance = belief.variance[COMMAND_NOISE] * exp_of(2.0 * fil.level[COMMAND_NOISE])
     if np.isnan(u):
         u = fil.x[2]
@@ -169,12 +174,16 @@ def step_input(belief, fil, command):
 
 @inner
 def predict(belief, profile, air, fil, work, t, command, gamma):
-    """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]."""
+    """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]; of a servo that is
+    not known the step's constants were set before (`unknown_servo.set_unknown_step`)."""
     n, h = belief.size.states, t - fil.time[LAST]
-    if abs(h - fil.step[STEP]) > SAME_STEP * h:
+    if belief.size.servo == 0 and abs(h - fil.step[STEP]) > SAME_STEP * h:
         set_step(belief.constant, h, work, fil.step)
     a6, k1 = profile_at(profile, fil.cell, fil.time[LAST] + 0.5 * h)
-    u, command_variance = step_input(belief, fil, command)
+    acting, change = delayed_input(belief.constant, fil), 0.0
+    if belief.size.servo > 0:
+        acting, change = acting_commands(belief, fil)
+    u, command_variance = step_input(belief, fil, acting, command)
     known_air = follow_path(belief, air, fil, h, gamma)
     drive_terms(belief, fil, work, a6, k1, u, known_air)
     fill_push(belief, a6, k1, work.push)
@@ -186,9 +195,12 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     if belief.constant[HELD] == 1.0:
         g, gain_k1 = work.steady[:], k1
         fill_transition(belief, fil, g, a6, k1, work.push)
+    drive_servo(belief, fil, work, believed_k1, u, change)
     known = believed_a6 * known_air + believed_k1 * belief.constant[LEAN]
     advance_state(belief, fil, f, believed_k1, u, known)
     carry(f, n, fil.s[:], belief.size.sensitivities)
+    if belief.size.servo > 0:
+        add_change(belief, fil, work, k1, believed_k1, change)
     for j in range(belief.size.terms):
         fil.s[0, n + j] += work.drive[0, j]
         fil.s[1, n + j] += work.drive[1, j]

@@ -7,6 +7,7 @@ from .belief import AERO_DAMPING, DAMPING, FREQUENCY, TIME_CONSTANT, TURBULENCE_
 TAYLOR_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
 MAX_SQUARINGS = 24
+SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # step (f8): constants of one time step
 STEP = 0
@@ -21,7 +22,7 @@ N_STEP = 16
 
 
 @inner
-def servo_matrix(constant, h, m):
+def servo_matrix(constant, frequency, damping, h, m):
     """Generator times h of (double integral, integral, beta, beta_dot / w, u), the servo's own.  m (5, 5) out.
 
     beta_dot is divided by w, so that the entries are of one size; of a first-order servo, which has none, it is 0.
@@ -33,9 +34,9 @@ def servo_matrix(constant, h, m):
     if constant[TIME_CONSTANT] > 0.0:
         m[2, 2], m[2, 4] = -h / constant[TIME_CONSTANT], h / constant[TIME_CONSTANT]
         return
-    w = constant[FREQUENCY] * h
+    w = frequency * h
     m[2, 3] = w
-    m[3, 2], m[3, 3], m[3, 4] = -w, -2.0 * constant[DAMPING] * w, w
+    m[3, 2], m[3, 3], m[3, 4] = -w, -2.0 * damping * w, w
 
 
 @inner
@@ -84,11 +85,20 @@ def exponential(m, total, term, spare):
 
 @inner
 def set_step(constant, h, work, step):
-    """Constants of a time step h [s]: exp of the servo's generator over it, and the turbulence's decay."""
+    """Constants of a time step h [s] with the nominal's servo."""
+    set_servo_step(constant, constant[FREQUENCY], constant[DAMPING], h, work, step)
+
+
+@inner
+def set_servo_step(constant, frequency, damping, h, work, step):
+    """Constants of a time step h [s]: exp of a servo's generator over it, and the turbulence's decay.
+
+    frequency [rad/s], damping  of a second-order servo
+    """
     m, total, term, spare = work.taylor[0], work.taylor[1], work.taylor[2], work.taylor[3]
-    servo_matrix(constant, h, m)
+    servo_matrix(constant, frequency, damping, h, m)
     exponential(m, total, term, spare)
-    w = 1.0 if constant[TIME_CONSTANT] > 0.0 else constant[FREQUENCY]
+    w = 1.0 if constant[TIME_CONSTANT] > 0.0 else frequency
     step[STEP] = h
     step[PHI] = total[2, 2]
     step[PHI + 1] = total[2, 3] / w

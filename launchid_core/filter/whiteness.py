@@ -241,6 +241,7 @@ def forget_blocks(check):
     check.mean[:, :] = 0.0
     for c in range(N_CHANNELS):
         check.seen[c] = 0
+    check.servo[:, :] = 0.0
     check.flag[WAITING] = 0
     check.history[:, :] = 0.0
 

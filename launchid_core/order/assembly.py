@@ -55,7 +55,7 @@ def size_of(config: Config) -> tb.Size:
     q = len(config.terms)
     if config.formulation == "filtered":
         assert model is not None
-        return tb.size_of(q, len(model.nuisances), len(model.levels), structured=int(q > 2),
+        return tb.size_of(q, len(model.nuisances), len(model.levels), len(model.servo_sigma), structured=int(q > 2),
                           ranged=int(bool(model.sigma_t)))
     return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
                       by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
@@ -118,6 +118,7 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     belief.variance[:] = model.variances(config.sample_period)
     belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
     _fill_nuisances(model, belief, memory.apart["air"])
+    belief.servo[:] = model.servo_sigma
     belief.codes[:] = term_codes(config.terms)
     belief.term[AT_THETA], belief.term[AT_BETA] = config.terms.index("theta"), config.terms.index("beta")
     option[pl.ESTIMATE_LEVELS], option[pl.LEAST_SAMPLES] = int(config.noise == "estimated"), enough(config)

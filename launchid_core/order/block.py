@@ -8,9 +8,10 @@ and to the noise levels (`learn_structure`, `use_rows`); at last the model is ju
 
 import numpy as np
 
-from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
+from ..filter.belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
 from ..filter.disturbances import spread_at
 from ..filter.filtered import (
+    LEVEL_RELAXES,
     ROWS,
     absorb_block,
     advance_psi,
@@ -18,7 +19,9 @@ from ..filter.filtered import (
     believe_nuisances,
     is_full,
     jump,
+    left_after,
     reduce_block,
+    reduce_pair,
     relax_levels,
     relinearise,
     start_window,
@@ -28,6 +31,18 @@ from ..filter.filtered import (
 from ..filter.predictor import begins_anew
 from ..filter.states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
 from ..filter.structure import absorb_structure
+from ..filter.unknown_servo import (
+    UNSETTLED,
+    fade_servo,
+    learn_servo,
+    move_servo,
+    set_unknown_step,
+    share_unknown,
+    solve_servo,
+    wants_step,
+    widen_check,
+    widen_pair,
+)
 from ..filter.whiteness import (
     BEYOND_CHANCE,
     FORGOTTEN,
@@ -63,6 +78,8 @@ from ..watch.changes import (
 from ..watch.gusts import follow_gust, forget_gust, is_gust, take_gust
 from ..watch.tracker import FIRST_STD, MEMBERS, MEMORY, SLOPE_TIME, absorb, mix, restart_bank, track
 from ..watch.undeclared import FOUND, follow_undeclared, go_back
+
+NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
 
 
 @inner
@@ -165,8 +182,8 @@ def is_block_whole(block, ring, seals, rows, words):
 
 @kernel
 def gather(block, ring, rows, profile, air, code):
-    """Take the samples that wait in the ring, oldest first, into the filter, but for those of the next window; True
-    if a block is to be closed, and this to be called again.
+    """Take the samples that wait in the ring, oldest first, into the filter, but for those of the next window; what is
+    to be done before this is called again: NOTHING, and it need not be, CLOSE the block, or SET_STEP.
 
     A gap or a full block of rows closes the block, and so does the last sample of a window.
     """
@@ -180,14 +197,24 @@ def gather(block, ring, rows, profile, air, code):
         anew = begins_anew(belief, fil, row[rb.T], max_gap)
         if acc.counts[ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or is_full(acc, rows)):
             counts[rb.WAITING] = back
-            return True
+            return CLOSE
+        if belief.size.servo > 0 and not anew and wants_step(belief, fil, row[rb.T] - fil.time[LAST]):
+            counts[rb.WAITING] = back
+            return SET_STEP
         if anew:
             forget_gust(state.gust)
         if acc.counts[ROWS] == 0:
             acc.start[0] = row[rb.T]
         take_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
     counts[rb.WAITING] = spare
-    return acc.counts[ROWS] > 0 and (complete or is_full(acc, rows))
+    return CLOSE if acc.counts[ROWS] > 0 and (complete or is_full(acc, rows)) else NOTHING
+
+
+@kernel
+def set_servo(block):
+    """Constants of the next step with a servo that is not known."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    set_unknown_step(fixed.belief, state.filter, work.filter)
 
 
 @kernel
@@ -198,6 +225,37 @@ def reduce_rows(block, rows):
     reduce_block(size, state.acc, rows, work.acc, term[AT_THETA], term[AT_BETA])
     advance_psi(size, state.filter, state.acc, work.acc)
     queue_block(state.check, state.filter.level, state.filter.p_bar, state.bank.total)
+
+
+@kernel
+def doubt_servo(block):
+    """Take what is not known of the servo out of the check, which it does not contradict."""
+    fixed, state = block[0].fixed, block[0].state
+    widen_check(fixed.belief, state.filter, state.check)
+
+
+@kernel
+def weigh_servo(block):
+    """Add what the block says of the servo to what is known of it; what is not known of it widens what the block says
+    of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
+    widen_pair(belief, fil, work.acc)
+    reduce_pair(belief.size, work.acc)
+    if share_unknown(belief, fil, work.acc, acc.counts[ROWS]) > UNSETTLED:
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    if state.check.flag[RAISED] == 1:
+        fade_servo(belief.size, servo, work.acc, left_after(belief.constant[BLOCK_SHARE], LEVEL_RELAXES))
+    learn_servo(belief, fil, work.acc)
+    solve_servo(belief.size, servo)
+
+
+@kernel
+def follow_servo(block):
+    """The filter's servo is the one estimated."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    move_servo(fixed.belief, state.filter, work.acc)
 
 
 @kernel
@@ -267,7 +325,7 @@ def use_rows(block):
     """The block into the window's information; noise levels; point of linearisation."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief = state.acc, state.filter, fixed.belief
-    absorb_block(belief.size, acc, work.acc)
+    absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
     if state.check.flag[RAISED] == 1:
         relax_levels(belief, fil, acc)
     elif fixed.option[ESTIMATE_LEVELS] == 1:
@@ -292,11 +350,17 @@ def end_block(block):
 
 def close_block(size, block, rows, profile):
     """Use the rows gathered."""
+    if size.servo > 0:
+        doubt_servo(block)
     reduce_rows(block, rows)
+    if size.servo > 0:
+        weigh_servo(block)
     follow_wind(block, profile)
     still = track_block(block)
     if not detect_change(block, still):
         if size.structured == 1:
             learn_structure(block)
         use_rows(block)
+    if size.servo > 0:
+        follow_servo(block)
     end_block(block)

@@ -31,6 +31,7 @@ FILTERED_ENTRIES = (
     onboard.restart_filtered, onboard.report_now)
 STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
+SERVO_ENTRIES = (block.set_servo, block.doubt_servo, block.weigh_servo, block.follow_servo)
 REGRESSION_ENTRIES = (
     regression.push_sample, regression.open_window, equations.factor_library, equations.keep_equation,
     equations.solve_with_drifts, equations.solve_without_absent, equations.report_deviations,
@@ -55,7 +56,8 @@ class Calls(NamedTuple):
 def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     """The entries that a configuration needs."""
     if memory.struct is FILTERED:
-        return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged)
+        return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged
+                + SERVO_ENTRIES * (memory.size.servo > 0))
     form = regression.fill_integral if memory.size.integral else regression.fill_pointwise
     relaxed = config.solver in ("sr3", "lasso")
     by_share = memory.size.by_share and not relaxed

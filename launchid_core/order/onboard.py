@@ -21,6 +21,7 @@ from ..filter.filtered import (
 from ..filter.fit import limit_absent, report_window, solve_window
 from ..filter.states import LAST, N_CHANNELS, RUNNING
 from ..filter.structure import PRIOR, select_terms
+from ..filter.unknown_servo import restart_servo
 from ..filter.whiteness import (
     IN_WINDOW,
     RAISED,
@@ -51,11 +52,11 @@ from ..gate.window import (
 )
 from ..kernels import inner, kernel
 from ..regression.plan import LEAST_SAMPLES
-from ..watch.report import report_air, report_changes, report_level, report_no_level, report_tracked
+from ..watch.report import report_air, report_changes, report_level, report_no_level, report_servo, report_tracked
 from ..watch.tracker import FIRST_STD, MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
-from .block import begin_window, close_block, gather, is_block_whole, seal_carried
+from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
@@ -209,6 +210,8 @@ def is_sound(size, fil, total):
         sound = sound and np.isfinite(fil.x[i])
         for j in range(size.states):
             sound = sound and np.isfinite(fil.p[i, j])
+    for j in range(size.servo):
+        sound = sound and np.isfinite(fil.servo.mean[j])
     for k in range(size.levels):
         sound = sound and abs(fil.level[k]) <= ABSURD_LEVEL
     return sound
@@ -238,10 +241,14 @@ def follow(size, block, words, ring, seals, rows, profile, air, sigma, code):
     """A sample was accepted with this status, and what waits is to be used; returns the status, or RECOVERED."""
     if not is_block_whole(block, ring, seals, rows, words):
         return drop_sample(block, code)
-    for _ in range(2 * TOGETHER):  # a block at most for each sample that waits
-        if not gather(block, ring, rows, profile, air, code):
+    for _ in range(3 * TOGETHER):  # a block and a step at most for each sample that waits
+        wanted = gather(block, ring, rows, profile, air, code)
+        if wanted == NOTHING:
             break
-        close_block(size, block, rows, profile)
+        if wanted == CLOSE:
+            close_block(size, block, rows, profile)
+        elif size.servo > 0:
+            set_servo(block)
     if code == rb.WINDOW_COMPLETE:
         close_window(size, block, ring, profile)
     elif code == rb.CLOCK_RESET:
@@ -272,6 +279,7 @@ def restart_filtered(block, rows, words):
     for k in range(size.levels):
         acc.level_information[k, k] = fixed.belief.prior[k]
     start_window(size, acc)
+    restart_servo(fixed.belief, state.filter)
     for k in range(len(MEMBERS)):
         state.bank.weight[k] = 1.0 / len(MEMBERS)
     restart_bank(state.bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
@@ -298,6 +306,7 @@ def report_now(block, profile, air):
     contradicted = state.check.flag[RAISED] == 1
     report_tracked(profile, state.bank.total, contradicted, t, rep)
     report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
+    report_servo(fixed.belief, state.filter, contradicted, rep)
     report_changes(profile, state.watch, rep)
     for k in range(fixed.belief.size.levels):
         rep.noise[k] = exp_of(state.filter.level[k])

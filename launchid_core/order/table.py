@@ -19,6 +19,7 @@ from ..filter import whiteness as wh
 from ..filter.belief import N_AIR, N_BELIEF, N_CONSTANTS, N_NODE, ONSETS
 from ..filter.servo import N_STEP
 from ..filter.states import MAX_DELAY_SAMPLES, N_CHANNELS, N_NOTES, N_STATES, N_TESTS, N_TIME
+from ..filter.unknown_servo import N_SERVO
 from ..gate import ring as rb
 from ..gate.stuck import N_LEARNED, N_WATCHED
 from ..gate.window import EQUATIONS, N_FLAGS, N_NUMBERS
@@ -42,7 +43,9 @@ class Size(NamedTuple):
     states: int         # of the filter
     nuisances: int      # of them beyond the vehicle's
     levels: int         # noise levels
-    sensitivities: int  # columns of the filter's: offset at the block's start, terms, tests
+    servo: int          # numbers of the servo that are not known; 0 where all are
+    responses: int      # of the servo: its own, and one for each of those numbers; 0 where all are known
+    sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, tests
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
     wider: int          # terms of a solution with the drifts of a6 and k1 beside its own
@@ -56,18 +59,20 @@ class Size(NamedTuple):
     ranged: int         # 1: the model has a range, so there is an uncertainty level
 
 
-def size_of(terms: int, nuisances: int = 0, levels: int = 0, **flags: int) -> Size:
+def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **flags: int) -> Size:
     """Size of an estimator, without levels a regression's; flags: the last five fields, 0 where absent."""
     states = N_STATES + nuisances if levels else 0
-    sensitivities = states + terms + N_TESTS
+    sensitivities = states + terms + servo + N_TESTS
     is_known = levels > 0 and nuisances == 0
-    return Size(terms, states, nuisances, levels, sensitivities, columns=sensitivities + 1, pair=states + 3,
-                wider=terms + PAIR, learned=terms + 1, gust=states + 2 if nuisances else 0,
-                undeclared=un.SIZE if is_known else 0,
+    responses = servo + 1 if servo else 0
+    return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
+                columns=sensitivities + 1, pair=states + 3, wider=terms + PAIR, learned=terms + 1,
+                gust=states + 2 if nuisances else 0, undeclared=un.SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
 
-LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS)._replace(undeclared=un.SIZE)  # the extents of every record
+# the extents of every record
+LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.SIZE)
 
 
 class Grown(NamedTuple):
@@ -205,15 +210,25 @@ BELIEF = struct(
     ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
     ("term", I8, (2,), "places of theta and beta among them"),
+    ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
     ("role", I8, ("nuisances",), "what each nuisance is, model.WALK .. NOZZLE_BIAS"),
     ("level", I8, ("nuisances",), "its place among the noise levels, or NONE"),
     ("partner", I8, (N_CHANNELS,), "state that each channel shows beside its own, its offset's, or NONE"))
+
+UNKNOWN_SERVO = struct(
+    "UnknownServo", "What is known of the servo, as deviations from the nominal's in standard deviations of the prior.",
+    ("r", F8, ("responses", "responses"), "the flight's square-root information, prior included, right-hand side last"),
+    ("root", F8, ("servo", "servo"), "of the estimate's covariance"),
+    ("mean", F8, ("servo",), "estimate: frequency, damping, delay"),
+    ("about", F8, ("servo",), "that the filter is linearised about"),
+    ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the next time step [s]"),
+    ("response", F8, ("responses", N_STATES, N_STATES), "of a step, and its derivatives"))
 
 FILTER = struct(
     "Filter", "State of the predictor.",
     ("x", F8, ("states",), "predicted state"),
     ("p", F8, ("states", "states"), "its covariance"),
-    ("s", F8, ("states", "sensitivities"), "sensitivities: offset at the block's start, terms, tests"),
+    ("s", F8, ("states", "sensitivities"), "sensitivities: offset at the block's start, terms, servo, tests"),
     ("p_bar", F8, (2,), "relative deviations of a6, k1 it is linearised about"),
     ("level", F8, ("levels",), "log of noise standard deviations over the declared ones"),
     ("sx", F8, ("states", "levels"), "derivative of x for the levels"),
@@ -224,7 +239,8 @@ FILTER = struct(
     ("step", F8, (N_STEP,), "constants of the last time step"),
     ("cell", I8, (1,), "cell of the profile"),
     ("outliers", I8, (N_CHANNELS,), "measurements in a row that each channel's gate refused"),
-    ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"))
+    ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"),
+    ("servo", UNKNOWN_SERVO))
 
 FILTER_WORK = struct(
     "FilterWork", "Scratch of the predictor.",
@@ -237,6 +253,9 @@ FILTER_WORK = struct(
     ("shown", F8, ("states",), "covariance's derivative that a channel shows"),
     ("slope", F8, ("states",), "derivative of the gain"),
     ("taylor", F8, (4, 5, 5), "matrices of the servo's exponential"),
+    ("late", F8, ("servo", N_STEP), "constants of time steps of another servo"),
+    ("moved", F8, ("responses", N_STATES), "its response"),
+    ("servo_drive", F8, ("servo", N_STATES), "effect of the servo's deviations on the state over a step"),
     ("raw", F8, (N_VARIABLES,), "theta, theta_dot, beta, tau at the step's middle"),
     ("powers", F8, (N_VARIABLES, MAX_POWER + 1), "of them"),
     ("row", F8, ("terms",), "of the library"),
@@ -247,7 +266,7 @@ FILTER_WORK = struct(
 
 ACCUMULATOR = struct(
     "Accumulator", "Square-root information, right-hand side last.",
-    ("window", F8, ("columns", "columns"), "of the current window: offset at its start, terms"),
+    ("window", F8, ("columns", "columns"), "of the current window: offset at its start, terms, servo"),
     ("psi", F8, ("states", "states"), "transition of an offset from the window's start to the block's"),
     ("s_start", F8, ("states", 2), "sensitivities for theta and beta at the block's start"),
     ("counts", I8, (3,), "rows in the block, samples and gaps in the window"),
@@ -258,7 +277,7 @@ ACCUMULATOR = struct(
 
 ACCUMULATOR_WORK = struct(
     "AccumulatorWork", "Scratch of a block and of a window's close.",
-    ("triangle", F8, ("columns", "columns"), "of the current block: offset at its start, terms"),
+    ("triangle", F8, ("columns", "columns"), "of the current block: offset at its start, terms, servo"),
     ("pair", F8, ("pair", "pair"), "of the block: offset, theta, beta, right-hand side"),
     ("block", F8, (3, 3), "of the block, the state known: theta, beta, right-hand side"),
     ("product", F8, ("states", "states"), "of two transitions"),
@@ -310,6 +329,7 @@ CHECK = struct(
     "Check", "State of the test whether the model is true.",
     ("mean", F8, (N_CHANNELS, 3), "of the block at hand"),
     ("seen", I8, (N_CHANNELS,), "measurements in it"),
+    ("servo", F8, (N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
     ("pending", F8, (ONSETS, N_CHANNELS), "blocks that wait"),
     ("history", F8, (wh.LAGS, N_CHANNELS), "the last ones taken, newest first"),
     ("sums", F8, (N_CHANNELS, wh.LAGS + 1), "fading sums of a channel and of its products by lag"),
@@ -367,6 +387,7 @@ REPORT = struct(
     ("noise", F8, ("levels",), "noise levels over the declared ones"),
     ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
     ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
+    ("actuator", F8, (N_SERVO, 2), "of model.SERVO: value and standard deviation, NaN where nothing of it is unknown"),
     ("cell", I8, (1,), "scratch of the profile"))
 
 FILTERED_FIXED = struct(

@@ -10,6 +10,9 @@ from ..filter.belief import (
     AT_BETA,
     AT_THETA,
     COV,
+    DAMPING,
+    DELAY,
+    FREQUENCY,
     K1,
     MEAN_A6,
     MEAN_K1,
@@ -19,6 +22,7 @@ from ..filter.belief import (
     profile_at,
 )
 from ..filter.states import LAST, N_STATES
+from ..filter.unknown_servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from .changes import (
@@ -123,6 +127,20 @@ def report_air(belief, air, fil, total, contradicted, rep):
         known = air_at(air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
         report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
         rep.air[0] += known
+
+
+@inner
+def report_servo(belief, fil, contradicted, rep):
+    """Report the servo that is not known, as the flight has shown it so far: numbers with their standard deviations."""
+    rep.actuator[:, :] = np.nan
+    constant, servo = belief.constant, fil.servo
+    unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
+    for j in range(belief.size.servo):
+        if contradicted:
+            continue
+        scale = belief.servo[j] * unit[j]
+        rep.actuator[j, 0] = (constant[DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
+        rep.actuator[j, 1] = scale * std_of(belief.size, servo, j)
 
 
 @inner

@@ -16,7 +16,7 @@ from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
 from ..diagnosis.verdict import diagnose as examine
 from ..errors import InputError, UsageError
-from ..identify import identified, log_config, report_of, table
+from ..identify import identified, log_config, report_of, servo_note, table
 from ..log import Log
 from ..nominal import Nominal, rewrite_nominal
 from ..result import Columns, drawn
@@ -107,10 +107,8 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
-    if config.formulation == "filtered" and nominal is not None and nominal.actuator is not None \
-            and not nominal.actuator.is_known:
-        said += (f"{nominal.path}: [actuator] gives a sigma: identify takes the servo as known, `launchid margins` "
-                 "estimates it",)
+    if config.formulation == "filtered":
+        said += servo_note(log, nominal, config)
     if config.formulation == "filtered" and not foreign(noted):
         said += profile_note(nominal, level.log_span(log)[1], log.path)
     result = identified(config, log, foreign(noted), any(fault.kind == "motion" for fault in noted))

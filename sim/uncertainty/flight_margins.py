@@ -17,7 +17,8 @@ from ..believed import onboard_model
 from ..effects import values
 from ..errors import InputError
 from ..nominal import Nominal
-from ..sections import Required
+from ..sections import SERVO, Required
+from ..shown import servo_lines
 from ..understood import refuse_foreign_loop
 from .margin_spread import NAMES, Known, Spread, json_number, margin_spread
 
@@ -28,7 +29,6 @@ OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator k
 WORDS = {"gain_low_db": "low gain margin", "gain_high_db": "high gain margin", "phase_deg": "phase margin",
          "delay_ms": "delay margin"}
 UNITS = {"gain_low_db": "dB", "gain_high_db": "dB", "phase_deg": "degrees", "delay_ms": "ms"}
-SERVO = ("natural_frequency", "damping_ratio", "delay")
 
 
 class Servo(NamedTuple):
@@ -201,16 +201,6 @@ def table(said: dict[str, Any]) -> str:
     if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
         lines.append("every margin keeps what [margins] requires, and so does its whole 95 % interval")
     return "\n".join(lines)
-
-
-def servo_lines(actuator: dict[str, Any]) -> list[str]:
-    """The servo, where it was estimated."""
-    if not any(each["std"] for each in actuator.values()):
-        return []
-    w, damping, delay = (actuator[name] for name in SERVO)
-    return [f"servo as estimated (+- one standard deviation): {w['value']:.2f} +- {w['std']:.2f} rad/s, damping ratio "
-            f"{damping['value']:.3f} +- {damping['std']:.3f}, delay {1e3 * delay['value']:.2f} +- "
-            f"{1e3 * delay['std']:.2f} ms"]
 
 
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:

@@ -12,9 +12,19 @@ import numpy as np
 from launchid_core import EDGES, Config, Estimate, Estimator, Status
 
 from ..errors import InputError, Told, UsageError
-from ..identify import REASONS, change_json, log_config, number, onboard_model, report, tracked_json
+from ..identify import (
+    REASONS,
+    actuator_json,
+    change_json,
+    log_config,
+    number,
+    onboard_model,
+    report,
+    tracked_json,
+)
 from ..log import Log, log_of
 from ..nominal import Nominal
+from ..shown import servo_lines
 from ..uncertainty.level import level_json, ranged_model
 from .first_rows import FirstRows
 from .live import Live, Row
@@ -197,6 +207,7 @@ class Follower:
         levels = estimate.uncertainty
         return {**known, "windows": self.closed, "window": window_row(estimate),
                 "why": REASONS.get(estimate.status.name, ""), "tracked": _rounded(tracked_json(estimate)),
+                "servo": "".join(servo_lines(actuator_json(estimate).get("actuator", {}))),
                 "level": None if levels is None or not levels.valid else
                 {name: _rounded(level_json(getattr(levels, name))) for name in ("a6", "k1")}}
 

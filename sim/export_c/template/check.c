@@ -119,6 +119,10 @@ static void put_estimate(void)
         put(e.offset[k][0]);
         put(e.offset[k][1]);
     }
+    for (int k = 0; k < 3; k++) {
+        put(e.actuator[k][0]);
+        put(e.actuator[k][1]);
+    }
     const bool there = launchid_get_level(&estimator, &a6, &k1);
     count(there);
     put_level(&a6, there);

@@ -71,6 +71,8 @@ typedef struct {
     double wind, wind_std;              /* rad, all of the wind angle at t_end; NaN without wind in the model */
     double offset[LAUNCHID_OFFSETS][2]; /* value and standard deviation: thrust misalignment, moment, attitude bias, gyro
                                            bias, nozzle sensor bias; NaN where the model knows it */
+    double actuator[3][2];              /* value and standard deviation of the servo's natural frequency [rad/s], damping
+                                           ratio, delay [s] at t_end; NaN of a servo that the model knows */
 } launchid_estimate;
 
 /* A sudden change at t [s]: before and after [1/s^2], the alarm [s]; final: two seconds of data are behind its size. */

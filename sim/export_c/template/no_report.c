@@ -13,6 +13,10 @@ static void report_into(const launchid_state *state, launchid_work *work, launch
         estimate->offset[k][0] = NO_NUMBER;
         estimate->offset[k][1] = NO_NUMBER;
     }
+    for (int64_t k = 0; k < 3; k++) {
+        estimate->actuator[k][0] = NO_NUMBER;
+        estimate->actuator[k][1] = NO_NUMBER;
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

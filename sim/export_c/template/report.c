@@ -15,6 +15,10 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
         estimate->offset[k][0] = rep->offset[2 * k];
         estimate->offset[k][1] = rep->offset[(2 * k) + 1];
     }
+    for (int64_t k = 0; k < 3; k++) {
+        estimate->actuator[k][0] = rep->actuator[2 * k];
+        estimate->actuator[k][1] = rep->actuator[(2 * k) + 1];
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

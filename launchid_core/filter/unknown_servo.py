@@ -1,0 +1,402 @@
+"""A servo that is not known: its natural frequency, damping ratio and delay, estimated beside a6 and k1.
+
+What is unknown is d, the three numbers' deviations from the nominal's in standard deviations of what was known before
+the flight (`Model.servo_sigma`).  Beside the predictor's state run its derivatives for d, three more of its
+sensitivities: over a step
+
+    s <- F s + R_d (beta, beta_dot, u, c),
+
+with R the servo's response: to its state, to the command u that acts as the step begins, and to the change c of the
+command that is held, `delay` old, from within the step on.  R_d are central differences of R.
+
+So an innovation is linear in d too.  A window has d among its unknowns, as declared before the flight: nothing else of
+the past enters it.  The flight's own estimate is a square-root information about d, prior included, to which each block
+adds what it says beside an a6 and k1 of its own (known to FIRST_STD); nearly all of it is in the nozzle sensor's
+innovations.  Its estimate is what the filter is linearised about, and what is not yet known of it widens what a block
+says of a6 and k1, the outliers' gate and the check of the model.
+
+Assumptions: one servo for the whole flight; the gains' derivatives for d are left out, as those for a6 and k1 are; what
+is left of d is independent from block to block where it widens the tracked a6 and k1, which it hardly moves: beside a
+nozzle sensor an unknown servo costs them less than 1 % (`sim.bound`).
+"""
+
+import math
+
+import numpy as np
+
+from ..algebra.linsolve import absorb_rows
+from ..kernels import inner
+from ..model import SERVO
+from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, MISSING, PERIOD, TIME_CONSTANT
+from .servo import GAMMA, J1, J2, PHI, SAME_STEP, STEP, set_servo_step
+from .states import MAX_DELAY_SAMPLES, N_CHANNELS, N_STATES
+
+N_SERVO = len(SERVO)
+BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
+# number (f8): natural frequency [rad/s], damping ratio, delay [s] believed, and the time step [s] that comes next
+NEXT_STEP = N_SERVO
+N_RESPONSES = 1 + N_SERVO     # the servo's, and its derivatives for d
+# columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
+BETA, BETA_DOT, COMMAND, CHANGE = range(4)
+
+DIFFERENCE = 1.0e-3     # of a central difference: relative frequency, damping ratio, delay over the sample period
+FIRST_STD = 0.5         # relative: what a block knows of its a6 and k1 before it speaks of the servo
+LEAST, MOST = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
+SETTLED = 0.2           # standard deviations: from an estimate so near the filter need not move
+CURVED = 2.0
+UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
+
+
+@inner
+def first_column(size):
+    """The place where the servo's sensitivities begin: behind the offset's and the terms'."""
+    return size.states + size.terms
+
+
+@inner
+def believe_servo(belief, fil):
+    """The three numbers out of the deviations that the filter is linearised about; the next step is set afresh."""
+    number, about, constant = fil.servo.number, fil.servo.about, belief.constant
+    number[BY_FREQUENCY] = constant[FREQUENCY] * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
+    number[BY_DAMPING] = constant[DAMPING] * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
+    number[BY_DELAY] = constant[DELAY] + belief.servo[BY_DELAY] * about[BY_DELAY]
+    fil.step[STEP] = 0.0
+
+
+@inner
+def restart_servo(belief, fil):
+    """Set what is known before the flight."""
+    servo = fil.servo
+    for j in range(belief.size.servo):
+        servo.r[j, j], servo.root[j, j] = 1.0, 1.0
+    if belief.size.servo > 0:
+        believe_servo(belief, fil)
+
+
+# ---- a step
+
+
+@inner
+def fill_response(constant, frequency, damping, h, left, work, step, out):
+    """The effect of beta, beta_dot and command over a step: rows (theta, theta_dot) per unit of k1, beta, beta_dot.
+
+    h, left [s]  in   the step, and what is left of it when the command changes
+    step (N_STEP,), out (4, 4)  out
+    """
+    late = work.late[0]
+    set_servo_step(constant, frequency, damping, h, work, step)
+    set_servo_step(constant, frequency, damping, left, work, late)
+    for j in range(3):
+        out[0, j], out[1, j] = step[J2 + j], step[J1 + j]
+    for i in range(2):
+        out[2 + i, BETA], out[2 + i, BETA_DOT] = step[PHI + 2 * i], step[PHI + 2 * i + 1]
+        out[2 + i, COMMAND], out[2 + i, CHANGE] = step[GAMMA + i], late[GAMMA + i]
+    out[0, CHANGE], out[1, CHANGE] = late[J2 + 2], late[J1 + 2]
+
+
+@inner
+def left_after_switch(belief, fil, h):
+    """The rest of a step h [s] when the command that is held, `delay` old, changes."""
+    delay = fil.servo.number[BY_DELAY]
+    whole = int(delay / belief.constant[PERIOD])
+    return max(h - (delay - whole * belief.constant[PERIOD]), 0.0)
+
+
+@inner
+def set_slopes(belief, fil, work):
+    """Derivatives of the response for the deviations d, over a sample period: they only weigh the innovations, so
+    other steps have them in proportion."""
+    number, constant = fil.servo.number, belief.constant
+    h, left = constant[PERIOD], left_after_switch(belief, fil, constant[PERIOD])
+    unit = (constant[FREQUENCY] / number[BY_FREQUENCY], constant[DAMPING], 1.0 / constant[PERIOD])
+    for j in range(belief.size.servo):
+        slope = fil.servo.response[1 + j]
+        slope[:, :] = 0.0
+        if belief.servo[j] == 0.0:
+            continue
+        for side in range(2):
+            d = DIFFERENCE if side == 0 else -DIFFERENCE
+            frequency = number[BY_FREQUENCY] * (1.0 + d) if j == BY_FREQUENCY else number[BY_FREQUENCY]
+            damping = number[BY_DAMPING] + d if j == BY_DAMPING else number[BY_DAMPING]
+            later = d * constant[PERIOD] if j == BY_DELAY else 0.0
+            fill_response(constant, frequency, damping, h, max(left - later, 0.0), work, work.late[1], work.moved[:])
+            scale = belief.servo[j] * unit[j] / (2.0 * d)
+            for i in range(N_STATES):
+                for k in range(N_STATES):
+                    slope[i, k] += scale * work.moved[i, k]
+
+
+@inner
+def set_unknown_step(belief, fil, work):
+    """Constants of the time step that comes next with the servo believed, and its response; of another servo than
+    before their slopes too."""
+    number = fil.servo.number
+    if fil.step[STEP] == 0.0:
+        set_slopes(belief, fil, work)
+    h = number[NEXT_STEP]
+    fill_response(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], h, left_after_switch(belief, fil, h), work,
+                  fil.step, fil.servo.response[0])
+
+
+@inner
+def wants_step(belief, fil, h):
+    """Whether the constants of a time step h [s] are to be set before it, with `set_unknown_step`; it is noted then."""
+    fil.servo.number[NEXT_STEP] = h
+    return abs(h - fil.step[STEP]) > SAME_STEP * h
+
+
+@inner
+def acting_commands(belief, fil):
+    """(command that acts as the step begins, change within it) [rad]; NaN if one is not known."""
+    whole = int(fil.servo.number[BY_DELAY] / belief.constant[PERIOD])
+    older = fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
+    change = fil.command[min(whole, MAX_DELAY_SAMPLES - 1)] - older
+    return older + 0.0 * change, change
+
+
+@inner
+def drive_servo(belief, fil, work, k1, u, change):
+    """Effect of a unit of each deviation on the state over the step, into work.servo_drive (servo, 4).
+
+    There is none where the command is not known, as between samples slower than the controller: what the nozzle does
+    then says nothing of the servo.
+    """
+    x = fil.x
+    is_known = belief.constant[MISSING] == 0.0 and not np.isnan(change)
+    for j in range(belief.size.servo):
+        response = fil.servo.response[1 + j]
+        ratio = 1.0 if j == BY_DELAY else fil.step[STEP] / belief.constant[PERIOD]
+        for i in range(N_STATES):
+            effect = ratio * (response[i, BETA] * x[2] + response[i, BETA_DOT] * x[3] + response[i, COMMAND] * u
+                              + response[i, CHANGE] * change)
+            if i < 2:
+                effect *= k1
+            work.servo_drive[j, i] = effect if is_known else 0.0
+
+
+@inner
+def add_change(belief, fil, work, k1, believed_k1, change):
+    """The change of the command within the step, into the state and into beta's drive; then the servo's own drive.
+
+    k1, believed_k1 [1/s^2]  the nominal's, and as believed
+    """
+    at, beta = first_column(belief.size), belief.term[AT_BETA]
+    for i in range(N_STATES):
+        for j in range(belief.size.servo):
+            fil.s[i, at + j] += work.servo_drive[j, i]
+        if np.isnan(change):
+            continue
+        effect = fil.servo.response[0, i, CHANGE] * change
+        fil.x[i] += believed_k1 * effect if i < 2 else effect
+        if i < 2:
+            work.drive[i, beta] += k1 * effect
+
+
+# ---- what is not known yet
+
+
+@inner
+def doubt_of(belief, fil, channel, partner):
+    """Variance that what is unknown of the servo adds to an innovation of a channel; 0.0 of a known one."""
+    at, servo = first_column(belief.size), fil.servo
+    doubt = 0.0
+    for k in range(belief.size.servo):
+        seen = 0.0
+        for j in range(k + 1):
+            s = fil.s[channel, at + j]
+            if partner >= 0:
+                s += fil.s[partner, at + j]
+            seen += s * servo.root[j, k]
+        doubt += seen * seen
+    return doubt
+
+
+@inner
+def note_servo(belief, check, channel, out, scale):
+    """The sensitivities of one innovation join the block's sums for the check of the model."""
+    at = first_column(belief.size)
+    for j in range(belief.size.servo):
+        check.servo[channel, j] += out[at + j] * scale
+
+
+@inner
+def widen_check(belief, fil, check):
+    """Take what is unknown of the servo out of the block's mean innovations: it is no contradiction of the model."""
+    for c in range(N_CHANNELS):
+        doubt = 0.0
+        for k in range(belief.size.servo):
+            seen = 0.0
+            for j in range(k + 1):
+                seen += check.servo[c, j] * fil.servo.root[j, k]
+            doubt += seen * seen
+        if check.seen[c] > 0:
+            narrower = 1.0 / math.sqrt(1.0 + doubt / check.seen[c])
+            for k in range(3):
+                check.mean[c, k] *= narrower
+        for j in range(belief.size.servo):
+            check.servo[c, j] = 0.0
+
+
+@inner
+def widen_pair(belief, fil, work):
+    """The block's triangles for offset, a6 and k1, the servo being what is known of it and no longer as linearised.
+
+    work  AccumulatorWork, pair and block out, triangle in
+    """
+    size, servo = belief.size, fil.servo
+    at, n, c, known = first_column(size), size.states, size.columns, size.servo
+    width = known + size.pair
+    r = work.scratch[:width * width].reshape((width, width))
+    rt = work.scratch[width * width:width * (width + c)].reshape((width, c))
+    r[:, :] = 0.0
+    for i in range(known):
+        r[i, width - 1] = servo.r[i, known]
+        for j in range(i, known):
+            r[i, j] = servo.r[i, j]
+            r[i, width - 1] -= servo.r[i, j] * servo.about[j]
+    for i in range(c):
+        for j in range(known):
+            rt[j, i] = work.triangle[i, at + j]
+        for j in range(n):
+            rt[known + j, i] = work.triangle[i, j]
+        rt[width - 3, i] = work.triangle[i, n + belief.term[AT_THETA]]
+        rt[width - 2, i] = work.triangle[i, n + belief.term[AT_BETA]]
+        rt[width - 1, i] = work.triangle[i, c - 1]
+    absorb_rows(r, rt, width, c)
+    for i in range(size.pair):
+        for j in range(size.pair):
+            work.pair[i, j] = r[known + i, known + j]
+
+
+@inner
+def share_unknown(belief, fil, work, rows):
+    """Share of a block's expected squares that what is unknown of the servo adds.  work.triangle in;  rows of it"""
+    at, total = first_column(belief.size), 0.0
+    for i in range(belief.size.columns):
+        for k in range(belief.size.servo):
+            seen = 0.0
+            for j in range(k + 1):
+                seen += work.triangle[i, at + j] * fil.servo.root[j, k]
+            total += seen * seen
+    return total / max(rows, 1)
+
+
+# ---- what a block says
+
+
+@inner
+def learn_servo(belief, fil, work):
+    """The block's information about the deviations, beside an a6 and a k1 of its own, joins the flight's.
+
+    work  AccumulatorWork, triangle in
+    """
+    size, servo = belief.size, fil.servo
+    at, n, c, known = first_column(size), size.states, size.columns, size.servo
+    width = 3 + known
+    r = work.scratch[:width * width].reshape((width, width))
+    rt = work.scratch[width * width:width * (width + c)].reshape((width, c))
+    r[:, :] = 0.0
+    for p in range(2):
+        r[p, p] = 1.0 / FIRST_STD
+        r[p, width - 1] = fil.p_bar[p] / FIRST_STD
+    for i in range(c):
+        rt[A6, i] = work.triangle[i, n + belief.term[AT_THETA]]
+        rt[K1, i] = work.triangle[i, n + belief.term[AT_BETA]]
+        rt[width - 1, i] = work.triangle[i, c - 1]
+        for j in range(known):
+            rt[2 + j, i] = work.triangle[i, at + j]
+            rt[width - 1, i] += work.triangle[i, at + j] * servo.about[j]
+    absorb_rows(r, rt, width, c)
+    told = work.scratch[width * width:width * width + (1 + known) * (1 + known)].reshape((1 + known, 1 + known))
+    for i in range(1 + known):
+        for j in range(1 + known):
+            told[j, i] = r[2 + i, 2 + j]
+    absorb_rows(servo.r[:], told, 1 + known, 1 + known)
+
+
+@inner
+def fade_servo(size, servo, work, keep):
+    """Leave the share `keep` of what the flight has told, beside what was known before it."""
+    n = size.servo
+    if keep == 1.0:
+        return
+    root = math.sqrt(keep)
+    prior = work.scratch[:n * (1 + n)].reshape((1 + n, n))
+    for i in range(n):
+        for j in range(1 + n):
+            servo.r[i, j] *= root
+            prior[j, i] = math.sqrt(1.0 - keep) if i == j else 0.0
+    servo.r[n, n] = 0.0
+    absorb_rows(servo.r[:], prior, 1 + n, n)
+
+
+@inner
+def solve_servo(size, servo):
+    """Estimate and root of its covariance, R^-1, of R d = y."""
+    n, r, root = size.servo, servo.r, servo.root
+    for k in range(n):
+        for i in range(k, -1, -1):
+            value = 1.0 if i == k else 0.0
+            for j in range(i + 1, k + 1):
+                value -= r[i, j] * root[j, k]
+            root[i, k] = value / r[i, i]
+    for i in range(n):
+        servo.mean[i] = 0.0
+        for k in range(i, n):
+            servo.mean[i] += root[i, k] * r[k, n]
+
+
+@inner
+def std_of(size, servo, j):
+    """Standard deviation of a deviation, of that before the flight."""
+    square = 0.0
+    for k in range(j, size.servo):
+        square += servo.root[j, k] * servo.root[j, k]
+    return math.sqrt(square)
+
+
+@inner
+def within_reach(belief, j, d):
+    """The deviation nearest to d that a filter may be linearised about."""
+    sigma, constant = belief.servo[j], belief.constant
+    if sigma == 0.0:
+        return 0.0
+    if j == BY_DELAY:
+        most = (MAX_DELAY_SAMPLES - 2) * constant[PERIOD]
+        return min(max(d, -constant[DELAY] / sigma), (most - constant[DELAY]) / sigma)
+    return min(max(d, (LEAST - 1.0) / sigma), (MOST - 1.0) / sigma)
+
+
+@inner
+def move_servo(belief, fil, work):
+    """The filter is linearised about the flight's estimate, and the state with it, unless it is there already.
+
+    What was learned a move ago from there is wrong by what is not linear in the move, half its square if frequency and
+    damping are relative and the delay in radians of the servo's frequency: it counts for no more than that.
+    """
+    size, servo = belief.size, fil.servo
+    at, number, square, far, away = first_column(size), servo.number, 0.0, 0.0, False
+    for j in range(size.servo):
+        step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
+        away = away or abs(step) > SETTLED * std_of(size, servo, j)
+    if not away:
+        return
+    time = belief.constant[TIME_CONSTANT]
+    speed = 1.0 / time if time > 0.0 else number[BY_FREQUENCY]
+    unit = (1.0, belief.constant[DAMPING], speed)
+    for j in range(size.servo):
+        if belief.servo[j] == 0.0:
+            continue
+        step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
+        moved = step * belief.servo[j] * unit[j]
+        square += moved * moved
+        for i in range(size.states):
+            fil.x[i] += fil.s[i, at + j] * step
+        servo.about[j] += step
+    for j in range(size.servo):
+        if belief.servo[j] > 0.0:
+            wrong = CURVED * square / (belief.servo[j] * unit[j] * std_of(size, servo, j))
+            far += wrong * wrong
+    fade_servo(size, servo, work, 1.0 / (1.0 + far))
+    solve_servo(size, servo)
+    believe_servo(belief, fil)
