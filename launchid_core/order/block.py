@@ -198,9 +198,11 @@ def gather(block, ring, rows, profile, air, code):
         if acc.counts[ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or is_full(acc, rows)):
             counts[rb.WAITING] = back
             return CLOSE
-        if belief.size.servo > 0 and not anew and wants_step(belief, fil, row[rb.T] - fil.time[LAST]):
-            counts[rb.WAITING] = back
-            return SET_STEP
+        if belief.size.servo > 0:
+            is_set = anew or not wants_step(belief, fil, row[rb.T] - fil.time[LAST])
+            if not is_set:
+                counts[rb.WAITING] = back
+                return SET_STEP
         if anew:
             forget_gust(state.gust)
         if acc.counts[ROWS] == 0:
