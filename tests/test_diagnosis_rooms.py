@@ -15,7 +15,7 @@ from sim.diagnosis.causes import RECORDS
 from sim.effects import CATALOGUE
 
 DIAGNOSIS = ROOT / "sim" / "diagnosis"
-ROOMS = ("data", "controller", "model", "causes", "relations", "search", "judge", "report")
+ROOMS = ("data", "controller", "model", "causes", "search", "judge", "report")
 FILES = sorted(DIAGNOSIS.rglob("*.py"))
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
            for path in CORE + SIM}
@@ -106,7 +106,7 @@ def test_a_log_is_checked_and_put_on_its_grid_once():
                         ("select", "_searched")):
         assert calls_in(functions[where], name) == 1
         others = [other for other, function in functions.items() if calls_in(function, name) and other != where]
-        assert others == (["_measure"] if name != "select" else ["_by_regression"]), name
+        assert others == (["_measure"] if name != "select" else []), name
 
 
 # ---- one record per cause
@@ -127,10 +127,9 @@ def named_in(text: str) -> set[str]:
 
 
 WORLD = DIAGNOSIS / "data" / "world.py"  # its states bear the names of the keys of [wind] and [offsets]
-TABLE = DIAGNOSIS / "relations" / "table.py"  # the regression's record of each
 
 
-@every("path", [path for path in FILES if room_of(path) != "causes" and path not in (WORLD, TABLE)], ids=name_of)
+@every("path", [path for path in FILES if room_of(path) != "causes" and path != WORLD], ids=name_of)
 def test_only_the_records_know_a_cause_by_its_name(path):
     assert [text for text in literals(tree_of(path)) if named_in(text)] == []
 

@@ -78,7 +78,7 @@ def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(seed, e
         assert f"beta is of {250.0 / every:.3g} Hz, interpolated: what it did between is not in the log" in said
         assert not any(w["valid"] for w in made.report["windows"])
         assert [lack["what"] for lack in made.report["lacks"]] == ["interpolated"]
-        assert "log it as it acts" in made.summary()
+        assert "log beta at every row, as it acts" in made.summary()
 
 
 @pytest.mark.parametrize("every", [25, 5])

@@ -42,8 +42,6 @@ from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
 from .model.noise import ACCELERATION, LEVELS
-from .relations.look import MAIN, look
-from .relations.table import called
 from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
@@ -227,8 +225,6 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if found.doubts and found.named:
         tried = (_tested(made, each, measure, say) for each in _instead(found))
         found = next((each for each in tried if not each.doubts), found)
-    if found.doubts and made.catalogue and not foreign:
-        found = _by_regression(made, measure, say) or found
     if not found.doubts:
         found = _needed(made, found, measure, say)
     elif found.gain is None and any(not each.is_weather for each in found.named):
@@ -325,32 +321,6 @@ def _instead(found: Findings) -> Iterator[Selection]:
             yield fewer(of, kept)
     if of.instead is not None:
         yield of.instead
-
-
-def _by_regression(made: Diagnosis, measure: Measure, say: Say) -> Findings | None:
-    """The causes that the regression finds, at the likelihood's sizes; None where they do not stand.
-
-    They stand, beside something else, where the first of them makes a main part of the predictions' error and no shape
-    outside the catalogue does as well, for then the likelihood's goodness alone refuses them.
-    """
-    record = made.record
-    assert record is not None
-    say("which part of the equation is missing")
-    seen = look(record)
-    if seen is None or not seen.steps or not seen.steps[0].is_listed or seen.steps[0].share < MAIN:
-        return None
-    names = {name for step in seen.steps if step.is_listed for name in (step.name, *step.alike)}
-    selection = select(record, made.threshold, called(names), say)
-    first = (seen.steps[0].name, *seen.steps[0].alike)
-    if not any(each.hypothesis.label in first for each in selection.model.causes):
-        return None
-    found = _tested(made, selection, measure, say)
-    if outdone(selection, found.left) is not None:
-        return None
-    gain = found.gain or measure(selection)
-    if of_gain(gain, DOMINANT):
-        return None
-    return replace(found, doubts=(), remaining=(*found.doubts, *found.remaining), gain=gain, needed=LEAST_REMOVED)
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:

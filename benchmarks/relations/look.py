@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...sums import square
-from ...weak_form import column
-from ..data.record import Record
+from sim.diagnosis.data.record import Record
+from sim.sums import square
+from sim.weak_form import column
+
 from .score import BLOCKS, Fitted, Rows, convolved, gain, left_out, rows_of, shortest, weights_of
 from .signals import Signals, Travel, signals_of
 from .table import TABLE, Alternative, View, wander
@@ -24,7 +25,6 @@ FACTOR = 3.0           # by which a number of the nominal may be off
 CANCELS = 4.0          # times what it explains, that an alternative may move
 BETWEEN = 9            # numbers between two of a grid
 FEWEST_ROWS = 200
-MAIN = 0.25            # of the error left out: what a main defect takes away
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...sections import Actuator
-from ...vehicle.actuator import FIRST_ORDER_DAMPING, free_servo
-from ...vehicle.kernels import kernel
-from ..data.record import BETA, THETA, THETA_DOT, Record
+from sim.diagnosis.data.record import BETA, THETA, THETA_DOT, Record
+from sim.sections import Actuator
+from sim.vehicle.actuator import FIRST_ORDER_DAMPING, free_servo
+from sim.vehicle.kernels import kernel
 
 TRUSTED = (0.3, 3.0)   # times the declared noise: what the columns themselves show is taken within it
 THIRD = 20.0           # variance of a third difference of white noise over the noise's
@@ -186,6 +186,8 @@ def signals_of(record: Record) -> Signals:
 
     theta, rate, nozzle = column(THETA), column(THETA_DOT), column(BETA)
     has_rate = rate is not None
+    if theta is None and rate is None:
+        raise ValueError("neither theta nor theta_dot is measured in more than half of the rows")
     if theta is None:
         assert rate is not None
         theta = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * period

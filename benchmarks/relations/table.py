@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...effects import CATALOGUE
-from ...weak_form import column
-from ..causes import RECORDS, SOUGHT, Hypothesis, missing_term
+from sim.effects import CATALOGUE
+from sim.weak_form import column
+
 from .score import Rows
 from .signals import Signals, Travel, lagged, mode
 
@@ -237,8 +237,6 @@ def is_measured(view: View) -> bool:
     return view.moves and view.signals.nozzle is not None
 
 
-NUMBERS = ("control_effectiveness", "aero_instability", "thrust_misalignment", "actuator_bias", "nozzle_sensor_bias",
-           "attitude_bias")
 TABLE = (
     Alternative("actuator_delay", None, times, is_commanded, travel="delay", between=True),
     Alternative("actuator_bandwidth", None, times, is_commanded, travel="lag", between=True),
@@ -280,16 +278,3 @@ TABLE = (
     Alternative("a6 steps", lambda view, time: _after(view, time, view.signals.a6 * view.signals.attack), onsets,
                 lambda view: view.has("theta")),
 )
-
-
-def called(names: Iterable[str]) -> tuple[Hypothesis, ...]:
-    """The catalogue's hypotheses of names of the table, and those of the nominal's numbers, which any may be off
-    beside.
-
-    A sine brings the line that it stands for.
-    """
-    labels = set(names)
-    terms = [label.partition("(")[2][:-1] for label in sorted(labels) if label.startswith("missing_term(")]
-    terms += ["theta"] * ("sin(theta)" in terms and "theta" not in terms)
-    return (*(each for each in SOUGHT if each.label in labels), *(missing_term(term) for term in terms),
-            *(RECORDS[name] for name in NUMBERS if name not in labels))
