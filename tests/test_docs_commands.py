@@ -42,7 +42,7 @@ ENDLESS = "launchid watch"       # without --once it ends by Ctrl-C
 PATIENCE = 30.0                  # s that one is watched
 INTERRUPTED = 130
 LONGEST = 6 * 3600.0             # s of a command: a benchmark's whole campaign
-FOREIGN = "time_ms,pitch_deg,pitch_rate_deg,nozzle_deg"
+FOREIGN = "time_ms,pitch_deg,pitch_rate_deg,nozzle_deg,command_deg"
 
 
 def commands(page: Path) -> list[str]:
@@ -107,8 +107,8 @@ def presumed(lines: list[str], folder: Path) -> None:
 def in_degrees(path: Path) -> None:
     """A flight as the recipe for other units has it: milliseconds, degrees, the nozzle's sign reversed."""
     log = flight("constant").log
-    columns = [1e3 * log.t, *(math.degrees(1.0) * getattr(log, name) for name in ("theta", "theta_dot", "beta"))]
-    columns[3] = -columns[3]
+    degree = math.degrees(1.0)
+    columns = [1e3 * log.t, degree * log.theta, degree * log.theta_dot, -degree * log.beta, -degree * log.beta_cmd]
     rows = (",".join(map(repr, map(float, row))) for row in zip(*columns, strict=True))
     path.write_text("\n".join([FOREIGN, *rows]) + "\n", encoding="utf-8")
 
