@@ -107,6 +107,8 @@ class Estimate:
     offsets              what the model does not know, by its name in `Model`, at t_end
     actuator             the servo's natural_frequency [rad/s], damping_ratio and delay [s], each with its standard
                          deviation, at t_end, from all data so far (a model with a sigma of it, else None)
+    actuator_corr        correlations of natural_frequency with damping_ratio and with delay, of damping_ratio with
+                         delay; empty where actuator is None
     whiteness            p-value of the innovations until t_end, were the model true (formulation `filtered`), else NaN
     absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
                          from the active ones; read-only
@@ -137,6 +139,7 @@ class Estimate:
     wind_std: float = math.nan
     offsets: Mapping[str, Offset] = field(default_factory=dict)
     actuator: Mapping[str, Offset] | None = None
+    actuator_corr: tuple[float, ...] = ()
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
     terms_std: Mapping[str, float] = field(default_factory=dict)

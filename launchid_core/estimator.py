@@ -168,8 +168,8 @@ class Estimator:
             rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
             tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
             uncertainty=None if report is None or self._memory.size.ranged == 0 else _uncertainty(report),
-            actuator=None if report is None else _actuator(report, self.config.model),
-            whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)))
+            whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)),
+            **_actuator(report, self.config.model))
 
     def changes(self) -> tuple[Change, ...]:
         """Sudden changes found so far, oldest first (of the last MAX_EVENTS alarms; formulation `filtered`)."""
@@ -246,11 +246,12 @@ def _air(report: Any, model: Model | None) -> dict[str, Any]:
     return {"wind": wind, "wind_std": wind_std, "offsets": MappingProxyType(offsets)}
 
 
-def _actuator(report: Any, model: Model | None) -> Mapping[str, Offset] | None:
-    """The servo out of a report; None where it is known."""
-    if model is None or not model.servo_sigma:
-        return None
-    return MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)})
+def _actuator(report: Any, model: Model | None) -> dict[str, Any]:
+    """The servo out of a report, as fields of `Estimate`; nothing of a servo that is known."""
+    if report is None or model is None or not model.servo_sigma:
+        return {"actuator": None, "actuator_corr": ()}
+    return {"actuator": MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)}),
+            "actuator_corr": tuple(_numbers(report.actuator_corr))}
 
 
 def _uncertainty(report: Any) -> Uncertainty:

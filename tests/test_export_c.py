@@ -63,7 +63,8 @@ def window_words(e: Estimate) -> list[str]:
         words += [bits(value), str(int(active))]
     tracked = e.tracked or (False, *(NAN,) * 5)
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
-    servo = [x for each in e.actuator.values() for x in each] if e.actuator else [NAN] * 6
+    servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True)
+             for x in (*each, shared)] if e.actuator else [NAN] * 9
     return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets, *servo))]
 
 

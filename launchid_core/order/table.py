@@ -388,6 +388,7 @@ REPORT = struct(
     ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
     ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
     ("actuator", F8, (N_SERVO, 2), "of model.SERVO: value and standard deviation, NaN where nothing of it is unknown"),
+    ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"),
     ("cell", I8, (1,), "scratch of the profile"))
 
 FILTERED_FIXED = struct(

@@ -131,8 +131,9 @@ def report_air(belief, air, fil, total, contradicted, rep):
 
 @inner
 def report_servo(belief, fil, contradicted, rep):
-    """Report the servo that is not known, as the flight has shown it so far: numbers with their standard deviations."""
-    rep.actuator[:, :] = np.nan
+    """Report the servo that is not known, as the flight has shown it so far: numbers, their standard deviations and
+    correlations."""
+    rep.actuator[:, :], rep.actuator_corr[:] = np.nan, np.nan
     constant, servo = belief.constant, fil.servo
     unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
     for j in range(belief.size.servo):
@@ -141,6 +142,11 @@ def report_servo(belief, fil, contradicted, rep):
         scale = belief.servo[j] * unit[j]
         rep.actuator[j, 0] = (constant[DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
         rep.actuator[j, 1] = scale * std_of(belief.size, servo, j)
+        for i in range(j):
+            shared = 0.0
+            for k in range(j, belief.size.servo):
+                shared += servo.root[i, k] * servo.root[j, k]
+            rep.actuator_corr[i + j - 1] = shared / (std_of(belief.size, servo, i) * std_of(belief.size, servo, j))
 
 
 @inner

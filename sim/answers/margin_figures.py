@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..log import Log
 from ..nominal import Nominal
-from ..uncertainty.flight_margins import UNITS, WORDS, Judged, WindowMargins, known_servo, required_of
+from ..uncertainty.flight_margins import UNITS, WORDS, Judged, WindowMargins, declared_servo, required_of
 from ..uncertainty.loops import Loops, loops, plants_of
 from ..uncertainty.margin_spread import NAMES, ellipsoid
 
@@ -93,7 +93,7 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
     controller, middle = nominal.controller, 0.5 * (window.t_start + window.t_end)
     assert controller is not None
     family = _family(window.window, nominal)
-    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *known_servo(nominal).mean])
+    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *declared_servo(nominal).mean])
     top = np.log10(np.pi / controller.period)
     omega = np.logspace(DECADES[0], top - DECADES[1], POINTS)
     band = _response(loops(plants_of(family), controller), omega)

@@ -63,15 +63,12 @@ class Identification(Answer):
 
     def margins(self) -> "FlightMargins":
         """The stability margins of the loop as identified, with the nominal's controller."""
-        from .of_margins import identified_margins, known_servo, margins_of
+        from .of_margins import margins_of
         c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
         if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
             raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
                              "rigid-body")
-        servo = known_servo(self.nominal)
-        if self.nominal.actuator is not None and not self.nominal.actuator.is_known:
-            return identified_margins(self.log, self.nominal, c, is_tracked)
-        return margins_of(self.log, self.nominal, c, self.estimates, self.changes, servo, is_tracked)
+        return margins_of(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """A figure of the windows' residuals, whether they are white, and predictions over horizons."""

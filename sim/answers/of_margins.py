@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 from launchid_core import Change, Config, Estimate
 
 from ..checked import data_warnings
-from ..identify import log_config, next_step, why
+from ..identified import identified
+from ..identify import log_config, next_step, servo_note, why
 from ..log import Log
 from ..nominal import Nominal
 from ..result import Columns
 from ..uncertainty import flight_margins as fm
-from ..uncertainty.flight_margins import Servo, WindowMargins, known_servo
-from ..uncertainty.servo import identified_with_servo
+from ..uncertainty.flight_margins import Servo, WindowMargins, declared_servo
 from .answer import Answer, flat
 
 if TYPE_CHECKING:
@@ -54,24 +54,18 @@ class FlightMargins(Answer):
 def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = False,
             strict: bool = False) -> FlightMargins:
     """The margins of a log's loop; `window` in s."""
-    known_servo(nominal)
-    said = data_warnings(log, nominal, strict)
+    declared_servo(nominal)
     config = log_config(log, nominal, str(window), "filtered", True, library="rigid-body")
-    return identified_margins(log, nominal, config, tracked, said)
-
-
-def identified_margins(log: Log, nominal: Nominal, config: Config, tracked: bool,
-                       said: tuple[str, ...] = ()) -> FlightMargins:
-    """The margins of what a configuration identifies in a log, behind the servo as it is known or estimated."""
-    result, servo = identified_with_servo(log, nominal, config)
-    return margins_of(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), servo, tracked,
-                      said)
+    said = (*data_warnings(log, nominal, strict), *servo_note(log, nominal, config))
+    result = identified(config, log)
+    return margins_of(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked, said)
 
 
 def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
-               servo: Servo, tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
+               tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
     """The margins of what was identified."""
-    windows = fm.flight_margins(nominal, estimates, changes, servo)
+    windows = fm.flight_margins(nominal, estimates, changes)
+    servo = fm.last_servo(declared_servo(nominal), estimates)
     report = fm.report(windows, servo, nominal.margins, tracked)
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")

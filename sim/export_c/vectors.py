@@ -59,7 +59,8 @@ def of_window(e: Estimate) -> list[int]:
     """The words that leave with a window, in the order of check.c."""
     tracked = e.tracked or (False, *(math.nan,) * 5)
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (math.nan, math.nan))]
-    servo = [x for each in e.actuator.values() for x in each] if e.actuator else [math.nan] * 6
+    servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True) for x in (*each, shared)] \
+        if e.actuator else [math.nan] * 9
     return _words([
         int(e.status), e.rows, e.gaps, e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot,
         e.k1_dot, e.a6_bound, e.k1_bound, e.condition, *e.xi.ravel().tolist(), *e.support.ravel().tolist(),

@@ -1,8 +1,12 @@
 """The margins of a flight: of every window, and of the tracked estimate at its end, from what was identified.
 
 Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen at the window's centre, tracked
-at its end, behind the servo.  A window that the estimator refuses has no margins, neither has one in which a6 or k1
-changed suddenly, nor the tracked estimate until the change is settled: no frozen loop is that flight's.
+at its end, behind the servo: the nominal's or, where it is not known, the one that the flight has shown until the
+window's end.  What is unknown of the servo is in a6, k1 and their covariance already; that their errors and the servo's
+belong together is left out (`docs/margins.md` says what it was checked by).
+
+A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
+estimate until the change is settled: no frozen loop is that flight's.
 """
 
 import math
@@ -32,15 +36,10 @@ UNITS = {"gain_low_db": "dB", "gain_high_db": "dB", "phase_deg": "degrees", "del
 
 
 class Servo(NamedTuple):
-    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3).
-
-    by_servo   {(window, "window" or "tracked"): (2, 3)} by how much a unit of each moves the a6 and k1 that were
-               identified with it; empty where it is known
-    """
+    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3)."""
 
     mean: np.ndarray
     covariance: np.ndarray
-    by_servo: dict[tuple[int, str], np.ndarray]
 
 
 class Judged(NamedTuple):
@@ -64,8 +63,8 @@ class WindowMargins(NamedTuple):
     tracked: Judged
 
 
-def known_servo(nominal: Nominal) -> Servo:
-    """The servo that a nominal is sure of; InputError for a loop that is no rigid body, second-order servo and PD."""
+def declared_servo(nominal: Nominal) -> Servo:
+    """The servo as a nominal declares it; InputError for a loop that is no rigid body, second-order servo and PD."""
     nominal.require("actuator", "controller")
     refuse_foreign_loop(nominal, "the frozen loop")
     for effect in nominal.effects:
@@ -73,7 +72,25 @@ def known_servo(nominal: Nominal) -> Servo:
             raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; expected a "
                              "nominal without it")
     model = onboard_model(nominal)
-    return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.zeros((3, 3)), {})
+    sigma = (model.natural_frequency_sigma * model.natural_frequency, model.damping_ratio_sigma * model.damping_ratio,
+             model.delay_sigma)
+    return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.diag(np.square(sigma)))
+
+
+def servo_at(declared: Servo, e: Estimate) -> Servo:
+    """The servo at a window's end: as declared or, where it is estimated, as the flight has shown it until then."""
+    if e.actuator is None:
+        return declared
+    mean, std = np.array([(each.value, each.std) for each in e.actuator.values()]).T
+    first, second, third = e.actuator_corr
+    shared = np.array([[1.0, first, second], [first, 1.0, third], [second, third, 1.0]])
+    return Servo(mean, np.outer(std, std) * shared)
+
+
+def last_servo(declared: Servo, estimates: Sequence[Estimate]) -> Servo:
+    """The servo as the flight has shown it until the end of its last window that does not contradict it."""
+    shown = (servo_at(declared, e) for e in reversed(estimates))
+    return next((servo for servo in shown if np.isfinite(servo.mean).all()), declared)
 
 
 def is_neutral(parameters: dict[str, Any]) -> bool:
@@ -81,43 +98,44 @@ def is_neutral(parameters: dict[str, Any]) -> bool:
     return parameters.get("scale", 1.0) == 1.0 and parameters.get("coefficient", 0.0) == 0.0
 
 
-def flight_margins(nominal: Nominal, estimates: Sequence[Estimate], changes: Sequence[Change],
-                   servo: Servo) -> list[WindowMargins]:
+def flight_margins(nominal: Nominal, estimates: Sequence[Estimate],
+                   changes: Sequence[Change]) -> list[WindowMargins]:
     """The margins of every window of a flight, with the controller of its nominal."""
-    return [WindowMargins(e.t_start, e.t_end, _of_window(nominal, e, changes, servo, k),
-                          _of_tracked(nominal, e, changes, servo, k)) for k, e in enumerate(estimates)]
+    declared = declared_servo(nominal)
+    servos = [servo_at(declared, e) for e in estimates]
+    return [WindowMargins(e.t_start, e.t_end, _of_window(nominal, e, changes, servo),
+                          _of_tracked(nominal, e, changes, servo))
+            for e, servo in zip(estimates, servos, strict=True)]
 
 
-def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo, k: int) -> Judged:
+def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
     if not e.valid:
         return Judged(e.status.name)
     if any(e.t_start < change.t < e.t_end for change in changes):
         return Judged(CHANGE)
-    return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo, servo.by_servo.get((k, "window")))
+    return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo)
 
 
-def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo, k: int) -> Judged:
+def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
     if e.status.name == "MODEL":
         return Judged(e.status.name)
     if e.tracked is None or not e.tracked.valid:
         return Judged(UNKNOWN)
     if any(change.t <= e.t_end < change.t + SETTLED for change in changes):
         return Judged(CHANGE)
-    return judged(nominal, tuple(e.tracked)[1:], servo, servo.by_servo.get((k, "tracked")))
+    return judged(nominal, tuple(e.tracked)[1:], servo)
 
 
-def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, by_servo: np.ndarray | None = None,
-           gains: tuple[float, float] | None = None) -> Judged:
+def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:
     """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
     the controller's."""
-    if not all(map(math.isfinite, rigid)):
+    if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
         return Judged(UNKNOWN)
     a6, k1, a6_std, k1_std, correlation = rigid
-    shift = np.zeros((2, 3)) if by_servo is None else by_servo
-    cross = shift @ servo.covariance
-    covariance = np.array([[a6_std**2, correlation * a6_std * k1_std], [correlation * a6_std * k1_std, k1_std**2]])
-    known = Known(np.array([a6, k1, *servo.mean]),
-                  np.block([[covariance + cross @ shift.T, cross], [cross.T, servo.covariance]]))
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
+    covariance[2:, 2:] = servo.covariance
+    known = Known(np.array([a6, k1, *servo.mean]), covariance)
     assert nominal.controller is not None
     return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
 

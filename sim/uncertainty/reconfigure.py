@@ -24,9 +24,10 @@ Limitation: the supervisor looks every SUPERVISION seconds, as a slower task bes
 
 The gate.  Other gains than the legacy ones are adopted only while the loop with them keeps what the nominal's [margins]
 requires with the whole of its 95 % intervals, as the tracked estimate knows a6 and k1, behind the servo as the nominal
-knows it; else the legacy gains stay, or come back, unless they keep even less of every margin that is missed: a gate
-that left those to a vehicle that needs others lost one flight more of 16 (`vega_like`, `both`).  Why is in
-`Flown.decisions`.  This is a decision of the host: the margins are not computed on board.
+declares it or, where it is not known, as the flight has shown it; else the legacy gains stay, or come back, unless they
+keep even less of every margin that is missed: a gate that left those to a vehicle that needs others lost one flight
+more of 16 (`vega_like`, `both`).  Why is in `Flown.decisions`.  This is a decision of the host: the margins are not
+computed on board.
 """
 
 import dataclasses
@@ -43,7 +44,7 @@ from ..flight import CLOCK_DIGITS, Factor, prepare
 from ..identify import onboard_model
 from ..nominal import Nominal
 from ..vehicle import step as st
-from .flight_margins import judged, known_servo, miss_words
+from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
 
 WINDOW = 0.2          # s of the estimator: how often the tracked estimate is read
 JUDGED = 1.0          # s for which a judgement of the margins holds, if the gains asked for stay within
@@ -52,7 +53,7 @@ FEWEST = 5            # samples in it
 HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
 LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
 SUPERVISION = 0.1     # s, between looks at the estimator: its own block of samples
-SLOWEST = 1.0         # rad/s, least wn: slower than guidance, the attitude would not follow (issue 5)
+SLOWEST = 1.0         # rad/s, least wn: slower than guidance, the attitude would not follow
 LEAST = 1.0           # of the legacy gain.  The rule asks for less when the vehicle is stiffer than believed, and what
 # is given away then is missing when k1 is lost: with 0.5 one of 100 constant flights was lost (`both`) that legacy
 # keeps, for 2 % less nozzle rate.  Legacy flies the whole box with it
@@ -192,27 +193,24 @@ class Gate:
 
     def __init__(self, nominal: Nominal) -> None:
         self.nominal = nominal
-        self.servo = known_servo(nominal)
-        servo = nominal.actuator
-        assert servo is not None
-        sigma = np.array([servo.natural_frequency_sigma * servo.natural_frequency,
-                          servo.damping_ratio_sigma * servo.damping_ratio, servo.delay_sigma])
-        self.servo = self.servo._replace(covariance=np.diag(sigma**2))
+        self.declared = declared_servo(nominal)
         self.last = Decision(-math.inf, True, (math.nan, math.nan), "")
 
-    def judge(self, t: float, tracked: Tracked, gains: tuple[float, float]) -> Decision:
-        """The decision about these gains at t [s]; that before, where hardly anything has moved since."""
+    def judge(self, t: float, tracked: Tracked, gains: tuple[float, float], servo: Servo | None = None) -> Decision:
+        """The decision about these gains at t [s], behind this servo or the declared one; that before, where hardly
+        anything has moved since."""
+        servo = self.declared if servo is None else servo
         near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
         if near and t - self.last.t < JUDGED:
             return self.last
         rigid, required = tuple(tracked)[1:], self.nominal.margins
-        spread = judged(self.nominal, rigid, self.servo, gains=gains).spread
+        spread = judged(self.nominal, rigid, servo, gains).spread
         if spread is None:
             self.last = Decision(t, False, gains, "the tracked estimate is not finite")
             return self.last
         missed = spread.below(required)
         reason = "; ".join(miss_words(spread, name, required) for name in missed)
-        legacy = judged(self.nominal, rigid, self.servo).spread if missed else None
+        legacy = judged(self.nominal, rigid, servo).spread if missed else None
         worse = legacy is not None and all(legacy.ends(name)[0] < spread.ends(name)[0] for name in missed)
         self.last = Decision(t, not missed or worse, gains, reason + ("; the legacy gains keep less" if worse else ""))
         return self.last
@@ -243,7 +241,7 @@ class Supervisor(Scheduler):
         gains = self.rule.gains(estimate.t_end, belief)
         if gains == self.rule.legacy or estimate.tracked is None:
             return belief
-        decision = self.gate.judge(estimate.t_end, estimate.tracked, gains)
+        decision = self.gate.judge(estimate.t_end, estimate.tracked, gains, servo_at(self.gate.declared, estimate))
         if not self.decisions or decision.adopted != self.decisions[-1].adopted:
             self.decisions.append(decision)
         return belief if decision.adopted else NOMINAL

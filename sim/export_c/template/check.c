@@ -122,6 +122,7 @@ static void put_estimate(void)
     for (int k = 0; k < 3; k++) {
         put(e.actuator[k][0]);
         put(e.actuator[k][1]);
+        put(e.actuator_corr[k]);
     }
     const bool there = launchid_get_level(&estimator, &a6, &k1);
     count(there);

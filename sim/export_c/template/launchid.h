@@ -73,6 +73,7 @@ typedef struct {
                                            bias, nozzle sensor bias; NaN where the model knows it */
     double actuator[3][2];              /* value and standard deviation of the servo's natural frequency [rad/s], damping
                                            ratio, delay [s] at t_end; NaN of a servo that the model knows */
+    double actuator_corr[3];            /* their correlations: the first with the second and the third, these two */
 } launchid_estimate;
 
 /* A sudden change at t [s]: before and after [1/s^2], the alarm [s]; final: two seconds of data are behind its size. */

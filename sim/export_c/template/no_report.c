@@ -16,6 +16,7 @@ static void report_into(const launchid_state *state, launchid_work *work, launch
     for (int64_t k = 0; k < 3; k++) {
         estimate->actuator[k][0] = NO_NUMBER;
         estimate->actuator[k][1] = NO_NUMBER;
+        estimate->actuator_corr[k] = NO_NUMBER;
     }
 }
 

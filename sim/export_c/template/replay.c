@@ -29,7 +29,7 @@ static void print_estimate(const launchid_estimate *e)
         printf(" %a %a", e->offset[k][0], e->offset[k][1]);
     }
     for (int k = 0; k < 3; k++) {
-        printf(" %a %a", e->actuator[k][0], e->actuator[k][1]);
+        printf(" %a %a %a", e->actuator[k][0], e->actuator[k][1], e->actuator_corr[k]);
     }
     printf("\n");
 }

@@ -18,6 +18,7 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
     for (int64_t k = 0; k < 3; k++) {
         estimate->actuator[k][0] = rep->actuator[2 * k];
         estimate->actuator[k][1] = rep->actuator[(2 * k) + 1];
+        estimate->actuator_corr[k] = rep->actuator_corr[k];
     }
 }
 
