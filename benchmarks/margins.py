@@ -1,25 +1,42 @@
-"""Margins of flights with a servo that is not known: do the 95 % intervals hold the truth, and what does it cost?
+"""Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py [--flights 100] [--seed 0] [--windows 5 10] [--nominals ...] [--air calm wind]
+    python benchmarks/margins.py coverage [--flights 100] [--seed 0] [--windows 5 10] [--nominals ...] [--air calm wind]
+    python benchmarks/margins.py warnings [--flights 200] [--seed 0]
+    python benchmarks/margins.py gate [--flights 100] [--seed 0] [--nominals ...]
 
-`flight` suite, a6 and k1 within 20 % of the nominal's, servo frequency and damping ratio within 30 %, delay 0 to 30 ms,
-all drawn uniformly, declared with sigmas 0.3, 0.3 and 0.02 s.  The truth is the frozen loop of the true vehicle at the
-window's centre (tracked: at its end), whose margins `tests/test_flight_margins.py` holds against python-control.
-Bound: that of the complete problem (`sim.bound`), window by window.  Lost vehicles are left out.
+The servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
+
+coverage: `flight` suite, a6 and k1 within 20 % of the nominal's, servo frequency and damping ratio within 30 %, delay 0
+to 30 ms, all drawn uniformly.  The truth is the frozen loop of the true vehicle at the window's centre (tracked: at its
+end), whose margins `tests/test_flight_margins.py` holds against python-control.  Bound: that of the complete problem
+(`sim.bound`), window by window.  Lost vehicles are left out.
+
+warnings: `constant`, 30 s.  Half of the flights have a servo whose lag leaves less than 20 degrees of phase margin
+(frequency and delay drawn until it does); the other half the coverage's vehicles, as far as they keep 30 degrees and 6
+dB.  Named: `below` lists one of the first two windows of 5 s.  False: it lists any window of a vehicle that keeps what
+is required.
+
+gate: the scenarios of `reconfiguration.py` with the true servo drawn as in coverage.  Every gain set that was put to
+the gate is judged by the true vehicle of that moment: how many had less than 20 degrees, and how many of these flew.
 """
 
 import argparse
 import dataclasses
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from flights import NOMINALS, in_air, nominal, run_jobs
 
 import launchid
 from sim.bound.flights import flight_bound
-from sim.flight import fly_whole, parameters
+from sim.campaign import draw_jobs
+from sim.flight import Factor, Flight, fly_whole, parameters
 from sim.nominal import Nominal
+from sim.uncertainty import reconfigure
 from sim.uncertainty.loops import loops, plants_of
 from sim.uncertainty.margin_spread import NAMES, margin_table
+from sim.uncertainty.montecarlo import SCENARIOS, factors
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
@@ -38,6 +55,17 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
         delay=float(random.uniform(0.0, MOST_DELAY)))), float(a6), float(k1)
 
 
+def declared_unknown(vehicle: Nominal) -> Nominal:
+    """A vehicle whose servo is declared with SIGMA."""
+    assert vehicle.actuator is not None
+    return dataclasses.replace(vehicle, actuator=dataclasses.replace(vehicle.actuator, **SIGMA))
+
+
+def _columns(flight: Flight) -> dict[str, np.ndarray]:
+    """What is logged of a flight."""
+    return {each: getattr(flight, each) for each in ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")}
+
+
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
     """The judgement of one flight: whether the interval of each margin holds, by window and tracked, errors over the
     bound, and the servo's errors over their standard deviations.  None if it is lost."""
@@ -46,22 +74,19 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
     flight = fly_whole(true, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     if flight.lost:
         return None
-    columns = {each: getattr(flight, each) for each in ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")}
-    assert believed.actuator is not None and true.actuator is not None
-    declared = dataclasses.replace(believed, actuator=dataclasses.replace(believed.actuator, **SIGMA))
-    made = launchid.margins(columns, declared, window=window, tracked=True)
+    made = launchid.margins(_columns(flight), declared_unknown(believed), window=window, tracked=True)
+    assert true.actuator is not None
     servo = np.array([true.actuator.natural_frequency, true.actuator.damping_ratio, true.actuator.delay])
-    unknown = dataclasses.replace(true, actuator=dataclasses.replace(true.actuator, **SIGMA))
-    bound = flight_bound(unknown, window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
+    bound = flight_bound(declared_unknown(true), window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     known = flight_bound(true, window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     rows: dict[str, list[list[float]]] = {"window": [], "tracked": [], "ratio": [], "cost": []}
     for k, each in enumerate(made.windows):
         for of, at in (("window", 0.5 * (each.t_start + each.t_end)), ("tracked", each.t_end)):
             judgement = getattr(each, of)
-            a6, k1 = (float(x) for x in parameters(true, np.array(at), a6_factor, k1_factor))
+            a6, k1 = _at(true, at, a6_factor, k1_factor)
             if judgement.spread is None:
                 continue
-            truth = margin_table(loops(plants_of(np.array([[a6, k1, *servo]])), believed.controller))[0]
+            truth = margins_of_vehicle(true, a6, k1)
             rows[of].append([float(interval.low <= x <= interval.high) for x, interval in zip(
                 truth, (getattr(judgement.spread, margin) for margin in NAMES), strict=True)])
             if of == "window" and k < len(bound.a6):
@@ -93,19 +118,129 @@ def cell(name: str, air: str, window: float, flights: int, first: int) -> None:
           + f"; bound over a known servo's, median: a6 {np.median(cost[:, 0]):.3f}, k1 {np.median(cost[:, 1]):.3f}")
 
 
+LITTLE = 20.0         # degrees of phase margin
+SHORT = 30.0          # s, a flight of `warnings`
+NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
+
+
+def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
+    """The true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo."""
+    servo, controller = vehicle.actuator, vehicle.controller
+    assert servo is not None and controller is not None
+    row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
+    return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
+
+
+def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
+    """A vehicle whose servo leaves less than LITTLE degrees, and is not beyond what keeps it stable."""
+    _, a6, k1 = drawn(believed, seed)
+    servo, random = believed.actuator, np.random.default_rng((920, seed))
+    assert servo is not None
+    while True:
+        late = dataclasses.replace(believed, actuator=dataclasses.replace(
+            servo, natural_frequency=servo.natural_frequency * random.uniform(0.25, 1.0),
+            delay=float(random.uniform(0.0, 0.08))))
+        if 0.0 < margins_of_vehicle(late, *_at(late, 0.0, a6, k1))[2] < LITTLE:
+            return late, a6, k1
+
+
+def _at(vehicle: Nominal, t: float, a6: Factor, k1: Factor) -> tuple[float, float]:
+    """True a6, k1 [1/s^2] at t [s]."""
+    true_a6, true_k1 = parameters(vehicle, np.array(t), a6, k1)
+    return float(true_a6), float(true_k1)
+
+
+def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
+    """Whether a flight was named within two windows, whether in any, and whether the vehicle keeps what is required;
+    None of one that is lost."""
+    believed = nominal("constant")
+    believed = dataclasses.replace(believed, simulation=dataclasses.replace(believed.simulation, duration=SHORT))
+    true, a6, k1 = (slow_servo if is_slow else drawn)(believed, seed)
+    flight = fly_whole(true, seed, a6_factor=a6, k1_factor=k1)
+    if flight.lost:
+        return None
+    made = launchid.margins(_columns(flight), declared_unknown(believed))
+    below = {each["t_start"] for each in made.report["below"]}
+    first = {each.t_start for each in made.windows[:2]}
+    low, high, phase, _ = margins_of_vehicle(true, *_at(true, 0.0, a6, k1))
+    required = believed.margins
+    return bool(below & first), bool(below), bool(
+        -low >= required.gain_db and high >= required.gain_db and phase >= required.phase_deg)
+
+
+def warnings(flights: int, first: int) -> None:
+    """The two lines of `warnings`."""
+    seeds = range(first, first + flights)
+    slow, clean = ([each for each in run_jobs(warned, [(kind, seed) for seed in seeds]) if each]
+                   for kind in (True, False))
+    named = np.mean([each[0] for each in slow])
+    print(f"less than {LITTLE:g} degrees: {100 * named:.1f} % of {len(slow)} flights named within two windows"
+          + (" MISSED" if named < NAMED_LEAST else ""))
+    keeps = [each for each in clean if each[2]]
+    false = np.mean([each[1] for each in keeps])
+    print(f"what is required is kept: {100 * false:.1f} % of {len(keeps)} flights with a window named"
+          + (" MISSED" if false > FALSE_MOST else ""))
+
+
+def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]:
+    """Of one flight: gain sets put to the gate, of these with little phase margin, of these adopted, and among them
+    those where the legacy gains had less; whether it was lost."""
+    believed = nominal(name)
+    true, _, _ = drawn(believed, seed)
+    job = draw_jobs(name, scenario, [seed])[0]
+    a6, k1 = factors(believed, job)
+    asked: list[tuple[float, tuple[float, float], bool]] = []
+
+    class Watched(reconfigure.Gate):
+        """A gate that notes what it was asked."""
+
+        def judge(self, t: float, *given: Any) -> reconfigure.Decision:
+            decision = super().judge(t, *given)
+            asked.append((t, given[1], decision.adopted))
+            return decision
+
+    with mock.patch.object(reconfigure, "Gate", Watched):
+        flown = reconfigure.fly_reconfigured(true, seed, a6, k1, declared_unknown(believed))
+    little = [(t, gains, adopted) for t, gains, adopted in asked
+              if margins_of_vehicle(true, *_at(true, t, a6, k1), gains)[2] < LITTLE]
+    flew = [(t, gains) for t, gains, adopted in little if adopted]
+    better = sum(margins_of_vehicle(true, *_at(true, t, a6, k1))[2] < margins_of_vehicle(
+        true, *_at(true, t, a6, k1), gains)[2] for t, gains in flew)
+    return len(asked), len(little), len(flew), int(better), int(flown.lost)
+
+
+def gate(flights: int, first: int, names: list[str]) -> None:
+    """A line for each nominal and scenario."""
+    print(f"{'nominal':16} {'scenario':8} {'flights':>7} {'lost':>5} {'asked':>7} {'little':>7} {'flew':>5} "
+          f"{'legacy less':>11}")
+    for name in names:
+        for scenario in SCENARIOS:
+            rows = np.array(run_jobs(gated, [(name, scenario, first + k) for k in range(flights)]))
+            asked, little, flew, better, lost = rows.sum(axis=0).tolist()
+            missed = flew - better > (1.0 - REFUSED_LEAST) * little
+            print(f"{name:16} {scenario:8} {flights:7d} {lost:5d} {asked:7d} {little:7d} {flew:5d} {better:11d}"
+                  + (" MISSED" if missed else ""))
+
+
 def main() -> None:
-    """All cells."""
+    """The part that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=100)
+    parser.add_argument("part", choices=["coverage", "warnings", "gate"])
+    parser.add_argument("--flights", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--windows", type=float, nargs="+", default=[5.0, 10.0])
     parser.add_argument("--nominals", nargs="+", default=list(NOMINALS))
     parser.add_argument("--air", nargs="+", default=["calm", "wind"])
     args = parser.parse_args()
-    for name in args.nominals:
-        for air in args.air:
-            for window in args.windows:
-                cell(name, air, window, args.flights, args.seed)
+    if args.part == "warnings":
+        warnings(args.flights or 200, args.seed)
+    elif args.part == "gate":
+        gate(args.flights or 100, args.seed, args.nominals)
+    else:
+        for name in args.nominals:
+            for air in args.air:
+                for window in args.windows:
+                    cell(name, air, window, args.flights or 100, args.seed)
 
 
 if __name__ == "__main__":

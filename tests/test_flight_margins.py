@@ -11,7 +11,6 @@ import pytest
 from test_lft import delayed, held
 
 import launchid
-from launchid.sources import read_log
 from launchid_core import Change
 from sim.cli import main
 from sim.effects import effect

@@ -288,10 +288,14 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
     return Flown(rows, gains, every * float(vehicle.constant[st.STEP]), bool(vehicle.counter[st.LOST]))
 
 
-def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
-    """The flight whose gains follow the estimates; the same noise as `fly_legacy`'s, draw for draw."""
+def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0,
+                     believed: Nominal | None = None) -> Flown:
+    """The flight whose gains follow the estimates; the same noise as `fly_legacy`'s, draw for draw.
+
+    believed   what the supervisor knows, if it is not the nominal that flies
+    """
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
-    supervisor = Supervisor(nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
+    supervisor = Supervisor(believed or nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
     flown = _fly(vehicle, steps, supervisor)
     return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
 
