@@ -62,7 +62,7 @@ def declared_unknown(vehicle: Nominal) -> Nominal:
 
 
 def _columns(flight: Flight) -> dict[str, np.ndarray]:
-    """What is logged of a flight."""
+    """The columns that are logged of a flight."""
     return {each: getattr(flight, each) for each in ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")}
 
 
@@ -183,7 +183,7 @@ def warnings(flights: int, first: int) -> None:
 
 
 def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]:
-    """Of one flight: gain sets put to the gate, of these with little phase margin, of these adopted, and among them
+    """The counts of one flight: gain sets put to the gate, with little phase margin, of these adopted, and among them
     those where the legacy gains had less; whether it was lost."""
     believed = nominal(name)
     true, _, _ = drawn(believed, seed)

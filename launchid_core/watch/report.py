@@ -133,7 +133,8 @@ def report_air(belief, air, fil, total, contradicted, rep):
 def report_servo(belief, fil, contradicted, rep):
     """Report the servo that is not known, as the flight has shown it so far: numbers, their standard deviations and
     correlations."""
-    rep.actuator[:, :], rep.actuator_corr[:] = np.nan, np.nan
+    rep.actuator[:, :] = np.nan
+    rep.actuator_corr[:] = np.nan
     constant, servo = belief.constant, fil.servo
     unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
     for j in range(belief.size.servo):
