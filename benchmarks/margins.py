@@ -12,8 +12,8 @@ end), whose margins `tests/test_flight_margins.py` holds against python-control.
 (`sim.bound`), window by window.  Lost vehicles are left out.
 
 warnings: `constant`, 30 s.  Half of the flights have a servo whose lag leaves less than 20 degrees of phase margin
-(frequency and delay drawn until it does); the other half the coverage's vehicles, as far as they keep 30 degrees and 6
-dB.  Named: `below` lists one of the first two windows of 5 s.  False: it lists any window of a vehicle that keeps what
+(frequency and delay drawn, within three of their declared standard deviations, until it does); the other half are the
+coverage's vehicles, as far as they keep 30 degrees and 6 dB.  Named: `below` lists one of the first two windows of 5 s.  False: it lists any window of a vehicle that keeps what
 is required.
 
 gate: the scenarios of `reconfiguration.py` with the true servo drawn as in coverage.  Every gain set that was put to
@@ -120,6 +120,7 @@ def cell(name: str, air: str, window: float, flights: int, first: int) -> None:
 
 LITTLE = 20.0         # degrees of phase margin
 SHORT = 30.0          # s, a flight of `warnings`
+SLOWEST = 0.25        # of the nominal's frequency: 2.5 standard deviations
 NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 
 
@@ -138,8 +139,8 @@ def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
     assert servo is not None
     while True:
         late = dataclasses.replace(believed, actuator=dataclasses.replace(
-            servo, natural_frequency=servo.natural_frequency * random.uniform(0.25, 1.0),
-            delay=float(random.uniform(0.0, 0.08))))
+            servo, natural_frequency=servo.natural_frequency * random.uniform(SLOWEST, 1.0),
+            delay=float(random.uniform(0.0, 3.0 * SIGMA["delay_sigma"]))))
         if 0.0 < margins_of_vehicle(late, *_at(late, 0.0, a6, k1))[2] < LITTLE:
             return late, a6, k1
 
