@@ -3,12 +3,16 @@
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import launchid
+from launchid.sources import read_log
 from sim.cli import main
+from sim.first.channels import channels
 from sim.flight import fly_whole
 from sim.log import write_flight
 from sim.nominal import Wind, load_nominal
@@ -49,6 +53,22 @@ def whole(tmp_path_factory):
     assert main(["nominal", str(folder / "log.csv"), "--out", str(folder / "new.toml"),
                  "--json", str(folder / "new.json")]) == 0
     return folder, json.loads((folder / "new.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+def test_noise_is_no_filter_of_the_gyro(name):
+    """In a closed loop the noise of theta moves theta_dot, half a tenth of a second later."""
+    assert not any(channels(read_log(launchid.simulate(name, seed=seed))).notes for seed in range(8, 16))
+
+
+def test_a_gyro_behind_a_filter_is_left_out():
+    """theta_dot of 50 ms earlier, of a motion that is large beside its noise."""
+    t = np.arange(0.0, 30.0, 0.01)
+    noise = 3e-4 * np.random.default_rng(5).standard_normal((2, len(t)))
+    log = {"t": t, "theta": 0.3 * np.sin(1.7 * t) + noise[0], "theta_dot": 0.51 * np.cos(1.7 * (t - 0.05)) + noise[1],
+           "beta": 0.1 * np.cos(2.1 * t)}
+    made = channels(read_log(log))
+    assert not made.has("theta_dot") and re.search(r"\(scale 1\.0\d\d, lag (49|50)\.\d ms\)", made.notes[0])
 
 
 def off(number: dict[str, float], truth: float) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..diagnosis.data.slope import ONE_MOTION
 from ..diagnosis.data.stamps import usable_rows
 from ..errors import InputError
 from ..flight import CLOCK_DIGITS
@@ -105,7 +106,9 @@ def spikes(x: np.ndarray) -> np.ndarray:
 def without_foreign_rate(c: Channels) -> Channels:
     """theta_dot left out where it is not theta's slope: filtered, delayed or scaled by the device.
 
-    Increments of theta over eight rows against the integral of theta_dot, and that of its slope (a lag).
+    Increments of theta over eight rows against the integral of theta_dot, and that of its slope (a lag).  Where noise is
+    more of them than 1 - ONE_MOTION nothing is told: in a closed loop the noise of theta moves theta_dot, which looks
+    like a lag.
     """
     good = np.isfinite(c.theta) & np.isfinite(c.theta_dot)
     t, theta, rate = c.t[good], c.theta[good], c.theta_dot[good]
@@ -121,6 +124,8 @@ def without_foreign_rate(c: Channels) -> Channels:
     phi = phi / scale
     xi = least_squares(phi, y)
     left = y - combined(phi, xi)
+    if square(left) > (1.0 - ONE_MOTION) * square(y - y.mean()):
+        return c
     try:
         covariance = np.linalg.inv(products(phi, phi)) * square(left) / (len(y) - 3)
     except np.linalg.LinAlgError:
