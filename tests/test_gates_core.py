@@ -11,6 +11,7 @@ from compiled import compiled
 from cut import cut_of
 
 from launchid_core import Config, Estimator
+from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
@@ -22,8 +23,8 @@ from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 absorb, mix, move, restart_bank, track = map(compiled, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_onset, follow_onset, follow_onsets, measure, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
-    ch.carry_onset, ch.follow_onset, ch.follow_onsets, ch.measure, ch.onset_time, ch.open_onset, ch.raise_alarm,
+carry_columns, follow_onset, follow_onsets, measure, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
+    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.measure, ch.onset_time, ch.open_onset, ch.raise_alarm,
     ch.settle_event))
 withdraw_events = compiled(ch.withdraw_events)
 
@@ -208,7 +209,7 @@ def test_the_sensitivities_of_an_onset_are_carried_over_the_block():
     random = np.random.default_rng(4)
     carried, transition = random.standard_normal((4, 2)), random.standard_normal((4, 6))
     open_onset(N, watch, BELIEF, carried, 0.0)
-    carry_onset(N, watch, np.zeros(4), 0, transition)
+    carry_columns(transition, N, watch.carried[0], 2, np.zeros(4))
     assert watch.carried[0] == pytest.approx(transition[:, :4] @ carried)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..kernels import inner
 from .lanes import dot, subtract
-from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .linsolve import apply_q_transposed, invert_triangle, place_of, qr_factor, scale_columns, solve_triangle
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -93,18 +93,19 @@ def solve_active(q, mt, y, active, xi, work):
 
 
 @inner
+def count_active(q, active):
+    """The number of active terms among the first q."""
+    size = 0
+    for j in range(q):
+        if active[j]:
+            size += 1
+    return size
+
+
+@inner
 def covariance_entry(size, work, a, b):
     """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S; size terms."""
-    n = 0.0
-    row_a = row_b = 0
-    for k in range(size):
-        if work.order[k] == a:
-            row_a = k
-            break
-    for k in range(size):
-        if work.order[k] == b:
-            row_b = k
-            break
+    n, row_a, row_b = 0.0, place_of(work.order, a, size), place_of(work.order, b, size)
     for k in range(max(row_a, row_b), size):
         n += work.inverse[row_a, k] * work.inverse[row_b, k]
     return n / (work.norms[a] * work.norms[b])
@@ -179,10 +180,7 @@ def solve_own(q, mt, y, needed, xi, active, work):
     for passes in range(q + 1):
         if solve_active(q, mt, y, active, xi, work) > 0:
             return -1
-        size = 0
-        for j in range(q):
-            if active[j]:
-                size += 1
+        size = count_active(q, active)
         invert_active(q, work, size)
         weakest, least = -1, needed
         place = 0
@@ -283,16 +281,3 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
             break
     return -1 if solve_active(q, mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
-
-@inner
-def sparse_solve(solver, q, mt, whole, y, threshold, needed, xi, active, work):
-    """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
-    if solver == SR3:
-        return solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work)
-    if solver == LASSO:
-        return solve_lasso(q, mt, y, threshold, needed, xi, active, work)
-    if needed > 0.0:
-        return solve_own(q, mt, y, needed, xi, active, work)
-    if solver == SSR:
-        return solve_ssr(q, mt, whole, y, threshold, xi, active, work)
-    return solve_stls(q, mt, whole, y, threshold, xi, active, work)

@@ -19,6 +19,7 @@ import math
 import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
+from ..algebra.linsolve import carry_columns
 from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, ONSETS, VAR_A6, VAR_K1
 from ..kernels import inner
 
@@ -105,20 +106,6 @@ def follow_onset(n, state, slot, kind, pair, dt):
 
 
 @inner
-def carry_onset(n, state, column, slot, transition):
-    """Carry the sensitivities of an onset over the block.  column (n,) scratch;  transition (n, >=n) in."""
-    carried = state.carried[slot]
-    for j in range(2):
-        for i in range(n):
-            value = 0.0
-            for k in range(n):
-                value += transition[i, k] * carried[k, j]
-            column[i] = value
-        for i in range(n):
-            carried[i, j] = column[i]
-
-
-@inner
 def follow_onsets(n, state, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
@@ -135,7 +122,7 @@ def follow_onsets(n, state, column, pair, transition, dt, still):
             state.factor[slot, kind] += follow_onset(n, state, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
                 best, best_slot, best_kind = state.factor[slot, kind], slot, kind
-        carry_onset(n, state, column, slot, transition)
+        carry_columns(transition, n, state.carried[slot], 2, column)
     return best, best_slot, best_kind
 
 
