@@ -43,22 +43,27 @@ def factor_whole(q, mt, whole):
 
 
 @inner
+def solve_factored(q, n, factor, rank, y, xi, work):
+    """Coefficients xi at work.places (n,) out of the factor of n columns, Whole or SparseWork; its rank deficiency."""
+    if rank < n:
+        return n - rank
+    at, right = factor.columns[:n * q].reshape((n, q)), work.right[:q]
+    for i in range(q):
+        right[i] = y[i]
+    apply_q_transposed(at, factor.tau[:], n, right)
+    solve_triangle(at, n, right, work.solution[:])
+    for k in range(n):
+        column = factor.order[k]
+        xi[work.places[column]] = work.solution[k] / factor.norms[column]
+    return 0
+
+
+@inner
 def solve_whole(q, whole, y, xi, work):
     """`solve_active` with all columns active, but for the factor that it leaves in `work`."""
     for j in range(q):
-        xi[j] = 0.0
-    if whole.rank[0] < q:
-        return q - whole.rank[0]
-    right = work.right[:q]
-    for i in range(q):
-        right[i] = y[i]
-    columns = whole.columns[:q * q].reshape((q, q))
-    apply_q_transposed(columns, whole.tau[:], q, right)
-    solve_triangle(columns, q, right, work.solution[:])
-    for k in range(q):
-        column = whole.order[k]
-        xi[column] = work.solution[k] / whole.norms[column]
-    return 0
+        xi[j], work.places[j] = 0.0, j
+    return solve_factored(q, q, whole, whole.rank[0], y, xi, work)
 
 
 @inner
@@ -79,17 +84,7 @@ def solve_active(q, mt, y, active, xi, work):
             at[k, i] = mt[work.places[k], i]
     scale_columns(at, work.norms[:n])
     rank = qr_factor(at, work.order[:n], work.tau[:n], ACTIVE_TOLERANCE)
-    if rank < n:
-        return n - rank
-    right = work.right[:q]
-    for i in range(q):
-        right[i] = y[i]
-    apply_q_transposed(at, work.tau[:], n, right)
-    solve_triangle(at, n, right, work.solution[:])
-    for k in range(n):
-        column = work.order[k]
-        xi[work.places[column]] = work.solution[k] / work.norms[column]
-    return 0
+    return solve_factored(q, n, work, rank, y, xi, work)
 
 
 @inner

@@ -41,8 +41,9 @@ BETA, BETA_DOT, COMMAND, CHANGE = range(4)
 DIFFERENCE = 1.0e-3     # of a central difference: relative frequency, damping ratio, delay over the sample period
 LEAST, MOST = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
 SETTLED = 0.2           # standard deviations: from an estimate so near the filter need not move
-CURVED = 2.0            # of the square of a move in relative units: twice what the linearisation is wrong by then;
-#                         chosen on 16 flights of `constant` (0.5 gave errors of 1.2 to 2.0 standard deviations at 5 s)
+CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong.  The half of it that
+# is not linear is too little: with 0.5 frequency, damping and delay were 2.0, 1.2 and 1.5 standard deviations off (rms,
+# 5 s into 16 flights of `constant`, on which 2.0 was chosen)
 UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 
@@ -351,8 +352,8 @@ def within_reach(belief, j, d):
 def move_servo(belief, fil, work):
     """The filter is linearised about the flight's estimate, and the state with it, unless it is there already.
 
-    What was learned a move ago from there is wrong by what is not linear in the move, half its square if frequency and
-    damping are relative and the delay in radians of the servo's frequency: it counts for no more than that.
+    What was learned a move ago from there is wrong by what is not linear in the move: by its square, frequency and
+    damping being relative and the delay in radians of the servo's frequency, times CURVED.  It counts for no more.
     """
     size, servo = belief.size, fil.servo
     at, number, square, far, away = first_column(size), servo.number, 0.0, 0.0, False

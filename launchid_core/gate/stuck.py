@@ -25,18 +25,12 @@ N_LEARNED = 2
 
 
 @inner
-def is_repeat(before, now, column, stop):
-    """Whether two neighbours have the same value, which is not the sensor's end stop."""
-    return before[column] == now[column] and abs(now[column]) < stop
-
-
-@inner
 def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
     for k in range(1, counts[rb.CLOSED_ROWS]):
         before, now = ring[place_of_row(counts, ring, k - 1)], ring[place_of_row(counts, ring, k)]
-        if is_repeat(before, now, column, stop):
+        if before[column] == now[column] and abs(now[column]) < stop:  # at its end stop it may stand still
             run += 1
             repeats += 1
             if run > longest:

@@ -13,7 +13,7 @@ from ..algebra.sparse import LASSO, SR3, SSR, factor_whole, solve_lasso, solve_o
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
-from .plan import HELD, INTEGRAL, OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT, TERM_K1, TERM_K1_DOT
+from .plan import HELD, INTEGRAL, OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
 from .residual import count_active, report_absent, report_others, report_spread, solve_absent, solve_extended
 from .rows import integral_error
 
@@ -57,15 +57,6 @@ def is_driven(codes, support):
         if support[j, wn.ATTITUDE] == 1 and (codes[j, 0] > 0 or codes[j, 2] > 0 or in_function):
             return True
     return False
-
-
-@inner
-def report_coefficients(plan, work, number):
-    """a6, k1 and their slopes, from the theta_ddot equation just solved."""
-    number[wn.O_A6] = coefficient(work, plan[TERM_A6])
-    number[wn.O_K1] = coefficient(work, plan[TERM_K1])
-    number[wn.O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
-    number[wn.O_K1_DOT] = coefficient(work, plan[TERM_K1_DOT])
 
 
 @kernel
@@ -154,7 +145,9 @@ def keep_equation(block, e, passes):
         out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
         out.support[j, e] = int(work.active[j] == 1 and passes > 0)
     if e == wn.ATTITUDE:
-        report_coefficients(fixed.plan, work, out.number)
+        for p in range(PAIR):
+            out.number[wn.O_A6 + p] = coefficient(work, fixed.plan[TERM_A6 + p])
+            out.number[wn.O_A6_DOT + p] = coefficient(work, fixed.plan[TERM_A6_DOT + p])
     return wn.OK
 
 

@@ -18,10 +18,10 @@ Assumption: an increment of the wind comes at a block's start.
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, carry_vector, measure
 from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, TURBULENCE_TIME, VAR_A6, VAR_K1
+from ..filter.disturbances import share_blown
 from ..filter.filtered import move_wind_level
 from ..filter.states import N_STATES
 from ..kernels import inner
-from ..model import WALK
 
 APART = 60.0        # s from a gust to the next after calm, in the mean
 LASTS = 3.0         # s
@@ -86,7 +86,7 @@ def blow(belief, fil, gust, dt):
         at = belief.level[j]
         keep = exp_of(-dt / belief.constant[TURBULENCE_TIME])
         q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
-        q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
+        q *= share_blown(belief, j, dt, keep)
         gust.covariance[N_STATES + j, N_STATES + j] += q
     for i in range(belief.size.gust - 2, belief.size.gust):
         gust.covariance[i, i] += WANDER * WANDER * dt
