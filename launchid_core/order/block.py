@@ -244,7 +244,8 @@ def detect_change(block, still):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     bank, after, fil, watch, size = state.bank, work.acc.belief, state.filter, state.watch, fixed.belief.size
     dt, t_end = span_of(fixed, state)
-    factor, slot, kind = follow_onsets(size.states, watch, work.acc.column[:], work.acc.pair, fil.s, dt, still)
+    factor, slot, kind = follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
+                                       still)
     if not factor > ch.THRESHOLD or state.check.flag[wh.RAISED] == 1:
         settle_event(watch, bank.total)
         moved = state.check.flag[wh.RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)

@@ -307,7 +307,7 @@ BANK_WORK = struct(
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
     ("mean", F8, (ONSETS, 2, 2), "deviations by onset, kind, parameter"),
-    ("covariance", F8, (ONSETS, 2, 3), "AA, AK, KK by onset, kind"),
+    ("covariance", F8, (2 * ONSETS, 2, 2), "of these, by onset and kind"),
     ("factor", F8, (ONSETS, 2), "log Bayes factors"),
     ("before", F8, (ONSETS, N_BELIEF), "tracked belief before each onset"),
     ("start", F8, (ONSETS,), "of each [s]"),
