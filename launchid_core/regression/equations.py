@@ -6,15 +6,16 @@ Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
 
 import numpy as np
 
+from ..algebra import sparse
 from ..algebra.lanes import dot
 from ..algebra.library import raw_from_standard
 from ..algebra.linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
-from ..algebra.sparse import LASSO, SR3, SSR, factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
+from ..algebra.sparse import count_active, factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
 from .plan import HELD, INTEGRAL, OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
-from .residual import count_active, report_absent, report_others, report_spread, solve_absent, solve_extended
+from .residual import report_absent, report_others, report_spread, solve_absent, solve_extended
 from .rows import integral_error
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
@@ -205,13 +206,13 @@ def solve_equation(solver, by_share, block, target, e, count):
 
     solver  index into SOLVERS;  by_share  1: a term stays by what it explains by itself, not by a threshold
     """
-    if solver == SR3:
+    if solver == sparse.SR3:
         passes = choose_relaxed(block, target, e, count)
-    elif solver == LASSO:
+    elif solver == sparse.LASSO:
         passes = choose_by_lasso(block, target, e, count)
     elif by_share == 1:
         passes = choose_by_share(block, target, e, count)
-    elif solver == SSR:
+    elif solver == sparse.SSR:
         passes = choose_stepwise(block, target, e, count)
     else:
         passes = choose_by_threshold(block, target, e, count)
