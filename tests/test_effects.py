@@ -226,11 +226,11 @@ def test_two_bending_modes_add_up():
 
 @pytest.mark.parametrize("name", [*LIBRARIES["quadratic+sin"], "theta^3*cos(beta)", "sign(theta_dot)*beta^5"])
 def test_missing_term_is_the_library_s_term(name):
-    code, row = term_codes((name,)), np.zeros(1)
+    code, row = term_codes((name,))[0], np.zeros(1)
     table = pack([effect("missing_term", term=name, coefficient=-2.5)], 0.001)
     for state in np.random.default_rng(0).uniform(-1, 1, (20, 3)):
         raw = np.array([*state, 0.0])
-        compiled(library.library_row)(code, raw, raw, np.zeros((4, 6)), row)
+        compiled(library.library_column)(code, raw.reshape(4, 1), raw[code[5]:code[5] + 1], 1, row)
         assert missing_term(-2.5, table.plant, 0, *state) == pytest.approx(-2.5 * row[0], rel=1e-15)
 
 

@@ -69,7 +69,7 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 
 def test_one_step_is_the_matrix_exponential():
     belief, fil, work = stepped()
-    set_step(belief.constant, PERIOD, work, fil.step)
+    set_step(belief.constant, *belief.constant[:2], PERIOD, work, fil.step)
     fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     exact = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)[:4, :4]
     left_out = 2.0 * PERIOD**2 / 6.0  # of the nozzle's effect: a6 h^2/6, as `fill_transition` says
@@ -83,7 +83,7 @@ def test_one_damped_step_is_the_matrix_exponential(damping):
     """The state over a step and what the command and a held acceleration do to it, a6 d h^3/6 apart."""
     belief, fil, work = stepped()
     belief.constant[bl.AERO_DAMPING] = damping
-    set_step(belief.constant, PERIOD, work, fil.step)
+    set_step(belief.constant, *belief.constant[:2], PERIOD, work, fil.step)
     fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     whole = linalg.expm(system(2.0, -7.0, 50.0, 0.7, damping) * PERIOD)
     left_out = 2.0 * PERIOD**2 * (1.0 + abs(damping) * PERIOD)
@@ -203,9 +203,8 @@ def test_innovations_are_linear_in_the_parameters():
 
 def test_profile_is_linear_between_nodes_and_held_beyond():
     profile = np.array([[0.0, 1.0, -1.0], [1.0, 2.0, -2.0], [3.0, 0.0, -8.0]])
-    cell = np.zeros(1, np.int64)
     for t in (-1.0, 0.0, 0.25, 1.0, 2.5, 3.0, 9.0, 0.1):
-        a6, k1 = profile_at(profile, cell, t)
+        a6, k1 = profile_at(profile, t)
         assert a6 == pytest.approx(np.interp(t, profile[:, bl.NODE_T], profile[:, bl.NODE_A6]))
         assert k1 == pytest.approx(np.interp(t, profile[:, bl.NODE_T], profile[:, bl.NODE_K1]))
 

@@ -11,6 +11,7 @@ from compiled import compiled
 from cut import cut_of
 
 from launchid_core import Config, Estimator
+from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
@@ -22,8 +23,8 @@ from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 absorb, mix, move, restart_bank, track = map(compiled, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_onset, follow_onset, follow_onsets, measure, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
-    ch.carry_onset, ch.follow_onset, ch.follow_onsets, ch.measure, ch.onset_time, ch.open_onset, ch.raise_alarm,
+carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
+    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
     ch.settle_event))
 withdraw_events = compiled(ch.withdraw_events)
 
@@ -148,8 +149,8 @@ def test_an_onset_believes_what_was_believed_and_a_jump():
     assert watch.start[0] == 3.0 and watch.before[0].tolist() == BELIEF.tolist()
     assert (watch.carried[0] == carried).all() and watch.factor[0].tolist() == [0.0, 0.0]
     assert watch.mean[0].tolist() == [[0.1, -0.2]] * 2
-    assert watch.covariance[0, ch.K1_JUMP] == pytest.approx([0.01, 0.002, 0.02 + jump])
-    assert watch.covariance[0, ch.BOTH_JUMP] == pytest.approx([0.01 + jump, 0.002, 0.02 + jump])
+    assert watch.covariance[ch.K1_JUMP] == pytest.approx(np.array([[0.01, 0.002], [0.002, 0.02 + jump]]))
+    assert watch.covariance[ch.BOTH_JUMP] == pytest.approx(np.array([[0.01 + jump, 0.002], [0.002, 0.02 + jump]]))
 
 
 def test_no_more_onsets_are_kept_than_there_is_room_for():
@@ -166,24 +167,12 @@ def test_an_onset_used_again_begins_with_no_evidence():
     assert watch.factor[0].tolist() == [0.0, 0.0]
 
 
-def test_an_onsets_measurement_is_a_kalman_update():
-    mean, covariance, h = np.array([0.3, -0.1]), np.array([2.0, 0.5, 1.0]), np.array([0.7, -1.1])
-    p = np.array([[2.0, 0.5], [0.5, 1.0]])
-    s, e = h @ p @ h + 1.0, 0.4 - h @ mean
-    after = p - np.outer(p @ h, p @ h) / s
-    expected = mean + p @ h / s * e
-    variance, share = measure(mean, covariance, *h, 0.4)
-    assert (variance, share) == pytest.approx((s, e * e / s))
-    assert mean == pytest.approx(expected)
-    assert covariance == pytest.approx([after[0, 0], after[0, 1], after[1, 1]])
-
-
 def test_an_onsets_deviations_drift():
     watch = parts().state.watch
     opened(watch, 1)
-    before = watch.covariance[0, 0].copy()
-    assert follow_onset(N, watch, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
-    assert watch.covariance[0, 0] - before == pytest.approx(np.array([1.0, 0.0, 1.0]) * ch.DRIFT**2 * 0.4)
+    before = watch.covariance[0].copy()
+    assert follow_onset(N, watch, parts().work.bank, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
+    assert watch.covariance[0] - before == pytest.approx(np.eye(2) * ch.DRIFT**2 * 0.4)
 
 
 @pytest.mark.parametrize("kind", [ch.K1_JUMP, ch.BOTH_JUMP])
@@ -193,13 +182,12 @@ def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     pair, carried = np.triu(random.standard_normal((7, 7))), random.standard_normal((4, 2))
     watch = parts().state.watch
     open_onset(N, watch, BELIEF, carried, 0.0)
-    c = watch.covariance[0, kind]
-    p = np.array([[c[0], c[1]], [c[1], c[2]]]) + ch.DRIFT**2 * 0.1 * np.eye(2)
+    p = watch.covariance[kind] + ch.DRIFT**2 * 0.1 * np.eye(2)
     past = pair[:6, :4] @ carried
     h, z = pair[:6, 4:6] - past, pair[:6, 6] - past @ BELIEF[:2]
     s, e = h @ p @ h.T + np.eye(6), z - h @ BELIEF[:2]
     expected = -0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
-    assert follow_onset(N, watch, 0, kind, pair, 0.1) == pytest.approx(expected)
+    assert follow_onset(N, watch, parts().work.bank, 0, kind, pair, 0.1) == pytest.approx(expected)
     assert watch.mean[0, kind] == pytest.approx(BELIEF[:2] + p @ h.T @ np.linalg.solve(s, e))
 
 
@@ -208,7 +196,7 @@ def test_the_sensitivities_of_an_onset_are_carried_over_the_block():
     random = np.random.default_rng(4)
     carried, transition = random.standard_normal((4, 2)), random.standard_normal((4, 6))
     open_onset(N, watch, BELIEF, carried, 0.0)
-    carry_onset(N, watch, np.zeros(4), 0, transition)
+    carry_columns(transition, N, watch.carried[0], 2, np.zeros(4))
     assert watch.carried[0] == pytest.approx(transition[:, :4] @ carried)
 
 
@@ -219,11 +207,11 @@ def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
     watch.factor[:5] = [[1.0, 2.0], [4.0, 3.0], [math.nan, math.nan], [0.0, 6.0], [0.0, 0.0]]
     watch.carried[...] = 1.0
     quiet = np.zeros(4), np.zeros((7, 7)), 3.0 * np.eye(4, 6), 0.1
-    assert follow_onsets(N, watch, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
+    assert follow_onsets(N, watch, parts().work.bank, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
     assert watch.factor[:2].tolist() == [[1.5, 2.5], [4.5, 3.5]]
     assert (watch.carried[:5] == 3.0).all() and (watch.carried[5:] == 1.0).all()
     watch.counts[ch.KEPT] = 1
-    assert follow_onsets(N, watch, *quiet, 0.0) == (0.5, 4, 0)
+    assert follow_onsets(N, watch, parts().work.bank, *quiet, 0.0) == (0.5, 4, 0)
 
 
 def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():

@@ -323,9 +323,9 @@ def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
 def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
     """The nine tenths are of the information, the triangle's square; whatever a block lasts."""
-    learner, scratch, size = np.triu(np.ones((4, 4))), np.zeros(200), LARGEST._replace(terms=3, states=2, columns=6)
+    learner, size, work = np.triu(np.ones((4, 4))), LARGEST._replace(terms=3, states=2, columns=6), parts().work.acc
     for _ in range(round(1.0 / dt)):
-        absorb_structure(size, learner, np.zeros((6, 6)), scratch, dt)
+        absorb_structure(size, learner, work, dt)
     assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
 
 
@@ -424,8 +424,8 @@ def test_a_window_of_too_few_samples_is_short_or_has_a_gap(samples):
 def test_the_tracked_estimate_is_valid_once_something_is_known(share, known, place):
     estimator = Estimator(config())
     total = estimator._parts.state.bank.total
-    total[:] = 0.0, 0.0, tr.FIRST_STD**2, 0.0, tr.FIRST_STD**2
-    total[place] = (share * rp.KNOWN * tr.FIRST_STD) ** 2
+    total[:] = 0.0, 0.0, bl.FIRST_STD**2, 0.0, bl.FIRST_STD**2
+    total[place] = (share * rp.KNOWN * bl.FIRST_STD) ** 2
     assert estimator._report().flag[rp.IS_TRACKED] == known
     total[tr.MEAN_K1] = math.nan
     assert estimator._report().flag[rp.IS_TRACKED] == 0

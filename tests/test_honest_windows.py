@@ -88,7 +88,7 @@ def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
     rng = np.random.default_rng(7)
     scores = np.stack([autoregressive(rng, rho, 200), autoregressive(rng, 0.3, 200)])
     covariance = np.empty((2, 2))
-    long_run(scores, 190, covariance, np.empty(200), np.empty(200))
+    long_run(scores, 190, covariance)
     assert bandwidth(scores) == numpy_lags(scores)
     assert np.allclose(covariance, numpy_long_run(scores, numpy_lags(scores)) * 200 / 190, rtol=1e-12)
 
@@ -96,13 +96,13 @@ def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
 def test_long_run_of_four_numbers_by_hand():
     """1, 2, 3, 4: rho = (2 + 6 + 12)/(1 + 4 + 9) > 0.97, so L = n/2 = 2; 30 + 2*(2/3*20 + 1/3*11) = 64."""
     covariance = np.empty((1, 1))
-    long_run(np.array([[1.0, 2.0, 3.0, 4.0]]), 4, covariance, np.empty(4), np.empty(4))
+    long_run(np.array([[1.0, 2.0, 3.0, 4.0]]), 4, covariance)
     assert covariance[0, 0] == pytest.approx(64.0, rel=1e-14)
 
 
 def test_a_series_of_zeros_has_no_lags_and_no_variance():
     covariance = np.empty((1, 1))
-    long_run(np.zeros((1, 9)), 8, covariance, np.empty(9), np.empty(9))
+    long_run(np.zeros((1, 9)), 8, covariance)
     assert bandwidth(np.zeros((1, 9))) == 0 and covariance[0, 0] == 0.0
 
 

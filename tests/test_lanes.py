@@ -76,20 +76,6 @@ def test_columns_reflected_together_have_the_bits_of_one_after_the_other(name):
                     assert answers[0] == answers[1], (columns, length, first, start)
 
 
-def test_lagged_products_together_have_the_bits_of_one_after_the_other():
-    rng = np.random.default_rng(3)
-    compiled = called("lagged")
-    for n in range(1, 26):
-        a, b = rng.normal(size=(2, n)) * 10.0 ** rng.integers(-3, 4, (2, n))
-        for last in range(1, n + 1):
-            answers = []
-            for loop in (compiled, WRITTEN.lagged):
-                sums = np.full(n, 7.0)
-                loop(a, b, min(1, last), last, n, sums)
-                answers.append(bits(sums))
-            assert answers[0] == answers[1], (n, last)
-
-
 @pytest.mark.parametrize("name", ["dot", "dot_by_place"])
 def test_a_sum_of_products_is_the_sum_of_products(name):
     """Each product once, wherever the column begins and ends: of integers the sum is exact in any order."""

@@ -28,8 +28,8 @@ from launchid_core.algebra.library import (
     term_name,
 )
 
-function_value, library_column, library_row, raw_from_standard = map(compiled, (
-    library.function_value, library.library_column, library.library_row, library.raw_from_standard))
+function_value, library_column, raw_from_standard = map(compiled, (
+    library.function_value, library.library_column, library.raw_from_standard))
 
 EPS = np.finfo(np.float64).eps
 powers = st.tuples(*[st.integers(0, MAX_POWER)] * N_VARIABLES)
@@ -41,21 +41,24 @@ four = st.lists(small, min_size=4, max_size=4)
 
 def row_of(terms, raw, z):
     """One row of the standardised library."""
-    row = np.full(len(terms), np.nan)
-    library_row(term_codes(terms), np.array(raw, dtype=float), np.array(z, dtype=float),
-                np.zeros((N_VARIABLES, MAX_POWER + 1)), row)
+    raw, z, row = np.array(raw, dtype=float), np.array(z, dtype=float).reshape(4, 1), np.full(len(terms), np.nan)
+    for j, code in enumerate(term_codes(terms)):
+        library_column(code, z, raw[code[5]:code[5] + 1], 1, row[j:j + 1])
     return row
 
 
 @given(codes, st.lists(st.lists(st.floats(-4.0, 4.0), min_size=4, max_size=4), min_size=1, max_size=9))
 def test_a_column_has_the_bits_of_its_rows(code, z):
-    """`library_column` is `library_row` in another order."""
+    """A product of powers, each multiplied up one by one, and of the function, in this order."""
     z = np.array(z)
-    raw, column, one, powers = 3.0 * z, np.full(len(z), np.nan), np.zeros(1), np.zeros((N_VARIABLES, MAX_POWER + 1))
+    raw, column = 3.0 * z, np.full(len(z), np.nan)
     library_column(np.array(code), z.T.copy(), raw.T.copy()[code[5]], len(z), column)
     for i in range(len(z)):
-        library_row(np.array([code]), raw[i], z[i], powers, one)
-        assert one.tobytes() == column[i:i + 1].tobytes()
+        value = 1.0
+        for v in range(N_VARIABLES):
+            value *= math.prod([float(z[i, v])] * code[v], start=1.0)
+        value *= function_value(code[4], raw[i, code[5]])
+        assert value == column[i]
 
 
 def transform(terms, centre, scale):

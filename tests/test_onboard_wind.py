@@ -29,6 +29,7 @@ from launchid_core.filter import states as sx
 from launchid_core.filter import transition as tn
 from launchid_core.filter import whiteness as wh
 from launchid_core.gate import ring as rb
+from launchid_core.gate import window as wn
 from launchid_core.gate.window import STATUS
 from launchid_core.model import OFFSETS, TURBULENCE
 from launchid_core.replay import loop_of
@@ -113,7 +114,7 @@ def test_a_step_of_the_servo_is_the_matrix_exponential(calm_parts, damping):
     constant[bl.DAMPING] = damping
     for turned in np.geomspace(1e-3, 50.0, 25):
         w = constant[bl.FREQUENCY] = turned / PERIOD
-        set_step(constant, PERIOD, work, step)
+        set_step(constant, *constant[:2], PERIOD, work, step)
         a = np.zeros((5, 5))
         a[0, 1] = a[1, 2] = 1.0
         a[2, 3], a[3] = turned, [0.0, 0.0, -turned, -2.0 * damping * turned, turned]
@@ -131,7 +132,7 @@ def test_a_step_of_a_first_order_servo_and_of_turbulence_is_their_exponential(ca
     constant[bl.FREQUENCY] = constant[bl.DAMPING] = math.nan  # not used
     h, t = PERIOD, PERIOD / share
     constant[bl.TIME_CONSTANT], constant[bl.TURBULENCE_TIME] = t, 3.0 * t
-    set_step(constant, h, work, step)
+    set_step(constant, *constant[:2], h, work, step)
     gone = -math.expm1(-share)
     assert step[sv.STEP] == h
     assert_close(step[sv.PHI:sv.J1], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
@@ -156,7 +157,7 @@ def test_one_step_with_every_nuisance_is_the_matrix_exponential():
     cut = cut_of(config())
     belief, fil, work = cut.fixed.belief, cut.state.filter, cut.work.filter
     assert belief.role.tolist() == list(range(7)) and belief.partner.tolist() == [bl.NONE, 9, 10]
-    set_step(belief.constant, PERIOD, work, fil.step)
+    set_step(belief.constant, *belief.constant[:2], PERIOD, work, fil.step)
     fill_push(belief, 2.0, -7.0, work.push)
     fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     exact = linalg.expm(all_of_it(2.0, -7.0, belief.role, 1.0) * PERIOD)
@@ -342,17 +343,24 @@ def test_what_is_known_of_a_wind_level_falls_with_it_in_proportion_and_no_lower_
     random = np.random.default_rng(8).standard_normal((7, 7))
     before = random @ random.T
     acc.level_information[...] = before
-    move_wind_level(7, fil, acc, 5, -0.3, fl.WIND_STEP)
+    move_wind_level(7, fil, acc, 5, -0.3)
     ratio = acc.level_information / before
     assert fil.level.tolist() == [0.0] * 5 + [-0.3, 0.0] and fil.note[sx.LEVEL_CLAMPS] == 0
     assert ratio[5, 5] == pytest.approx(math.exp(-0.3)) and ratio[5, 2] == pytest.approx(math.exp(-0.15))
     assert (acc.level_information == acc.level_information.T).all()
     assert (np.delete(np.delete(ratio, 5, 0), 5, 1) == 1.0).all()
-    move_wind_level(7, fil, acc, 5, 7.0, fl.WIND_STEP)
-    assert fil.level[5] == pytest.approx(-0.3 + fl.WIND_STEP) and fil.note[sx.LEVEL_CLAMPS] == 1
     for _ in range(20):
-        move_wind_level(7, fil, acc, 5, -0.35, fl.WIND_STEP)
+        move_wind_level(7, fil, acc, 5, -0.35)
     assert fil.level[5] == fl.LEAST_WIND == math.log(0.02)
+
+
+def test_a_level_moves_in_a_block_by_so_much_at_most_the_wind_s_by_more():
+    cut = cut_of(config())
+    fil, acc = cut.state.filter, cut.state.acc
+    acc.score[[0, 5]] = 1e6, 1e6
+    compiled(fl.update_levels)(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.level.tolist() == pytest.approx([fl.LEVEL_STEP, 0.0, 0.0, 0.0, 0.0, fl.WIND_STEP, 0.0])
+    assert fil.note[sx.LEVEL_CLAMPS] == 2 and not acc.score.any()
 
 
 def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise():
@@ -788,9 +796,9 @@ def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
     found = report_window(belief, cut.apart["profile"], cut.state, work, 2.5)
     assert EstimateStatus(found).name == status
     number = cut.state.outcome.number
-    assert (number[ft.O_A6_BOUND], number[ft.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
+    assert (number[wn.O_A6_BOUND], number[wn.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
     if status == "OK":
-        assert (number[ft.O_A6], number[ft.O_K1]) == pytest.approx((2.2, -5.6))
+        assert (number[wn.O_A6], number[wn.O_K1]) == pytest.approx((2.2, -5.6))
     cut.state.check.flag[wh.IN_WINDOW] = 1
     contradicted = EstimateStatus(report_window(belief, cut.apart["profile"], cut.state, work, 2.5)).name
     assert contradicted == ("LOW_INFORMATION" if status == "LOW_INFORMATION" else "MODEL")
@@ -801,7 +809,7 @@ def test_the_correlation_has_its_sign(correlation):
     cut = solved(correlation, 0.2)
     assert cut.work.acc.deviation[ft.CORR] == pytest.approx(correlation, rel=1e-9)
     report_window(cut.fixed.belief, cut.apart["profile"], cut.state, cut.work.acc, 2.5)
-    assert cut.state.outcome.number[ft.O_CORRELATION] == pytest.approx(-correlation)  # a6 k1 < 0
+    assert cut.state.outcome.number[wn.O_CORRELATION] == pytest.approx(-correlation)  # a6 k1 < 0
 
 
 def test_the_correlation_is_that_of_the_errors():

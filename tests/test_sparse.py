@@ -21,8 +21,10 @@ from launchid_core.algebra.sparse import (
 )
 from launchid_core.order.table import SPARSE, WHOLE
 
-covariance_entry, invert_active, sparse_solve, factor_whole, solve_active = map(compiled, (
-    sparse.covariance_entry, sparse.invert_active, sparse.sparse_solve, sparse.factor_whole, sparse.solve_active))
+covariance_entry, invert_active, factor_whole, solve_active = map(compiled, (
+    sparse.covariance_entry, sparse.invert_active, sparse.factor_whole, sparse.solve_active))
+solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(compiled, (
+    sparse.solve_stls, sparse.solve_ssr, sparse.solve_own, sparse.solve_lasso, sparse.solve_sr3))
 
 EPS = np.finfo(np.float64).eps
 ALL = range(len(SOLVERS))
@@ -39,8 +41,16 @@ def solve_reduced(solver, mt, y, threshold, own=0.0):
     xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), scratch(SPARSE, q)
     whole = scratch(WHOLE, q)
     factor_whole(q, mt, whole)
-    passes = sparse_solve(solver, q, mt, whole, y, float(threshold), float(own), xi, active, work)
-    return passes, xi, active, work
+    threshold, own, out = float(threshold), float(own), (xi, active, work)
+    if solver == SR3:
+        passes = solve_sr3(q, mt, whole, y, threshold, own, *out)
+    elif solver == LASSO:
+        passes = solve_lasso(q, mt, y, threshold, own, *out)
+    elif own > 0.0:
+        passes = solve_own(q, mt, y, own, *out)
+    else:
+        passes = (solve_ssr if solver == SSR else solve_stls)(q, mt, whole, y, threshold, *out)
+    return passes, *out
 
 
 def solve(solver, a, y, threshold, own=0.0):

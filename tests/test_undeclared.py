@@ -12,6 +12,7 @@ from sealed import folded, reseal
 
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.algebra import linsolve
+from launchid_core.filter import belief as bl
 from launchid_core.filter import whiteness as wh
 from launchid_core.gate.guard import CARRIED
 from launchid_core.order.assembly import allocate
@@ -181,8 +182,8 @@ def test_a_sudden_change_frees_a6_and_k1_of_the_first_filter_alone(state):
     free_deviations(state, un.CONSTANT)
     assert state.mean[0].tolist() == [0.0] * 4 + [0.01] * 2 and (state.mean[1] == 0.01).all()
     assert state.covariance[0].diagonal() == pytest.approx(
-        [tr.FIRST_STD**2] * 2 + [tr.DRIFTING[1]**2] * 2 + [1e-4 * un.UNDECLARED_STD**2] * 2)
-    assert state.covariance[1, 0, 0] == pytest.approx(1e-4 * tr.FIRST_STD**2)
+        [bl.FIRST_STD**2] * 2 + [tr.DRIFTING[1]**2] * 2 + [1e-4 * un.UNDECLARED_STD**2] * 2)
+    assert state.covariance[1, 0, 0] == pytest.approx(1e-4 * bl.FIRST_STD**2)
 
 
 def test_a_model_with_nuisances_of_its_own_has_none():
@@ -264,7 +265,7 @@ def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_lo
         left = state.mean[un.CONSTANT, 4]
         assert max(taken - 2 * ch.ONSETS, 0) <= left <= max(taken - blocks, 0)
         assert left == 0.0 or state.covariance[un.CONSTANT, 5, 5] == 1.0 + left
-        assert state.covariance[un.CONSTANT, 0, 0] == tr.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
+        assert state.covariance[un.CONSTANT, 0, 0] == bl.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
         assert (state.mean[un.NEW] == before[0][un.NEW]).all() and (state.past == before[2]).all()
         state.mean[...], state.covariance[...] = before[:2]
 

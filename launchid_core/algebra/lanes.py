@@ -123,13 +123,6 @@ def reflect_sized(v, tau, columns, first, last, start, stop, squares):
 
 
 @inner
-def lagged(a, b, first, last, n, sums):
-    """sums[k] = sum a[i + k]*b[i], i in 0..n-k-1, for k in first..last-1."""
-    for k in range(first, last):
-        sums[k] = dot(a[k:], b, 0, n - k)
-
-
-@inner
 def weigh(y, x, s, start, stop):
     """Weigh: y[i] *= x[i] - s*y[i], i in start..stop-1."""
     for k in range(start, stop):

@@ -1,4 +1,4 @@
-"""Candidate terms: names, their codes, and one row of the library matrix.
+"""Candidate terms: names, their codes, and a column of the library matrix.
 
 A term is a product of powers of theta, theta_dot, beta and tau (time from the
 window's centre) and at most one function of a state::
@@ -161,28 +161,6 @@ def function_value(function, x):
 
 
 @inner
-def library_row(codes, raw, z, powers, row):
-    """One row of the standardised library matrix Phi_std.
-
-    codes  (q, 6)  in       term codes
-    raw    (4,)    in       theta, theta_dot, beta, tau as measured: arguments of functions
-    z      (4,)    in       the same, standardised: bases of powers
-    powers (4, MAX_POWER+1) scratch
-    row    (q,)    out
-    """
-    for v in range(N_VARIABLES):
-        value = 1.0
-        for k in range(MAX_POWER + 1):
-            powers[v, k] = value
-            value *= z[v]
-    for j in range(codes.shape[0]):
-        value = powers[0, codes[j, 0]] * powers[1, codes[j, 1]] * powers[2, codes[j, 2]] * powers[3, codes[j, 3]]
-        if codes[j, 4] > 0:
-            value *= function_value(codes[j, 4], raw[codes[j, 5]])
-        row[j] = value
-
-
-@inner
 def multiply_by_power(column, base, power, n):
     """column[i] *= base[i]^power, the power first; power >= 1."""
     if power == 1:
@@ -197,7 +175,7 @@ def multiply_by_power(column, base, power, n):
 
 @inner
 def library_column(code, z, argument, n, column):
-    """A term's column of the standardised library matrix Phi_std; the operations of `library_row`.
+    """A term's column of the standardised library matrix Phi_std.
 
     code     (6,)      in
     z        (4, >=n)  in   standardised variables, bases of powers

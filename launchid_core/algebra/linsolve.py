@@ -104,6 +104,15 @@ def qr_factor(at, order, tau, tolerance):
 
 
 @inner
+def place_of(order, column, n):
+    """The place of a column in the pivoted order; -1: it is not there."""
+    for k in range(n):
+        if order[k] == column:
+            return k
+    return -1
+
+
+@inner
 def apply_q_transposed(at, tau, rank, y):
     """y <- Q' y for the factor made by `qr_factor`.  y (m,) inout."""
     m = at.shape[1]
@@ -211,3 +220,36 @@ def absorb_rows(r, rt, n, k):
             s = tau * (r[j, c] + dot(v, column, 0, k))
             r[j, c] -= s
             subtract(column, s, v, 0, k)
+
+
+@inner
+def absorb_columns(r, matrix, columns, n, k, scratch):
+    """`absorb_rows` of the first k rows of a matrix, of its columns that `columns` (>=n,) names.  scratch (>=n k,)"""
+    rt = scratch[:n * k].reshape((n, k))
+    for j in range(n):
+        for i in range(k):
+            rt[j, i] = matrix[i, columns[j]]
+    absorb_rows(r, rt, n, k)
+
+
+@inner
+def carry_vector(transition, n, v, column):
+    """v <- transition v for the first n of v.  transition (>=n, >=n)  in;  column (>=n,)  scratch"""
+    for i in range(n):
+        column[i] = 0.0
+        for k in range(n):
+            column[i] += transition[i, k] * v[k]
+    for i in range(n):
+        v[i] = column[i]
+
+
+@inner
+def carry_columns(transition, n, matrix, count, column):
+    """Apply `carry_vector` to `count` columns of a matrix."""
+    for j in range(count):
+        for i in range(n):
+            column[i] = 0.0
+            for k in range(n):
+                column[i] += transition[i, k] * matrix[k, j]
+        for i in range(n):
+            matrix[i, j] = column[i]

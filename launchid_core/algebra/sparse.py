@@ -21,7 +21,7 @@ import numpy as np
 
 from ..kernels import inner
 from .lanes import dot, subtract
-from .linsolve import apply_q_transposed, invert_triangle, qr_factor, scale_columns, solve_triangle
+from .linsolve import apply_q_transposed, invert_triangle, place_of, qr_factor, scale_columns, solve_triangle
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -43,22 +43,27 @@ def factor_whole(q, mt, whole):
 
 
 @inner
+def solve_factored(q, n, factor, rank, y, xi, work):
+    """Coefficients xi at work.places (n,) out of the factor of n columns, Whole or SparseWork; its rank deficiency."""
+    if rank < n:
+        return n - rank
+    at, right = factor.columns[:n * q].reshape((n, q)), work.right[:q]
+    for i in range(q):
+        right[i] = y[i]
+    apply_q_transposed(at, factor.tau[:], n, right)
+    solve_triangle(at, n, right, work.solution[:])
+    for k in range(n):
+        column = factor.order[k]
+        xi[work.places[column]] = work.solution[k] / factor.norms[column]
+    return 0
+
+
+@inner
 def solve_whole(q, whole, y, xi, work):
     """`solve_active` with all columns active, but for the factor that it leaves in `work`."""
     for j in range(q):
-        xi[j] = 0.0
-    if whole.rank[0] < q:
-        return q - whole.rank[0]
-    right = work.right[:q]
-    for i in range(q):
-        right[i] = y[i]
-    columns = whole.columns[:q * q].reshape((q, q))
-    apply_q_transposed(columns, whole.tau[:], q, right)
-    solve_triangle(columns, q, right, work.solution[:])
-    for k in range(q):
-        column = whole.order[k]
-        xi[column] = work.solution[k] / whole.norms[column]
-    return 0
+        xi[j], work.places[j] = 0.0, j
+    return solve_factored(q, q, whole, whole.rank[0], y, xi, work)
 
 
 @inner
@@ -79,32 +84,23 @@ def solve_active(q, mt, y, active, xi, work):
             at[k, i] = mt[work.places[k], i]
     scale_columns(at, work.norms[:n])
     rank = qr_factor(at, work.order[:n], work.tau[:n], ACTIVE_TOLERANCE)
-    if rank < n:
-        return n - rank
-    right = work.right[:q]
-    for i in range(q):
-        right[i] = y[i]
-    apply_q_transposed(at, work.tau[:], n, right)
-    solve_triangle(at, n, right, work.solution[:])
-    for k in range(n):
-        column = work.order[k]
-        xi[work.places[column]] = work.solution[k] / work.norms[column]
-    return 0
+    return solve_factored(q, n, work, rank, y, xi, work)
+
+
+@inner
+def count_active(q, active):
+    """The number of active terms among the first q."""
+    size = 0
+    for j in range(q):
+        if active[j]:
+            size += 1
+    return size
 
 
 @inner
 def covariance_entry(size, work, a, b):
     """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S; size terms."""
-    n = 0.0
-    row_a = row_b = 0
-    for k in range(size):
-        if work.order[k] == a:
-            row_a = k
-            break
-    for k in range(size):
-        if work.order[k] == b:
-            row_b = k
-            break
+    n, row_a, row_b = 0.0, place_of(work.order, a, size), place_of(work.order, b, size)
     for k in range(max(row_a, row_b), size):
         n += work.inverse[row_a, k] * work.inverse[row_b, k]
     return n / (work.norms[a] * work.norms[b])
@@ -179,10 +175,7 @@ def solve_own(q, mt, y, needed, xi, active, work):
     for passes in range(q + 1):
         if solve_active(q, mt, y, active, xi, work) > 0:
             return -1
-        size = 0
-        for j in range(q):
-            if active[j]:
-                size += 1
+        size = count_active(q, active)
         invert_active(q, work, size)
         weakest, least = -1, needed
         place = 0
@@ -283,16 +276,3 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
             break
     return -1 if solve_active(q, mt, y, active, xi, work) > 0 else SR3_ITERATIONS
 
-
-@inner
-def sparse_solve(solver, q, mt, whole, y, threshold, needed, xi, active, work):
-    """Run solver number `solver` (index into SOLVERS); returns its passes, -1 if columns it took are dependent."""
-    if solver == SR3:
-        return solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work)
-    if solver == LASSO:
-        return solve_lasso(q, mt, y, threshold, needed, xi, active, work)
-    if needed > 0.0:
-        return solve_own(q, mt, y, needed, xi, active, work)
-    if solver == SSR:
-        return solve_ssr(q, mt, whole, y, threshold, xi, active, work)
-    return solve_stls(q, mt, whole, y, threshold, xi, active, work)

@@ -18,6 +18,7 @@ A6, K1 = range(2)
 # what is believed of them (f8): means, variances and covariance
 MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
 N_BELIEF = 5
+FIRST_STD = 0.5  # relative: what is known of either before any data
 ONSETS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
 # a row of `air` (f8)
 AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
@@ -29,46 +30,35 @@ NONE = -1
 
 
 @inner
-def cell_of(table, t):
-    """The row of table (nodes, any) behind which t [s] lies, between the first node's time and the last one's."""
-    low, high = 0, table.shape[0] - 1
+def place_in(nodes, t):
+    """(row before t [s], row behind it, share of the way) in nodes (n, any), held beyond both ends; a t that is no
+    number is the first node's."""
+    low, high = 0, nodes.shape[0] - 1
+    if not t > nodes[0, NODE_T]:
+        return 0, 0, 0.0
+    if t >= nodes[high, NODE_T]:
+        return high, high, 0.0
     for _ in range(64):  # bisection of at most 2^63 nodes
         if high - low <= 1:
             break
         middle = (low + high) // 2
-        if table[middle, NODE_T] <= t:
+        if nodes[middle, NODE_T] <= t:
             low = middle
         else:
             high = middle
-    return low
+    return low, high, (t - nodes[low, NODE_T]) / (nodes[high, NODE_T] - nodes[low, NODE_T])
 
 
 @inner
-def profile_at(profile, cell, t):
-    """(a6, k1) of a profile (nodes, 3) at t [s], the first node's at a t that is no number; `cell` (1,) remembers the
-    last cell (bisection when t left it)."""
-    last = profile.shape[0] - 1
-    if not t > profile[0, NODE_T]:
-        return profile[0, NODE_A6], profile[0, NODE_K1]
-    if t >= profile[last, NODE_T]:
-        return profile[last, NODE_A6], profile[last, NODE_K1]
-    low = cell[0]
-    if not (profile[low, NODE_T] <= t < profile[low + 1, NODE_T]):
-        low = cell_of(profile, t)
-        cell[0] = low
-    share = (t - profile[low, NODE_T]) / (profile[low + 1, NODE_T] - profile[low, NODE_T])
-    return (profile[low, NODE_A6] + share * (profile[low + 1, NODE_A6] - profile[low, NODE_A6]),
-            profile[low, NODE_K1] + share * (profile[low + 1, NODE_K1] - profile[low, NODE_K1]))
+def profile_at(profile, t):
+    """(a6, k1) of a profile (nodes, 3) at t [s], linear between its nodes."""
+    low, high, share = place_in(profile, t)
+    return (profile[low, NODE_A6] + share * (profile[high, NODE_A6] - profile[low, NODE_A6]),
+            profile[low, NODE_K1] + share * (profile[high, NODE_K1] - profile[low, NODE_K1]))
 
 
 @inner
 def air_at(air, column, t):
-    """One column of the air's nodes at t, linear between, held beyond (bisection)."""
-    last = air.shape[0] - 1
-    if not t > air[0, AIR_T]:
-        return air[0, column]
-    if t >= air[last, AIR_T]:
-        return air[last, column]
-    low = cell_of(air, t)
-    share = (t - air[low, AIR_T]) / (air[low + 1, AIR_T] - air[low, AIR_T])
-    return air[low, column] + share * (air[low + 1, column] - air[low, column])
+    """One column of the air's nodes at t [s], linear between them."""
+    low, high, share = place_in(air, t)
+    return air[low, column] + share * (air[high, column] - air[low, column])

@@ -90,6 +90,12 @@ def follow_path(belief, air, fil, h, gamma):
 
 
 @inner
+def share_blown(belief, j, h, keep):
+    """Share of its variance that wind j, which a walk has in a second, gains over h [s]; `keep`: left of turbulence."""
+    return h if belief.role[j] == WALK else 1.0 - keep * keep
+
+
+@inner
 def add_wind(belief, fil, gamma_variance):
     """Add what the wind may have changed over the step, and gamma's noise as an acceleration [rad^2/s^4]."""
     h, keep = fil.step[STEP], fil.step[KEEP]
@@ -98,7 +104,7 @@ def add_wind(belief, fil, gamma_variance):
         if at < 0:
             continue
         q = belief.variance[at] * exp_of(2.0 * fil.level[at])
-        q *= h if belief.role[j] == WALK else 1.0 - keep * keep
+        q *= share_blown(belief, j, h, keep)
         fil.p[k, k] += q
         fil.sp[at, k, k] += 2.0 * q
     if gamma_variance > 0.0:

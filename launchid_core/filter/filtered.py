@@ -12,13 +12,13 @@ import math
 import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
-from ..algebra.linsolve import absorb_rows, apply_q_transposed, qr_factor, solve_triangle
+from ..algebra.linsolve import absorb_columns, absorb_rows, apply_q_transposed, qr_factor, solve_triangle
 from ..gate.ring import BETA_CMD, GAMMA, THETA, T
 from ..kernels import inner
 from ..model import N_NOISES
 from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, SATURATION
 from .disturbances import spread_at
-from .predictor import begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
+from .predictor import begins_anew, correct, is_lost, is_outlier, predict, see, start_segment, take_command
 from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, RESTARTS, RUNNING
 from .unknown_servo import doubt_of, first_column, note_servo
 from .whiteness import forget_blocks, note_innovation, note_loss
@@ -53,7 +53,7 @@ def start_window(size, acc):
 
 @inner
 def set_identity(size, matrix):
-    """Set a matrix (n, n) out to the identity."""
+    """Set the first n rows and columns of a matrix to the identity."""
     for i in range(size.states):
         for j in range(size.states):
             matrix[i, j] = 1.0 if i == j else 0.0
@@ -92,9 +92,8 @@ def forget_offset(belief, fil, acc, t):
 def begin_block(belief, fil, acc):
     """A block begins: the offset's sensitivities are the identity, the terms' are remembered."""
     n = belief.size.states
+    set_identity(belief.size, fil.s[:])
     for i in range(n):
-        for j in range(n):
-            fil.s[i, j] = 1.0 if i == j else 0.0
         acc.s_start[i, A6] = fil.s[i, n + belief.term[AT_THETA]]
         acc.s_start[i, K1] = fil.s[i, n + belief.term[AT_BETA]]
 
@@ -108,15 +107,11 @@ def reduce_block(size, acc, rows, work, theta, beta):
     c, n, width = size.columns, size.states, size.pair
     work.triangle[:, :] = 0.0
     absorb_rows(work.triangle[:], rows, c, acc.counts[ROWS])
-    pair = work.scratch[:width * c].reshape((width, c))
-    for i in range(c):
-        for j in range(n):
-            pair[j, i] = work.triangle[i, j]
-        pair[n, i] = work.triangle[i, n + theta]
-        pair[n + 1, i] = work.triangle[i, n + beta]
-        pair[n + 2, i] = work.triangle[i, c - 1]
+    for j in range(n):
+        work.columns[j] = j
+    work.columns[n], work.columns[n + 1], work.columns[n + 2] = n + theta, n + beta, c - 1
     work.pair[:, :] = 0.0
-    absorb_rows(work.pair[:], pair, width, c)
+    absorb_columns(work.pair[:], work.triangle[:], work.columns[:], width, c, work.scratch[:])
     reduce_pair(size, work)
 
 
@@ -124,12 +119,10 @@ def reduce_block(size, acc, rows, work, theta, beta):
 def reduce_pair(size, work):
     """The triangle of (theta, beta), state known, out of that of (offset, theta, beta)."""
     width, n = size.pair, size.states
-    known = work.scratch[:3 * (width - 1)].reshape((3, width - 1))
-    for i in range(width - 1):
-        for j in range(3):
-            known[j, i] = work.pair[i, n + j]
+    for j in range(3):
+        work.columns[j] = n + j
     work.block[:, :] = 0.0
-    absorb_rows(work.block[:], known, 3, width - 1)
+    absorb_columns(work.block[:], work.pair[:], work.columns[:], 3, width - 1, work.scratch[:])
 
 
 @inner
@@ -151,21 +144,6 @@ def absorb_block(size, acc, work, about):
         for j in range(size.servo):
             copy[width - 1, i] += work.triangle[i, first_column(size) + j] * about[j]
     absorb_rows(acc.window[:], copy, width, width)
-
-
-@inner
-def advance_psi(size, fil, acc, work):
-    """psi <- (transition over the block) psi."""
-    n = size.states
-    for i in range(n):
-        for j in range(n):
-            value = 0.0
-            for k in range(n):
-                value += fil.s[i, k] * acc.psi[k, j]
-            work.product[i, j] = value
-    for i in range(n):
-        for j in range(n):
-            acc.psi[i, j] = work.product[i, j]
 
 
 @inner
@@ -203,17 +181,21 @@ def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap)
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
         partner = belief.partner[channel]
-        if is_outlier(fil, channel, partner, z, r + doubt_of(belief, fil, channel, partner)):
+        doubt, out = 0.0, work.out[:]
+        if belief.size.servo > 0:
+            see(fil.s[:], channel, partner, out, last)
+            doubt = doubt_of(belief.size, fil.servo, out[first_column(belief.size):])
+        if is_outlier(fil, channel, partner, z, r + doubt):
             continue
         e, variance = correct(belief.size, fil, work, channel, partner, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[ROWS]
         for j in range(last):
-            rows[j, k] = work.out[j] * scale
-        rows[last, k] = (e + work.out[theta] * fil.p_bar[A6] + work.out[beta] * fil.p_bar[K1]) * scale
+            rows[j, k] = out[j] * scale
+        rows[last, k] = (e + out[theta] * fil.p_bar[A6] + out[beta] * fil.p_bar[K1]) * scale
         acc.counts[ROWS] = k + 1
-        note_innovation(check, channel, e * scale, work.out[theta] * scale, work.out[beta] * scale)
-        note_servo(belief, check, channel, work.out[:], scale)
+        note_innovation(check, channel, e * scale, out[theta] * scale, out[beta] * scale)
+        note_servo(belief, check, channel, out, scale)
     acc.counts[SAMPLES] += 1
     take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
 
@@ -235,7 +217,7 @@ def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = belief.size.levels
     share = belief.constant[BLOCK_SHARE]
-    memory, most = left_after(share, LEVEL_MEMORY), share * LEVEL_STEP
+    memory = left_after(share, LEVEL_MEMORY)
     square = work.square[:n * n].reshape((n, n))
     for i in range(n):
         for j in range(n):
@@ -252,16 +234,19 @@ def update_levels(belief, fil, acc, work):
     apply_q_transposed(square, work.tau[:], n, work.right[:])
     solve_triangle(square, n, work.right[:], work.step[:])
     for k in range(n):
-        if work.order[k] < N_NOISES:
-            fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
-            fil.level[work.order[k]] += min(max(work.step[k], -most), most)
+        j = work.order[k]
+        most = share * (LEVEL_STEP if j < N_NOISES else WIND_STEP)
+        moved = min(max(work.step[k], -most), most)
+        fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
+        if j < N_NOISES:
+            fil.level[j] += moved
         else:
-            move_wind_level(n, fil, acc, work.order[k], work.step[k], share * WIND_STEP)
+            move_wind_level(n, fil, acc, j, moved)
 
 
 @inner
-def move_wind_level(levels, fil, acc, j, step, most):
-    """A log level of the wind moves by `step`, but no more than by `most`, and what is known of it is carried over.
+def move_wind_level(levels, fil, acc, j, moved):
+    """A log level of the wind moves by so much, and what is known of it is carried over.
 
     The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
     the level itself (the frequencies at which such a wind would show are), so information about its square root keeps
@@ -270,8 +255,6 @@ def move_wind_level(levels, fil, acc, j, step, most):
     the level stands at its least, what is known of it falls on, so that it rises with the first gust.
     """
     if j < levels:  # always; of a model without wind a compiler of the exported C sees that there is none
-        fil.note[LEVEL_CLAMPS] += int(abs(step) > most)
-        moved = min(max(step, -most), most)
         fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
         share = exp_of(0.5 * moved)
         for i in range(levels):

@@ -2,27 +2,9 @@
 
 import numpy as np
 
-from ..algebra.linsolve import absorb_rows
-from ..gate.window import (
-    ATTITUDE,
-    INTERVAL,
-    LOW_INFORMATION,
-    MODEL,
-    NUMERICS,
-    O_A6,
-    O_A6_BOUND,
-    O_A6_STD,
-    O_CONDITION,
-    O_CORRELATION,
-    O_K1,
-    O_K1_BOUND,
-    O_K1_STD,
-    OK,
-    SEPARATION,
-    STATUS,
-    knows_nothing,
-    knows_one_direction,
-)
+from ..algebra.linsolve import absorb_columns
+from ..gate import window as wn
+from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner
 from .belief import AT_BETA, AT_THETA, profile_at
 from .states import N_SLOPES, N_TESTS
@@ -72,13 +54,8 @@ def reduce_columns(width, acc, work, r):
     """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
     names; width columns in all."""
     m = r.shape[0]
-    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
-    for c in range(m):
-        for i in range(m):
-            r[c, i] = 0.0
-        for i in range(width):
-            rt[c, i] = acc.window[i, work.columns[c]]
-    absorb_rows(r, rt, m, width)
+    r[:, :] = 0.0
+    absorb_columns(r, acc.window[:], work.columns[:], m, width, work.scratch[m * m:])
 
 
 @inner
@@ -139,8 +116,8 @@ def limit_absent(belief, profile, state, work, t_centre):
     """95 % limits of the terms that were left out of a valid window; an absent a6 or k1 is 0 with the standard
     deviation that it would have."""
     out = state.outcome
-    if out.flag[STATUS] == OK:
-        a6, k1 = profile_at(profile, state.filter.cell, t_centre)
+    if out.flag[wn.STATUS] == wn.OK:
+        a6, k1 = profile_at(profile, t_centre)
         for j in range(belief.size.terms):
             is_rigid = j == belief.term[AT_THETA] or j == belief.term[AT_BETA]
             if state.active[j] and is_rigid:
@@ -151,11 +128,11 @@ def limit_absent(belief, profile, state, work, t_centre):
                 continue
             if j == belief.term[AT_THETA]:
                 value, std = a6 * (1.0 + value), abs(a6) * std
-                out.number[O_A6_STD] = std
+                out.number[wn.O_A6_STD] = std
             elif j == belief.term[AT_BETA]:
                 value, std = k1 * (1.0 + value), abs(k1) * std
-                out.number[O_K1_STD] = std
-            out.absent[j] = abs(value) + INTERVAL * std
+                out.number[wn.O_K1_STD] = std
+            out.absent[j] = abs(value) + wn.INTERVAL * std
 
 
 @inner
@@ -164,27 +141,27 @@ def report_window(belief, profile, state, work, t_centre):
     out, coefficient = state.outcome, work.coefficient
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
-    a6, k1 = profile_at(profile, state.filter.cell, t_centre)
-    out.number[O_A6_BOUND], out.number[O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
-    out.number[O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
+    a6, k1 = profile_at(profile, t_centre)
+    out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
+    out.number[wn.O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
     if knows_nothing(std_a, std_k):
-        return LOW_INFORMATION
+        return wn.LOW_INFORMATION
     if state.check.flag[IN_WINDOW] == 1:
-        return MODEL
+        return wn.MODEL
     if knows_one_direction(std_a, std_k, correlation):
-        return SEPARATION
+        return wn.SEPARATION
     for j in range(belief.size.terms):
-        out.xi[j, ATTITUDE] = coefficient[j]
-        out.support[j, ATTITUDE] = state.active[j]
-    out.xi[theta, ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
-    out.xi[beta, ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
-    out.number[O_A6], out.number[O_K1] = out.xi[theta, ATTITUDE], out.xi[beta, ATTITUDE]
-    out.number[O_A6_STD], out.number[O_K1_STD] = out.number[O_A6_BOUND], out.number[O_K1_BOUND]
+        out.xi[j, wn.ATTITUDE] = coefficient[j]
+        out.support[j, wn.ATTITUDE] = state.active[j]
+    out.xi[theta, wn.ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, wn.ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.number[wn.O_A6], out.number[wn.O_K1] = out.xi[theta, wn.ATTITUDE], out.xi[beta, wn.ATTITUDE]
+    out.number[wn.O_A6_STD], out.number[wn.O_K1_STD] = out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND]
     if state.active[theta]:
-        out.std[theta] = out.number[O_A6_STD]
+        out.std[theta] = out.number[wn.O_A6_STD]
     if state.active[beta]:
-        out.std[beta] = out.number[O_K1_STD]
-    out.number[O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
-    if not np.isfinite(out.number[O_A6] + out.number[O_K1]):
-        return NUMERICS
-    return OK
+        out.std[beta] = out.number[wn.O_K1_STD]
+    out.number[wn.O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
+    if not np.isfinite(out.number[wn.O_A6] + out.number[wn.O_K1]):
+        return wn.NUMERICS
+    return wn.OK

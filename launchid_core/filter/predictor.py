@@ -12,10 +12,6 @@ acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
   for the check of the model);
 * the derivative of x and of the covariance for the L log noise levels.
 
-What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of
-a model with wind levels are those of its nominal: whitening that moves with a6 would
-want the log-determinant in the fit of a6.
-
 The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that
 neither the nozzle sensor's noise (errors in variables) nor unmodelled
 accelerations (a random walk once integrated) bias.
@@ -30,37 +26,11 @@ import numpy as np
 from ..algebra.elementary import exp_of
 from ..kernels import inner
 from ..model import TURBULENCE
-from .belief import (
-    A6,
-    AIRY,
-    COMMAND_GAIN,
-    COMMAND_OFFSET,
-    DELAY,
-    GAMMA_STD,
-    HELD,
-    K1,
-    LEAN,
-    MISSING,
-    PERIOD,
-    profile_at,
-)
+from . import belief as bl
+from . import states as sx
+from .belief import profile_at
 from .disturbances import add_wind, fill_push, follow_path, spread_at
 from .servo import SAME_STEP, STEP, set_step
-from .states import (
-    ACCELERATION_NOISE,
-    COMMAND_NOISE,
-    FIRST,
-    GAMMA_NOW,
-    GYRO_TEST,
-    LAST,
-    MAX_DELAY_SAMPLES,
-    N_CHANNELS,
-    N_STATES,
-    N_TESTS,
-    OUTLIERS,
-    RUNNING,
-    SEGMENTS,
-)
 from .transition import add_process_noise, advance_state, carry, congruence, drive_terms, drive_tests, fill_transition
 from .unknown_servo import acting_commands, add_change, drive_servo
 
@@ -78,7 +48,7 @@ def is_lost(belief, fil):
     """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
     sensor."""
     row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
-    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[PERIOD] >= LOST
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[bl.PERIOD] >= LOST
 
 
 @inner
@@ -93,15 +63,15 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     fil.sx[:, :] = 0.0
     fil.sp[:, :, :] = 0.0
     fil.s[:, :] = 0.0
-    if fil.note[SEGMENTS] == 0:
-        fil.time[FIRST] = t
-    fil.note[SEGMENTS] += 1
-    for j in range(n - N_STATES):
-        k = N_STATES + j
+    if fil.note[sx.SEGMENTS] == 0:
+        fil.time[sx.FIRST] = t
+    fil.note[sx.SEGMENTS] += 1
+    for j in range(n - sx.N_STATES):
+        k = sx.N_STATES + j
         fil.p[k, k] = spread_at(belief, fil, j, t)
         if belief.role[j] == TURBULENCE:
             fil.sp[belief.level[j], k, k] = 2.0 * fil.p[k, k]
-    for i in range(N_CHANNELS):
+    for i in range(sx.N_CHANNELS):
         variance = belief.variance[i] * exp_of(2.0 * fil.level[i])
         fil.p[i, i] = variance
         fil.sp[i, i, i] = 2.0 * variance
@@ -114,31 +84,31 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
             fil.p[1, k], fil.p[k, 1] = 0.0, 0.0
         fil.p[1, 1] = UNKNOWN_RATE_STD * UNKNOWN_RATE_STD
         if belief.partner[1] >= 0:
-            fil.p[belief.partner[1], belief.partner[1]] = spread_at(belief, fil, belief.partner[1] - N_STATES, t)
+            fil.p[belief.partner[1], belief.partner[1]] = spread_at(belief, fil, belief.partner[1] - sx.N_STATES, t)
         fil.sp[1, 1, 1] = 0.0
     fil.p[3, 3] = START_NOZZLE_RATE_STD * START_NOZZLE_RATE_STD
     for i in range(n):
         fil.s[i, i] = 1.0
     if np.isfinite(gamma):
-        fil.path[GAMMA_NOW] = gamma
-    elif is_lost(belief, fil) and (belief.constant[AIRY] == 0.0 or abs(fil.path[GAMMA_NOW]) > SMALL_ANGLE):
-        fil.path[GAMMA_NOW] = 0.0  # the last one measured may be what misled it
+        fil.path[sx.GAMMA_NOW] = gamma
+    elif is_lost(belief, fil) and (belief.constant[bl.AIRY] == 0.0 or abs(fil.path[sx.GAMMA_NOW]) > SMALL_ANGLE):
+        fil.path[sx.GAMMA_NOW] = 0.0  # the last one measured may be what misled it
     fil.command[:] = np.nan
     fil.outliers[:] = 0
-    fil.time[LAST] = t
-    fil.time[RUNNING] = 1.0
+    fil.time[sx.LAST] = t
+    fil.time[sx.RUNNING] = 1.0
 
 
 @inner
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
-    steps = constant[DELAY] / constant[PERIOD]
+    steps = constant[bl.DELAY] / constant[bl.PERIOD]
     whole = int(steps)
     share = steps - whole
-    newer = fil.command[min(whole, MAX_DELAY_SAMPLES - 1)]
+    newer = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)]
     if share == 0.0:
         return newer
-    return (1.0 - share) * newer + share * fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
+    return (1.0 - share) * newer + share * fil.command[min(whole + 1, sx.MAX_DELAY_SAMPLES - 1)]
 
 
 @inner
@@ -147,12 +117,12 @@ def take_command(constant, servo, fil, command):
 
     servo  in  how many of the servo's numbers are not
     """
-    depth = min(int(constant[DELAY] / constant[PERIOD]) + 1, MAX_DELAY_SAMPLES - 1)
+    depth = min(int(constant[bl.DELAY] / constant[bl.PERIOD]) + 1, sx.MAX_DELAY_SAMPLES - 1)
     if servo > 0:
-        depth = MAX_DELAY_SAMPLES - 1
+        depth = sx.MAX_DELAY_SAMPLES - 1
     for k in range(depth, 0, -1):
         fil.command[k] = fil.command[k - 1]
-    fil.command[0] = constant[COMMAND_GAIN] * command + constant[COMMAND_OFFSET]
+    fil.command[0] = constant[bl.COMMAND_GAIN] * command + constant[bl.COMMAND_OFFSET]
 
 
 @inner
@@ -162,12 +132,12 @@ def step_input(belief, fil, u, command):
     Of samples slower than the controller the commands between are not known.  The last one is taken as held; for the
     share of the step in which it may not be, it is uncertain by its whole change.
     """
-    variance = belief.variance[COMMAND_NOISE] * exp_of(2.0 * fil.level[COMMAND_NOISE])
+    variance = belief.variance[sx.COMMAND_NOISE] * exp_of(2.0 * fil.level[sx.COMMAND_NOISE])
     if np.isnan(u):
         u = fil.x[2]
         variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
-    elif belief.constant[MISSING] > 0.0 and np.isfinite(command):
-        change = belief.constant[MISSING] * (command - fil.command[0])
+    elif belief.constant[bl.MISSING] > 0.0 and np.isfinite(command):
+        change = belief.constant[bl.MISSING] * (command - fil.command[0])
         variance += change * change
     return u, variance
 
@@ -176,10 +146,10 @@ def step_input(belief, fil, u, command):
 def predict(belief, profile, air, fil, work, t, command, gamma):
     """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]; of a servo that is
     not known the step's constants were set before (`unknown_servo.set_unknown_step`)."""
-    n, h = belief.size.states, t - fil.time[LAST]
+    n, h = belief.size.states, t - fil.time[sx.LAST]
     if belief.size.servo == 0 and abs(h - fil.step[STEP]) > SAME_STEP * h:
-        set_step(belief.constant, h, work, fil.step)
-    a6, k1 = profile_at(profile, fil.cell, fil.time[LAST] + 0.5 * h)
+        set_step(belief.constant, belief.constant[bl.FREQUENCY], belief.constant[bl.DAMPING], h, work, fil.step)
+    a6, k1 = profile_at(profile, fil.time[sx.LAST] + 0.5 * h)
     acting, change = delayed_input(belief.constant, fil), 0.0
     if belief.size.servo > 0:
         acting, change = acting_commands(belief, fil)
@@ -187,16 +157,16 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     known_air = follow_path(belief, air, fil, h, gamma)
     drive_terms(belief, fil, work, a6, k1, u, known_air)
     fill_push(belief, a6, k1, work.push)
-    acceleration_variance = belief.variance[ACCELERATION_NOISE] * exp_of(2.0 * fil.level[ACCELERATION_NOISE])
-    believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[A6]), k1 * (1.0 + fil.p_bar[K1])
+    acceleration_variance = belief.variance[sx.ACCELERATION_NOISE] * exp_of(2.0 * fil.level[sx.ACCELERATION_NOISE])
+    believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[bl.A6]), k1 * (1.0 + fil.p_bar[bl.K1])
     f, g = work.transition[:], work.transition[:]
     fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
     gain_k1 = believed_k1
-    if belief.constant[HELD] == 1.0:
+    if belief.constant[bl.HELD] == 1.0:
         g, gain_k1 = work.steady[:], k1
         fill_transition(belief, fil, g, a6, k1, work.push)
     drive_servo(belief, fil, work, believed_k1, u, change)
-    known = believed_a6 * known_air + believed_k1 * belief.constant[LEAN]
+    known = believed_a6 * known_air + believed_k1 * belief.constant[bl.LEAN]
     advance_state(belief, fil, f, believed_k1, u, known)
     carry(f, n, fil.s[:], belief.size.sensitivities)
     if belief.size.servo > 0:
@@ -204,15 +174,15 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     for j in range(belief.size.terms):
         fil.s[0, n + j] += work.drive[0, j]
         fil.s[1, n + j] += work.drive[1, j]
-    drive_tests(belief, fil, work, t - 0.5 * h - fil.time[FIRST])
+    drive_tests(belief, fil, work, t - 0.5 * h - fil.time[sx.FIRST])
     carry(f, n, fil.sx[:], belief.size.levels)
     congruence(g, n, fil.p[:], work.matrix)
     for k in range(belief.size.levels):
         congruence(g, n, fil.sp[k], work.matrix)
     add_process_noise(fil, gain_k1, command_variance, acceleration_variance)
-    seen = a6 * belief.constant[GAMMA_STD]
+    seen = a6 * belief.constant[bl.GAMMA_STD]
     add_wind(belief, fil, seen * seen)
-    fil.time[LAST] = t
+    fil.time[sx.LAST] = t
 
 
 @inner
@@ -239,14 +209,14 @@ def is_outlier(fil, channel, partner, z, r):
     e = innovation(fil, channel, partner, z)
     outlier = e * e > OUTLIER * OUTLIER * (seen_variance(fil, channel, partner) + r)
     fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
-    fil.note[OUTLIERS] += int(outlier)
+    fil.note[sx.OUTLIERS] += int(outlier)
     return outlier
 
 
 @inner
 def begins_anew(belief, fil, t, max_gap):
     """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
-    return is_lost(belief, fil) or fil.time[RUNNING] == 0.0 or not 0.0 < t - fil.time[LAST] <= max_gap
+    return is_lost(belief, fil) or fil.time[sx.RUNNING] == 0.0 or not 0.0 < t - fil.time[sx.LAST] <= max_gap
 
 
 @inner
@@ -294,7 +264,7 @@ def correct(size, fil, work, channel, partner, z, r, score, information):
     see(p[:], channel, partner, work.column[:], n)
     see(s[:], channel, partner, work.out[:], size.sensitivities)
     if channel == 1:
-        work.out[size.sensitivities - N_TESTS + GYRO_TEST] += 1.0
+        work.out[size.sensitivities - sx.N_TESTS + sx.GYRO_TEST] += 1.0
     for i in range(n):
         work.gain[i] = work.column[i] / variance
     surplus = 1.0 - e * e / variance

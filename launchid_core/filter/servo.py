@@ -2,7 +2,7 @@
 
 from ..algebra.elementary import exp_of
 from ..kernels import inner
-from .belief import AERO_DAMPING, DAMPING, FREQUENCY, TIME_CONSTANT, TURBULENCE_TIME
+from .belief import AERO_DAMPING, TIME_CONSTANT, TURBULENCE_TIME
 
 TAYLOR_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
@@ -84,13 +84,7 @@ def exponential(m, total, term, spare):
 
 
 @inner
-def set_step(constant, h, work, step):
-    """Constants of a time step h [s] with the nominal's servo."""
-    set_servo_step(constant, constant[FREQUENCY], constant[DAMPING], h, work, step)
-
-
-@inner
-def set_servo_step(constant, frequency, damping, h, work, step):
+def set_step(constant, frequency, damping, h, work, step):
     """Constants of a time step h [s]: exp of a servo's generator over it, and the turbulence's decay.
 
     frequency [rad/s], damping  of a second-order servo

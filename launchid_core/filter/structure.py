@@ -9,8 +9,8 @@ leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL.
 import math
 
 from ..algebra.elementary import exp_of
-from ..algebra.linsolve import absorb_rows
-from ..algebra.sparse import covariance_entry, invert_active, solve_active
+from ..algebra.linsolve import absorb_columns
+from ..algebra.sparse import count_active, covariance_entry, invert_active, solve_active
 from ..kernels import inner
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
@@ -21,32 +21,24 @@ PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are d
 
 
 @inner
-def absorb_structure(size, r, triangle, scratch, dt):
-    """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle.
+def absorb_structure(size, r, work, dt):
+    """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle, the state being known.
 
-    triangle (c, c) in  columns behind the states belong to the terms, the last to the right-hand side; the state is
-    known
+    work  AccumulatorWork, triangle in
     """
     n, rows = size.terms + 1, size.columns
     fade = exp_of(-0.5 * dt / MEMORY)
     for i in range(n):
         for j in range(n):
             r[i, j] *= fade
-    copy = scratch[:n * rows].reshape((n, rows))
-    for j in range(n):
-        source = size.states + j if j < n - 1 else rows - 1
-        for i in range(rows):
-            copy[j, i] = triangle[i, source]
-    absorb_rows(r, copy, n, rows)
+        work.columns[i] = size.states + i if i < n - 1 else rows - 1
+    absorb_columns(r, work.triangle[:], work.columns[:], n, rows, work.scratch[:])
 
 
 @inner
 def weakest(q, active, held, theta, beta, coefficient, work):
     """The active term whose t-value falls furthest below its limit; -1 if none does."""
-    size = 0
-    for j in range(q):
-        if active[j]:
-            size += 1
+    size = count_active(q, active)
     invert_active(q, work, size)
     worst, worst_share = -1, 1.0
     place = 0

@@ -1,6 +1,6 @@
 """A step of the state, its covariance and its sensitivities, and what each term and each noise does over it."""
 
-from ..algebra.library import library_row
+from ..algebra.library import library_column
 from ..kernels import inner
 from ..model import TURBULENCE
 from .belief import AT_BETA, AT_THETA, LEAN
@@ -17,15 +17,11 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     """
     h, reach = fil.step[STEP], fil.step[REACH]
     x = fil.x
-    for v in range(3):
-        work.raw[v] = x[v]
-    work.raw[0] += 0.5 * h * x[1]
-    work.raw[2] += 0.5 * h * x[3]
-    work.raw[3] = 0.0
-    library_row(belief.codes[:belief.size.terms], work.raw, work.raw, work.powers, work.row)
+    work.raw[0, 0], work.raw[1, 0], work.raw[2, 0] = x[0] + 0.5 * h * x[1], x[1], x[2] + 0.5 * h * x[3]
     for j in range(belief.size.terms):
-        work.drive[0, j] = 0.5 * h * reach * work.row[j]
-        work.drive[1, j] = reach * work.row[j]
+        library_column(belief.codes[j], work.raw[:], work.raw[belief.codes[j, 5]], 1, work.value[:])
+        work.drive[0, j] = 0.5 * h * reach * work.value[0]
+        work.drive[1, j] = reach * work.value[0]
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     y0 = x[0] + air
     work.drive[0, theta] = a6 * h * reach * (0.5 * y0 + h / 6.0 * x[1])

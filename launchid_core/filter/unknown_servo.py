@@ -24,26 +24,26 @@ import math
 
 import numpy as np
 
-from ..algebra.linsolve import absorb_rows
+from ..algebra.linsolve import absorb_columns, absorb_rows
 from ..kernels import inner
 from ..model import SERVO
-from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FREQUENCY, K1, MISSING, PERIOD, TIME_CONSTANT
-from .servo import GAMMA, J1, J2, PHI, SAME_STEP, STEP, set_servo_step
+from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FIRST_STD, FREQUENCY, K1, MISSING, PERIOD, TIME_CONSTANT
+from .servo import GAMMA, J1, J2, PHI, SAME_STEP, STEP, set_step
 from .states import MAX_DELAY_SAMPLES, N_CHANNELS, N_STATES
 
 N_SERVO = len(SERVO)
 BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
 # number (f8): natural frequency [rad/s], damping ratio, delay [s] believed, and the time step [s] that comes next
 NEXT_STEP = N_SERVO
-N_RESPONSES = 1 + N_SERVO     # the servo's, and its derivatives for d
 # columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
 BETA, BETA_DOT, COMMAND, CHANGE = range(4)
 
 DIFFERENCE = 1.0e-3     # of a central difference: relative frequency, damping ratio, delay over the sample period
-FIRST_STD = 0.5         # relative: what a block knows of its a6 and k1 before it speaks of the servo
 LEAST, MOST = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
 SETTLED = 0.2           # standard deviations: from an estimate so near the filter need not move
-CURVED = 2.0
+CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong.  The half of it that
+# is not linear is too little: with 0.5 frequency, damping and delay were 2.0, 1.2 and 1.5 standard deviations off (rms,
+# 5 s into 16 flights of `constant`, on which 2.0 was chosen)
 UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 
@@ -84,8 +84,8 @@ def fill_response(constant, frequency, damping, h, left, work, step, out):
     step (N_STEP,), out (4, 4)  out
     """
     late = work.late[0]
-    set_servo_step(constant, frequency, damping, h, work, step)
-    set_servo_step(constant, frequency, damping, left, work, late)
+    set_step(constant, frequency, damping, h, work, step)
+    set_step(constant, frequency, damping, left, work, late)
     for j in range(3):
         out[0, j], out[1, j] = step[J2 + j], step[J1 + j]
     for i in range(2):
@@ -139,7 +139,7 @@ def set_unknown_step(belief, fil, work):
 
 
 @inner
-def wants_step(belief, fil, h):
+def wants_step(fil, h):
     """Whether the constants of a time step h [s] are to be set before it, with `set_unknown_step`; it is noted then."""
     fil.servo.number[NEXT_STEP] = h
     return abs(h - fil.step[STEP]) > SAME_STEP * h
@@ -196,17 +196,13 @@ def add_change(belief, fil, work, k1, believed_k1, change):
 
 
 @inner
-def doubt_of(belief, fil, channel, partner):
-    """Variance that what is unknown of the servo adds to an innovation of a channel; 0.0 of a known one."""
-    at, servo = first_column(belief.size), fil.servo
+def doubt_of(size, servo, s):
+    """Variance that what is unknown of the servo adds to what has these sensitivities for it.  s (>=servo,) in"""
     doubt = 0.0
-    for k in range(belief.size.servo):
+    for k in range(size.servo):
         seen = 0.0
         for j in range(k + 1):
-            s = fil.s[channel, at + j]
-            if partner >= 0:
-                s += fil.s[partner, at + j]
-            seen += s * servo.root[j, k]
+            seen += s[j] * servo.root[j, k]
         doubt += seen * seen
     return doubt
 
@@ -223,14 +219,8 @@ def note_servo(belief, check, channel, out, scale):
 def widen_check(belief, fil, check):
     """Take what is unknown of the servo out of the block's mean innovations: it is no contradiction of the model."""
     for c in range(N_CHANNELS):
-        doubt = 0.0
-        for k in range(belief.size.servo):
-            seen = 0.0
-            for j in range(k + 1):
-                seen += check.servo[c, j] * fil.servo.root[j, k]
-            doubt += seen * seen
         if check.seen[c] > 0:
-            narrower = 1.0 / math.sqrt(1.0 + doubt / check.seen[c])
+            narrower = 1.0 / math.sqrt(1.0 + doubt_of(belief.size, fil.servo, check.servo[c]) / check.seen[c])
             for k in range(3):
                 check.mean[c, k] *= narrower
         for j in range(belief.size.servo):
@@ -246,23 +236,19 @@ def widen_pair(belief, fil, work):
     size, servo = belief.size, fil.servo
     at, n, c, known = first_column(size), size.states, size.columns, size.servo
     width = known + size.pair
-    r = work.scratch[:width * width].reshape((width, width))
-    rt = work.scratch[width * width:width * (width + c)].reshape((width, c))
+    r, columns = work.scratch[:width * width].reshape((width, width)), work.columns[:]
     r[:, :] = 0.0
     for i in range(known):
+        columns[i] = at + i
         r[i, width - 1] = servo.r[i, known]
         for j in range(i, known):
             r[i, j] = servo.r[i, j]
             r[i, width - 1] -= servo.r[i, j] * servo.about[j]
-    for i in range(c):
-        for j in range(known):
-            rt[j, i] = work.triangle[i, at + j]
-        for j in range(n):
-            rt[known + j, i] = work.triangle[i, j]
-        rt[width - 3, i] = work.triangle[i, n + belief.term[AT_THETA]]
-        rt[width - 2, i] = work.triangle[i, n + belief.term[AT_BETA]]
-        rt[width - 1, i] = work.triangle[i, c - 1]
-    absorb_rows(r, rt, width, c)
+    for j in range(n):
+        columns[known + j] = j
+    columns[width - 3], columns[width - 2] = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    columns[width - 1] = c - 1
+    absorb_columns(r, work.triangle[:], columns, width, c, work.scratch[width * width:])
     for i in range(size.pair):
         for j in range(size.pair):
             work.pair[i, j] = r[known + i, known + j]
@@ -273,11 +259,8 @@ def share_unknown(belief, fil, work, rows):
     """Share of a block's expected squares that what is unknown of the servo adds.  work.triangle in;  rows of it"""
     at, total = first_column(belief.size), 0.0
     for i in range(belief.size.columns):
-        for k in range(belief.size.servo):
-            seen = 0.0
-            for j in range(k + 1):
-                seen += work.triangle[i, at + j] * fil.servo.root[j, k]
-            total += seen * seen
+        row = work.triangle[i]
+        total += doubt_of(belief.size, fil.servo, row[at:])
     return total / max(rows, 1)
 
 
@@ -307,11 +290,9 @@ def learn_servo(belief, fil, work):
             rt[2 + j, i] = work.triangle[i, at + j]
             rt[width - 1, i] += work.triangle[i, at + j] * servo.about[j]
     absorb_rows(r, rt, width, c)
-    told = work.scratch[width * width:width * width + (1 + known) * (1 + known)].reshape((1 + known, 1 + known))
-    for i in range(1 + known):
-        for j in range(1 + known):
-            told[j, i] = r[2 + i, 2 + j]
-    absorb_rows(servo.r[:], told, 1 + known, 1 + known)
+    for j in range(1 + known):
+        work.columns[j] = 2 + j
+    absorb_columns(servo.r[:], r[2:], work.columns[:], 1 + known, 1 + known, work.scratch[width * width:])
 
 
 @inner
@@ -371,8 +352,8 @@ def within_reach(belief, j, d):
 def move_servo(belief, fil, work):
     """The filter is linearised about the flight's estimate, and the state with it, unless it is there already.
 
-    What was learned a move ago from there is wrong by what is not linear in the move, half its square if frequency and
-    damping are relative and the delay in radians of the servo's frequency: it counts for no more than that.
+    What was learned a move ago from there is wrong by what is not linear in the move: by its square, frequency and
+    damping being relative and the delay in radians of the servo's frequency, times CURVED.  It counts for no more.
     """
     size, servo = belief.size, fil.servo
     at, number, square, far, away = first_column(size), servo.number, 0.0, 0.0, False

@@ -73,15 +73,9 @@ def is_row_whole(ring, seals, at):
 @inner
 def are_rows_whole(ring, seals, counts):
     """Whether the closed window's rows are as they were written."""
-    n, capacity = counts[rb.CLOSED_ROWS], ring.shape[0]
-    first = counts[rb.HEAD] - counts[rb.CLOSED_BACK] - n
-    if first < 0:
-        first += capacity
     whole = True
-    at = first
-    for _ in range(n):
-        whole = whole and is_row_whole(ring, seals, at)
-        at = at + 1 if at + 1 < capacity else 0
+    for k in range(counts[rb.CLOSED_ROWS]):
+        whole = whole and is_row_whole(ring, seals, rb.place_of_row(counts, ring, k))
     return whole
 
 
@@ -98,21 +92,26 @@ def close_control(state):
 
 
 @inner
-def seal_newest(counts, ring, seals):
-    """The ring's newest row stays as it is until it is used."""
-    newest = counts[rb.HEAD] - 1
-    if newest < 0:
-        newest += ring.shape[0]
-    seals[newest] = fold(ring[newest], rb.N_COLUMNS)
-
-
-@inner
 def refuse(limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Memory is damaged and nothing has been taken: RECOVERED, or why this sample cannot be the first of all."""
     code = rb.gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.ACCEPTED:
         return rb.RECOVERED
     counts[rb.COUNT_FIRST + code - rb.BUSY] += 1
+    return code
+
+
+@inner
+def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
+    """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used."""
+    counts = state.counts
+    if not is_control_whole(state):
+        return refuse(fixed.limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    newest = counts[rb.HEAD]
+    code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    if code >= 0:
+        seals[newest] = fold(ring[newest], rb.N_COLUMNS)
+    close_control(state)
     return code
 
 

@@ -31,7 +31,7 @@ N_CLOCK = 6
 
 # count (i8)
 HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK, WRAPS = range(12)
-# WAITING: samples in the ring that the filter has not taken; ESTIMATES: 1 once a window has closed
+# WAITING: samples in the ring that were not used yet; ESTIMATES: 1 once a window has closed
 # STUCK: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
 COUNT_FIRST = 12  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
 N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
@@ -189,6 +189,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     row[BETA_CMD] = beta_cmd
     row[GAMMA] = gamma
     count[HEAD] = head + 1 if head + 1 < ring.shape[0] else 0
+    count[WAITING] += 1
     clock[T_LAST] = t
 
     slack = SAME_INSTANT * limits[PERIOD]
@@ -206,6 +207,13 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
 
 
 @inner
+def place_of_row(count, ring, k):
+    """The place of row k of the closed window in the ring."""
+    at = count[HEAD] - count[CLOSED_BACK] - count[CLOSED_ROWS] + k
+    return at if at >= 0 else at + ring.shape[0]
+
+
+@inner
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 
@@ -215,16 +223,9 @@ def copy_window(ring, count, saturation, signal):
     signal     (7, m)     out  one row a column of the ring
     Returns how many were copied and how many left out.
     """
-    n = count[CLOSED_ROWS]
-    capacity = ring.shape[0]
-    first = count[HEAD] - count[CLOSED_BACK] - n
-    if first < 0:
-        first += capacity
-    copied = 0
-    at = first
-    for _ in range(n):
-        source = ring[at]
-        at = at + 1 if at + 1 < capacity else 0
+    n, copied = count[CLOSED_ROWS], 0
+    for row in range(n):
+        source = ring[place_of_row(count, ring, row)]
         saturated = False
         for k in range(THETA, N_COLUMNS):
             if abs(source[k]) >= saturation[k]:

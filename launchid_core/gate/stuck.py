@@ -12,7 +12,7 @@ import numpy as np
 
 from ..kernels import inner
 from . import ring as rb
-from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T
+from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T, place_of_row
 
 FEWEST = 5            # repeats: below it no sensor is called stuck
 IMPROBABLE = 1.0e-12  # once in 300 years at 100 Hz
@@ -25,28 +25,12 @@ N_LEARNED = 2
 
 
 @inner
-def place(counts, ring, k):
-    """The place of row k of the closed window in the ring."""
-    first = counts[rb.HEAD] - counts[rb.CLOSED_BACK] - counts[rb.CLOSED_ROWS]
-    return (first + ring.shape[0] + k) % ring.shape[0]
-
-
-@inner
-def is_repeat(before, now, column, stop):
-    """Whether two neighbours have the same value, which is not the sensor's end stop."""
-    return before[column] == now[column] and abs(now[column]) < stop
-
-
-@inner
 def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
-    at = place(counts, ring, 0)
     for k in range(1, counts[rb.CLOSED_ROWS]):
-        following = at + 1 if at + 1 < ring.shape[0] else 0
-        before, now = ring[at], ring[following]
-        at = following
-        if is_repeat(before, now, column, stop):
+        before, now = ring[place_of_row(counts, ring, k - 1)], ring[place_of_row(counts, ring, k)]
+        if before[column] == now[column] and abs(now[column]) < stop:  # at its end stop it may stand still
             run += 1
             repeats += 1
             if run > longest:
@@ -73,7 +57,7 @@ def improbable(share, run):
 @inner
 def contradiction(ring, counts, column, first, last):
     """The motion of a channel, by its neighbour, while its value stood still, rows `first` to `last` [its unit]."""
-    begin, end = ring[place(counts, ring, first)], ring[place(counts, ring, last)]
+    begin, end = ring[place_of_row(counts, ring, first)], ring[place_of_row(counts, ring, last)]
     span = end[T] - begin[T]
     if column == BETA:
         return abs(end[BETA_CMD] - begin[BETA_CMD])
@@ -81,7 +65,7 @@ def contradiction(ring, counts, column, first, last):
         return abs(end[THETA] - begin[THETA] - span * begin[THETA_DOT]) / span
     moved = 0.0
     for k in range(first + 1, last + 1):
-        before, now = ring[place(counts, ring, k - 1)], ring[place(counts, ring, k)]
+        before, now = ring[place_of_row(counts, ring, k - 1)], ring[place_of_row(counts, ring, k)]
         moved += 0.5 * (before[THETA_DOT] + now[THETA_DOT]) * (now[T] - before[T])
     return abs(moved)
 

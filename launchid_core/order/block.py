@@ -8,75 +8,26 @@ and to the noise levels (`learn_structure`, `use_rows`); at last the model is ju
 
 import numpy as np
 
-from ..filter.belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
+from ..algebra.linsolve import carry_columns
+from ..filter import belief as bl
+from ..filter import filtered as fl
+from ..filter import unknown_servo as us
+from ..filter import whiteness as wh
+from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
 from ..filter.disturbances import spread_at
-from ..filter.filtered import (
-    LEVEL_RELAXES,
-    ROWS,
-    absorb_block,
-    advance_psi,
-    begin_block,
-    believe_nuisances,
-    is_full,
-    jump,
-    left_after,
-    reduce_block,
-    reduce_pair,
-    relax_levels,
-    relinearise,
-    start_window,
-    take_sample,
-    update_levels,
-)
 from ..filter.predictor import begins_anew
 from ..filter.states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
 from ..filter.structure import absorb_structure
-from ..filter.unknown_servo import (
-    UNSETTLED,
-    fade_servo,
-    learn_servo,
-    move_servo,
-    set_unknown_step,
-    share_unknown,
-    solve_servo,
-    wants_step,
-    widen_check,
-    widen_pair,
-)
-from ..filter.whiteness import (
-    BEYOND_CHANCE,
-    FORGOTTEN,
-    RAISED,
-    contradicted_by,
-    drop_blocks,
-    forget_blocks,
-    queue_block,
-    watch_model,
-)
+from ..filter.whiteness import contradicted_by, drop_blocks, forget_blocks, queue_block, watch_model
 from ..gate import ring as rb
-from ..gate.guard import (
-    CARRIED,
-    fold_rows,
-    fold_words,
-    is_row_whole,
-    xor_integer,
-)
+from ..gate.guard import CARRIED, fold_rows, fold_words, is_row_whole, xor_integer
 from ..kernels import inner, kernel
 from ..model import TURBULENCE
 from ..regression.plan import ESTIMATE_LEVELS
-from ..watch.changes import (
-    JUMP_STD,
-    KEPT,
-    NEXT,
-    THRESHOLD,
-    follow_onsets,
-    open_onset,
-    raise_alarm,
-    settle_event,
-    withdraw_events,
-)
+from ..watch import changes as ch
+from ..watch.changes import follow_onsets, open_onset, raise_alarm, settle_event, withdraw_events
 from ..watch.gusts import follow_gust, forget_gust, is_gust, take_gust
-from ..watch.tracker import FIRST_STD, MEMBERS, MEMORY, SLOPE_TIME, absorb, mix, restart_bank, track
+from ..watch.tracker import MEMBERS, MEMORY, SLOPE_TIME, absorb, mix, restart_bank, track
 from ..watch.undeclared import FOUND, follow_undeclared, go_back
 
 NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
@@ -85,8 +36,8 @@ NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
 @inner
 def begin_window(fixed, state, t):
     """A window begins after t [s], the last sample's: nothing is known but what is declared."""
-    start_window(fixed.belief.size, state.acc)
-    believe_nuisances(fixed.belief, state.filter, state.acc, t)
+    fl.start_window(fixed.belief.size, state.acc)
+    fl.believe_nuisances(fixed.belief, state.filter, state.acc, t)
 
 
 @inner
@@ -126,8 +77,8 @@ def accept_gust(belief, state, factor, dt):
         return False
     take_gust(belief, state.filter, state.acc, gust)
     restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
-                 gust.covariance[k, k] + JUMP_STD * JUMP_STD)
-    state.watch.counts[KEPT] = 0
+                 gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
+    state.watch.counts[ch.KEPT] = 0
     forget_blocks(state.check)
     forget_gust(gust)
     return True
@@ -138,10 +89,10 @@ def relinearise_about(belief, fil, bank):
     """Linearise about the quick member, so that a drift does not pass for noise; with nuisances about the mixture, or
     each wandering of the quick one along what the data do not tell apart would take them along."""
     if belief.size.states > N_STATES:
-        relinearise(belief, fil, bank.total[MEAN_A6], bank.total[MEAN_K1])
+        fl.relinearise(belief, fil, bank.total[MEAN_A6], bank.total[MEAN_K1])
     else:
         quickest = len(MEMBERS) - 1
-        relinearise(belief, fil, bank.mean[quickest, A6], bank.mean[quickest, K1])
+        fl.relinearise(belief, fil, bank.mean[quickest, A6], bank.mean[quickest, K1])
 
 
 @inner
@@ -162,7 +113,7 @@ def span_of(fixed, state):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    count = min(max(state.acc.counts[ROWS], 0), rows.shape[1])  # which may have changed by itself
+    count = min(max(state.acc.counts[fl.ROWS], 0), rows.shape[1])  # which may have changed by itself
     carried = fold_words(words)
     return xor_integer(carried, fold_rows(rows, rows.shape[0], count))
 
@@ -195,28 +146,28 @@ def gather(block, ring, rows, profile, air, code):
     for back in range(counts[rb.WAITING], spare, -1):
         row = ring[(counts[rb.HEAD] - back) % ring.shape[0]]
         anew = begins_anew(belief, fil, row[rb.T], max_gap)
-        if acc.counts[ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or is_full(acc, rows)):
+        if acc.counts[fl.ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or fl.is_full(acc, rows)):
             counts[rb.WAITING] = back
             return CLOSE
         if belief.size.servo > 0:
-            is_set = anew or not wants_step(belief, fil, row[rb.T] - fil.time[LAST])
+            is_set = anew or not us.wants_step(fil, row[rb.T] - fil.time[LAST])
             if not is_set:
                 counts[rb.WAITING] = back
                 return SET_STEP
         if anew:
             forget_gust(state.gust)
-        if acc.counts[ROWS] == 0:
+        if acc.counts[fl.ROWS] == 0:
             acc.start[0] = row[rb.T]
-        take_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
+        fl.take_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
     counts[rb.WAITING] = spare
-    return CLOSE if acc.counts[ROWS] > 0 and (complete or is_full(acc, rows)) else NOTHING
+    return CLOSE if acc.counts[fl.ROWS] > 0 and (complete or fl.is_full(acc, rows)) else NOTHING
 
 
 @kernel
 def set_servo(block):
     """Constants of the next step with a servo that is not known."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    set_unknown_step(fixed.belief, state.filter, work.filter)
+    us.set_unknown_step(fixed.belief, state.filter, work.filter)
 
 
 @kernel
@@ -224,8 +175,8 @@ def reduce_rows(block, rows):
     """The rows gathered become the block's triangles."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     size, term = fixed.belief.size, fixed.belief.term
-    reduce_block(size, state.acc, rows, work.acc, term[AT_THETA], term[AT_BETA])
-    advance_psi(size, state.filter, state.acc, work.acc)
+    fl.reduce_block(size, state.acc, rows, work.acc, term[AT_THETA], term[AT_BETA])
+    carry_columns(state.filter.s[:], size.states, state.acc.psi[:], size.states, work.acc.column[:])
     queue_block(state.check, state.filter.level, state.filter.p_bar, state.bank.total)
 
 
@@ -233,7 +184,7 @@ def reduce_rows(block, rows):
 def doubt_servo(block):
     """Take what is not known of the servo out of the check, which it does not contradict."""
     fixed, state = block[0].fixed, block[0].state
-    widen_check(fixed.belief, state.filter, state.check)
+    us.widen_check(fixed.belief, state.filter, state.check)
 
 
 @kernel
@@ -242,22 +193,22 @@ def weigh_servo(block):
     of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
-    widen_pair(belief, fil, work.acc)
-    reduce_pair(belief.size, work.acc)
-    if share_unknown(belief, fil, work.acc, acc.counts[ROWS]) > UNSETTLED:
+    us.widen_pair(belief, fil, work.acc)
+    fl.reduce_pair(belief.size, work.acc)
+    if us.share_unknown(belief, fil, work.acc, acc.counts[fl.ROWS]) > us.UNSETTLED:
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
-    if state.check.flag[RAISED] == 1:
-        fade_servo(belief.size, servo, work.acc, left_after(belief.constant[BLOCK_SHARE], LEVEL_RELAXES))
-    learn_servo(belief, fil, work.acc)
-    solve_servo(belief.size, servo)
+    if state.check.flag[wh.RAISED] == 1:
+        us.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant[bl.BLOCK_SHARE], fl.LEVEL_RELAXES))
+    us.learn_servo(belief, fil, work.acc)
+    us.solve_servo(belief.size, servo)
 
 
 @kernel
 def follow_servo(block):
     """The filter's servo is the one estimated."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    move_servo(fixed.belief, state.filter, work.acc)
+    us.move_servo(fixed.belief, state.filter, work.acc)
 
 
 @kernel
@@ -279,7 +230,7 @@ def track_block(block):
     triangle = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
     remind(belief, fil, bank, work.bank, dt)
-    newest = (watch.counts[NEXT] - 1) % ONSETS
+    newest = (watch.counts[ch.NEXT] - 1) % ONSETS
     return follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
 
 
@@ -293,18 +244,19 @@ def detect_change(block, still):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     bank, after, fil, watch, size = state.bank, work.acc.belief, state.filter, state.watch, fixed.belief.size
     dt, t_end = span_of(fixed, state)
-    factor, slot, kind = follow_onsets(size.states, watch, work.acc.column[:], work.acc.pair, fil.s, dt, still)
-    if not factor > THRESHOLD or state.check.flag[RAISED] == 1:
+    factor, slot, kind = follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
+                                       still)
+    if not factor > ch.THRESHOLD or state.check.flag[wh.RAISED] == 1:
         settle_event(watch, bank.total)
-        moved = state.check.flag[RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
+        moved = state.check.flag[wh.RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
         if moved:
             give_up_window(fixed, state, t_end)
         return moved
     before = watch.before[slot]
-    blocks = (watch.counts[NEXT] - 1 - slot) % ONSETS + 1
+    blocks = (watch.counts[ch.NEXT] - 1 - slot) % ONSETS + 1
     drop_blocks(state.check, blocks, t_end)
     raise_alarm(watch, slot, kind, factor, dt, t_end, after)
-    jump(fixed.belief, fil, watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1], after[MEAN_A6],
+    fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1], after[MEAN_A6],
          after[MEAN_K1])
     restart_bank(bank, after[MEAN_A6], after[MEAN_K1], after[VAR_A6], after[COV], after[VAR_K1])
     if size.undeclared > 0:
@@ -319,7 +271,7 @@ def learn_structure(block):
     """The block into the information about which terms there are."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     dt, _ = span_of(fixed, state)
-    absorb_structure(fixed.belief.size, state.learner.r[:], work.acc.triangle, work.acc.scratch, dt)
+    absorb_structure(fixed.belief.size, state.learner.r[:], work.acc, dt)
 
 
 @kernel
@@ -327,11 +279,11 @@ def use_rows(block):
     """The block into the window's information; noise levels; point of linearisation."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief = state.acc, state.filter, fixed.belief
-    absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
-    if state.check.flag[RAISED] == 1:
-        relax_levels(belief, fil, acc)
+    fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
+    if state.check.flag[wh.RAISED] == 1:
+        fl.relax_levels(belief, fil, acc)
     elif fixed.option[ESTIMATE_LEVELS] == 1:
-        update_levels(belief, fil, acc, work.acc)
+        fl.update_levels(belief, fil, acc, work.acc)
     relinearise_about(belief, fil, state.bank)
 
 
@@ -343,11 +295,12 @@ def end_block(block):
     dt, t_end = span_of(fixed, state)
     if watch_model(check, fil.level, state.undeclared.flag[FOUND], t_end, dt):
         total = bank.total  # what was learned meanwhile is not to be trusted
-        restart_bank(bank, total[MEAN_A6], total[MEAN_K1], FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
-    if check.flag[BEYOND_CHANCE] == 1:
-        fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - FORGOTTEN)
-    acc.counts[ROWS] = 0
-    begin_block(fixed.belief, fil, acc)
+        first = bl.FIRST_STD * bl.FIRST_STD
+        restart_bank(bank, total[MEAN_A6], total[MEAN_K1], first, 0.0, first)
+    if check.flag[wh.BEYOND_CHANCE] == 1:
+        fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - wh.FORGOTTEN)
+    acc.counts[fl.ROWS] = 0
+    fl.begin_block(fixed.belief, fil, acc)
 
 
 def close_block(size, block, rows, profile):

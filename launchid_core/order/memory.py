@@ -8,16 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .table import (
-    CARRIED_FROM,
-    I8,
-    LARGEST,
-    STATE,
-    Extent,
-    Grown,
-    Size,
-    Struct,
-)
+from .table import CARRIED_FROM, I8, LARGEST, STATE, Extent, Grown, Size, Struct
 
 
 def extents(shape: tuple[Extent, ...], size: Size | Grown) -> tuple[int, ...]:

@@ -10,50 +10,22 @@ as in C.  What a configuration does without (structure, range) is in entries of 
 import numpy as np
 
 from ..algebra.elementary import exp_of
-from ..filter.belief import AT_BETA, AT_THETA, COV, MEAN_A6, MEAN_K1, SATURATION, VAR_A6, VAR_K1
+from ..filter.belief import AT_BETA, AT_THETA, COV, FIRST_STD, MEAN_A6, MEAN_K1, SATURATION, VAR_A6, VAR_K1
 from ..filter.disturbances import let_offsets_wander
-from ..filter.filtered import (
-    GAPS,
-    ROWS,
-    SAMPLES,
-    start_window,
-)
+from ..filter.filtered import GAPS, ROWS, SAMPLES, start_window
 from ..filter.fit import limit_absent, report_window, solve_window
 from ..filter.states import LAST, N_CHANNELS, RUNNING
 from ..filter.structure import PRIOR, select_terms
 from ..filter.unknown_servo import restart_servo
-from ..filter.whiteness import (
-    IN_WINDOW,
-    RAISED,
-    contradict,
-    judge_window,
-    likelihood_of_chance,
-)
+from ..filter.whiteness import IN_WINDOW, RAISED, contradict, judge_window, likelihood_of_chance
 from ..gate import ring as rb
-from ..gate.guard import (
-    CARRIED,
-    close_control,
-    give_up,
-    is_control_whole,
-    refuse,
-    seal_newest,
-)
+from ..gate.guard import CARRIED, close_control, give_up, take_sample
 from ..gate.stuck import stands_still
-from ..gate.window import (
-    GAP,
-    GAPS_SEEN,
-    O_WHITENESS,
-    OK,
-    SHORT,
-    STATUS,
-    STUCK,
-    USED,
-    clear_outcome,
-)
+from ..gate.window import GAP, GAPS_SEEN, O_WHITENESS, OK, SHORT, STATUS, STUCK, USED, clear_outcome
 from ..kernels import inner, kernel
 from ..regression.plan import LEAST_SAMPLES
-from ..watch.report import report_air, report_changes, report_level, report_no_level, report_servo, report_tracked
-from ..watch.tracker import FIRST_STD, MEMBERS, restart_bank
+from ..watch.report import report_air, report_changes, report_level, report_servo, report_tracked
+from ..watch.tracker import MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
 from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo
@@ -69,17 +41,10 @@ ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way
 @inner
 def take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring, as `push_sample`."""
-    counts = state.counts
-    if not is_control_whole(state):
-        return refuse(fixed.limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    if code >= 0:
-        seal_newest(counts, ring, seals)
-        counts[rb.WAITING] += 1
-        due = counts[rb.WAITING] >= min(rows.shape[1] // N_CHANNELS, TOGETHER)
-        if due or code == rb.WINDOW_COMPLETE or code == rb.CLOCK_RESET:
-            return code + DUE
-    close_control(state)
+    code = take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    due = state.counts[rb.WAITING] >= min(rows.shape[1] // N_CHANNELS, TOGETHER)
+    if 0 <= code < rb.RECOVERED and (due or code == rb.WINDOW_COMPLETE or code == rb.CLOCK_RESET):
+        return code + DUE
     return code
 
 
@@ -299,7 +264,6 @@ def report_now(block, profile, air):
     """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
-    rep.cell[0] = 0
     t = clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
     if counts[rb.ROWS] > counts[rb.CLOSED_BACK]:
         t = clock[rb.T_LAST]
@@ -310,7 +274,4 @@ def report_now(block, profile, air):
     report_changes(profile, state.watch, rep)
     for k in range(fixed.belief.size.levels):
         rep.noise[k] = exp_of(state.filter.level[k])
-    if fixed.belief.size.ranged == 1:
-        report_level(state.gauge, rep)
-    else:
-        report_no_level(rep)
+    report_level(fixed.belief.size, state.gauge, rep)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..algebra.library import CODE_LENGTH, MAX_POWER, MAX_TERMS, N_VARIABLES
+from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import whiteness as wh
 from ..filter.belief import N_AIR, N_BELIEF, N_CONSTANTS, N_NODE, ONSETS
 from ..filter.servo import N_STEP
@@ -237,7 +237,6 @@ FILTER = struct(
     ("time", F8, (N_TIME,), "LAST, RUNNING, FIRST"),
     ("path", F8, (1,), "GAMMA_NOW"),
     ("step", F8, (N_STEP,), "constants of the last time step"),
-    ("cell", I8, (1,), "cell of the profile"),
     ("outliers", I8, (N_CHANNELS,), "measurements in a row that each channel's gate refused"),
     ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"),
     ("servo", UNKNOWN_SERVO))
@@ -256,9 +255,8 @@ FILTER_WORK = struct(
     ("late", F8, ("servo", N_STEP), "constants of time steps of another servo"),
     ("moved", F8, ("responses", N_STATES), "its response"),
     ("servo_drive", F8, ("servo", N_STATES), "effect of the servo's deviations on the state over a step"),
-    ("raw", F8, (N_VARIABLES,), "theta, theta_dot, beta, tau at the step's middle"),
-    ("powers", F8, (N_VARIABLES, MAX_POWER + 1), "of them"),
-    ("row", F8, ("terms",), "of the library"),
+    ("raw", F8, (N_VARIABLES, 1), "theta, theta_dot, beta at the step's middle; no tau: 0"),
+    ("value", F8, (1,), "of a term there"),
     ("drive", F8, (2, "terms"), "effect of each term on theta, theta_dot over a step"),
     ("out", F8, ("sensitivities",), "sensitivities of the last innovation"),
     ("de", F8, ("levels",), "its derivative for the noise levels"),
@@ -280,8 +278,7 @@ ACCUMULATOR_WORK = struct(
     ("triangle", F8, ("columns", "columns"), "of the current block: offset at its start, terms, servo"),
     ("pair", F8, ("pair", "pair"), "of the block: offset, theta, beta, right-hand side"),
     ("block", F8, (3, 3), "of the block, the state known: theta, beta, right-hand side"),
-    ("product", F8, ("states", "states"), "of two transitions"),
-    ("column", F8, ("states",), "of an onset"),
+    ("column", F8, ("states",), "of a product with a transition"),
     ("scratch", F8, ((2, "columns", "columns"),), "rows on their way into a triangle"),
     ("square", F8, (("levels", "levels"),), "information of the noise levels"),
     ("order", I8, ("levels",), "of its pivots"),
@@ -310,7 +307,7 @@ BANK_WORK = struct(
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
     ("mean", F8, (ONSETS, 2, 2), "deviations by onset, kind, parameter"),
-    ("covariance", F8, (ONSETS, 2, 3), "AA, AK, KK by onset, kind"),
+    ("covariance", F8, (2 * ONSETS, 2, 2), "of these, by onset and kind"),
     ("factor", F8, (ONSETS, 2), "log Bayes factors"),
     ("before", F8, (ONSETS, N_BELIEF), "tracked belief before each onset"),
     ("start", F8, (ONSETS,), "of each [s]"),
@@ -372,8 +369,7 @@ GAUGE = struct(
     ("since", F8, (2,), "s, when delta's mean left the range; NaN if inside"),
     ("band", I8, (2,), "place in BANDS, or NO_BAND"),
     ("flag", I8, (2, N_GAUGE_FLAGS), "RAISED, KNOWN_INSIDE"),
-    ("events", I8, (1,), "sudden changes seen"),
-    ("cell", I8, (1,), "of the profile"))
+    ("events", I8, (1,), "sudden changes seen"))
 
 REPORT = struct(
     "Report", "What leaves beside the outcome, as of now.",
@@ -388,8 +384,7 @@ REPORT = struct(
     ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
     ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
     ("actuator", F8, (N_SERVO, 2), "of model.SERVO: value and standard deviation, NaN where nothing of it is unknown"),
-    ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"),
-    ("cell", I8, (1,), "scratch of the profile"))
+    ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"))
 
 FILTERED_FIXED = struct(
     "Fixed", "Never changes in flight.",

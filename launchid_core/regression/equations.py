@@ -6,53 +6,17 @@ Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
 
 import numpy as np
 
+from ..algebra import sparse
 from ..algebra.lanes import dot
 from ..algebra.library import raw_from_standard
 from ..algebra.linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
-from ..algebra.sparse import LASSO, SR3, SSR, factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
-from ..gate.window import (
-    ATTITUDE,
-    EQUATIONS,
-    GAP,
-    LOW_INFORMATION,
-    NUMERICS,
-    O_A6,
-    O_A6_DOT,
-    O_A6_STD,
-    O_CONDITION,
-    O_CORRELATION,
-    O_K1,
-    O_K1_DOT,
-    O_K1_STD,
-    OK,
-    RANK,
-    SEPARATION,
-    knows_nothing,
-    knows_one_direction,
-)
+from ..algebra.sparse import count_active, factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
+from ..gate import window as wn
+from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
-from .plan import (
-    HELD,
-    INTEGRAL,
-    OWN_SHARE,
-    PAIR,
-    RAW,
-    TERM_A6,
-    TERM_A6_DOT,
-    TERM_K1,
-    TERM_K1_DOT,
-)
-from .residual import (
-    count_active,
-    report_absent,
-    report_others,
-    report_spread,
-    solve_absent,
-    solve_extended,
-)
-from .rows import (
-    integral_error,
-)
+from .plan import HELD, INTEGRAL, OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
+from .residual import report_absent, report_others, report_spread, solve_absent, solve_extended
+from .rows import integral_error
 
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 RATE = 1                  # theta_dot, as the argument of a term's function
@@ -80,10 +44,10 @@ def coefficient(work, term):
 @inner
 def judge_separation(number):
     """OK, or why a6 and k1 are not known apart, or not at all."""
-    a6, k1 = number[O_A6_STD] / abs(number[O_A6]), number[O_K1_STD] / abs(number[O_K1])
-    if knows_one_direction(a6, k1, number[O_CORRELATION]):
-        return SEPARATION
-    return LOW_INFORMATION if knows_nothing(a6, k1) else OK
+    a6, k1 = number[wn.O_A6_STD] / abs(number[wn.O_A6]), number[wn.O_K1_STD] / abs(number[wn.O_K1])
+    if knows_one_direction(a6, k1, number[wn.O_CORRELATION]):
+        return wn.SEPARATION
+    return wn.LOW_INFORMATION if knows_nothing(a6, k1) else wn.OK
 
 
 @inner
@@ -91,18 +55,9 @@ def is_driven(codes, support):
     """Whether any active term of theta_ddot is one in theta or beta.  codes (q, 6), support (q, 3)  in"""
     for j in range(codes.shape[0]):
         in_function = codes[j, 4] > 0 and codes[j, 5] != RATE
-        if support[j, ATTITUDE] == 1 and (codes[j, 0] > 0 or codes[j, 2] > 0 or in_function):
+        if support[j, wn.ATTITUDE] == 1 and (codes[j, 0] > 0 or codes[j, 2] > 0 or in_function):
             return True
     return False
-
-
-@inner
-def report_coefficients(plan, work, number):
-    """a6, k1 and their slopes, from the theta_ddot equation just solved."""
-    number[O_A6] = coefficient(work, plan[TERM_A6])
-    number[O_K1] = coefficient(work, plan[TERM_K1])
-    number[O_A6_DOT] = coefficient(work, plan[TERM_A6_DOT])
-    number[O_K1_DOT] = coefficient(work, plan[TERM_K1_DOT])
 
 
 @kernel
@@ -115,19 +70,19 @@ def factor_library(block, phi, target, drift, count, pieces):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     q = fixed.size.terms
     if pieces > 0 and count - pieces <= q:
-        return GAP
+        return wn.GAP
     at = phi[:q * count].reshape((q, count))
     scale_columns(at, work.norms[:])
     rank = qr_factor(at, work.order[:], work.tau[:], RANK_TOLERANCE)
     if rank < q:
-        return RANK
-    state.outcome.number[O_CONDITION] = pivot_ratio(at, rank)
+        return wn.RANK
+    state.outcome.number[wn.O_CONDITION] = pivot_ratio(at, rank)
     raw_from_standard(fixed.codes[:q], work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
     factor_whole(q, work.mt, work.whole)
     rotate_transposed(at, work.tau[:], q, drift[:PAIR * count].reshape((PAIR, count)))
-    rotate_transposed(at, work.tau[:], q, target[:EQUATIONS * count].reshape((EQUATIONS, count)))
-    return OK
+    rotate_transposed(at, work.tau[:], q, target[:wn.EQUATIONS * count].reshape((wn.EQUATIONS, count)))
+    return wn.OK
 
 
 @inner
@@ -183,16 +138,18 @@ def choose_relaxed(block, target, e, count):
 def keep_equation(block, e, passes):
     """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
     fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
-    if passes < 0 and e == ATTITUDE:
-        return RANK
+    if passes < 0 and e == wn.ATTITUDE:
+        return wn.RANK
     for j in range(fixed.size.terms):
         if passes > 0 and not np.isfinite(work.xi[j]):
-            return NUMERICS
+            return wn.NUMERICS
         out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
         out.support[j, e] = int(work.active[j] == 1 and passes > 0)
-    if e == ATTITUDE:
-        report_coefficients(fixed.plan, work, out.number)
-    return OK
+    if e == wn.ATTITUDE:
+        for p in range(PAIR):
+            out.number[wn.O_A6 + p] = coefficient(work, fixed.plan[TERM_A6 + p])
+            out.number[wn.O_A6_DOT + p] = coefficient(work, fixed.plan[TERM_A6_DOT + p])
+    return wn.OK
 
 
 @kernel
@@ -200,7 +157,7 @@ def solve_with_drifts(block, target, drift, extended, series, count, pieces):
     """The theta_ddot equation again with the drifts of a6 and k1 beside its terms: residual and influences into
     series (0 to 2); returns how many terms that solution has."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    y = target[ATTITUDE * count:(ATTITUDE + 1) * count]
+    y = target[wn.ATTITUDE * count:(wn.ATTITUDE + 1) * count]
     return solve_extended(fixed.plan, fixed.size.terms, work, state.outcome, y,
                           drift[:PAIR * count].reshape((PAIR, count)), extended,
                           series[:(2 + PAIR) * count].reshape((2 + PAIR, count)), count - pieces)
@@ -210,7 +167,7 @@ def solve_with_drifts(block, target, drift, extended, series, count, pieces):
 def solve_without_absent(block, target, series, count, pieces):
     """The residual of the active terms alone into series (3); whether there is one, and terms that are absent."""
     q, work = block[0].fixed.size.terms, block[0].work
-    y = target[ATTITUDE * count:(ATTITUDE + 1) * count]
+    y = target[wn.ATTITUDE * count:(wn.ATTITUDE + 1) * count]
     size = count_active(q, work.active)
     return solve_absent(q, work, y, series[(1 + PAIR) * count:(2 + PAIR) * count], size, count - pieces)
 
@@ -234,13 +191,13 @@ def report_deviations(block, rows, marks, phi, extended, series, n, count, piece
 
 
 @kernel
-def report_limits(block, rows, phi, extended, series, count, pieces, known):
+def report_limits(block, phi, extended, series, count, pieces, known):
     """95 % limits of the terms of theta_ddot that are not active; known  of `solve_without_absent`."""
     fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
     q = fixed.size.terms
     size = count_active(q, work.active)
     if size < q:
-        report_absent(fixed.plan, work, out, rows, phi[:q * count].reshape((q, count)),
+        report_absent(fixed.plan, work, out, phi[:q * count].reshape((q, count)),
                       series[(1 + PAIR) * count:(2 + PAIR) * count], extended, size, known, count - pieces - size - 1)
 
 
@@ -249,13 +206,13 @@ def solve_equation(solver, by_share, block, target, e, count):
 
     solver  index into SOLVERS;  by_share  1: a term stays by what it explains by itself, not by a threshold
     """
-    if solver == SR3:
+    if solver == sparse.SR3:
         passes = choose_relaxed(block, target, e, count)
-    elif solver == LASSO:
+    elif solver == sparse.LASSO:
         passes = choose_by_lasso(block, target, e, count)
     elif by_share == 1:
         passes = choose_by_share(block, target, e, count)
-    elif solver == SSR:
+    elif solver == sparse.SSR:
         passes = choose_stepwise(block, target, e, count)
     else:
         passes = choose_by_threshold(block, target, e, count)
@@ -265,12 +222,12 @@ def solve_equation(solver, by_share, block, target, e, count):
 def regress(size, block, rows, marks, phi, target, drift, extended, series, n, count, pieces):
     """Factor the library, solve the three equations, fill the outcome; returns its status."""
     status = factor_library(block, phi, target, drift, count, pieces)
-    for e in range(EQUATIONS):
-        if status == OK:
+    for e in range(wn.EQUATIONS):
+        if status == wn.OK:
             status = solve_equation(size.solver, size.by_share, block, target, e, count)
-            if e == ATTITUDE and status == OK:
+            if e == wn.ATTITUDE and status == wn.OK:
                 width = solve_with_drifts(block, target, drift, extended, series, count, pieces)
                 known = solve_without_absent(block, target, series, count, pieces)
                 report_deviations(block, rows, marks, phi, extended, series, n, count, pieces, width, known)
-                report_limits(block, rows, phi, extended, series, count, pieces, known)
+                report_limits(block, phi, extended, series, count, pieces, known)
     return status

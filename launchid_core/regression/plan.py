@@ -17,9 +17,9 @@ SLOPE = 7     # 3: derivatives of theta, theta_dot, beta
 STATES = 10   # 4: theta, theta_dot, beta, tau
 STANDARD = 14  # 4: the same, standardised
 WEIGHT = 18   # 4: of the rows around a step in the integral over it
-HALF = 22     # scratch of the integrals; later products of residuals by lag
+HALF = 22     # scratch of the integrals
 ERROR = 23    # by how much the numerical derivative or integral of a row may be off
-VALUE = 24    # a library column at every row; later as HALF
+VALUE = 24    # a library column at every row
 N_SERIES = 25
 # marks (N_MARKS, m) int64: gap-free piece; 1 where the row may be used; rows kept
 SEGMENT, USABLE, KEPT = range(3)

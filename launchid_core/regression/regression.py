@@ -13,74 +13,17 @@ import numpy as np
 from ..algebra.compress import choose_rows
 from ..algebra.derivative import mark_segments
 from ..gate import ring as rb
-from ..gate.guard import (
-    CARRIED,
-    are_rows_whole,
-    close_control,
-    fold_words,
-    give_up,
-    is_control_whole,
-    refuse,
-    seal_newest,
-)
+from ..gate.guard import CARRIED, are_rows_whole, close_control, fold_words, give_up, take_sample
 from ..gate.ring import BETA, THETA, THETA_DOT
 from ..gate.stuck import stands_still
-from ..gate.window import (
-    EQUATIONS,
-    GAP,
-    GAPS_SEEN,
-    LOW_INFORMATION,
-    OK,
-    SATURATED,
-    SHORT,
-    STUCK,
-    USED,
-    clear_outcome,
-)
-from ..kernels import inner, kernel
+from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
+from ..kernels import kernel
+from . import rows as rw
 from .equations import is_driven, judge_separation, regress
-from .plan import (
-    ENOUGH,
-    HELD,
-    INTEGRAL,
-    KEEP,
-    KEPT,
-    MEASURED,
-    PAIR,
-    SEGMENT,
-    SLOPE,
-    USABLE,
-)
-from .residual import (
-    drift_integral,
-    drift_pointwise,
-)
-from .rows import (
-    centre_segments,
-    fill_attack,
-    fill_rate,
-    fill_slopes,
-    fill_states,
-    integral_rows,
-    pointwise_rows,
-    standardise,
-)
+from .plan import ENOUGH, HELD, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE, USABLE
+from .residual import drift_integral, drift_pointwise
 
 # ---- a sample
-
-
-@inner
-def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Gate and ring, as `push_sample`."""
-    if not is_control_whole(state):
-        return refuse(fixed.limits, state.counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    code = rb.push(fixed.limits, state.clock, state.counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd,
-                   gamma)
-    if code >= 0:
-        seal_newest(state.counts, ring, seals)
-    if code != rb.WINDOW_COMPLETE:
-        close_control(state)
-    return code
 
 
 @kernel
@@ -129,10 +72,10 @@ def open_window(block, ring, seals, words, rows, marks):
     clear_outcome(state.outcome, OK)
     n, saturated = rb.copy_window(ring, counts, stop, rows)
     gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[SEGMENT])
-    fill_rate(rows, marks, n)
-    fill_attack(rows, n)
+    rw.fill_rate(rows, marks, n)
+    rw.fill_attack(rows, n)
     if plan[INTEGRAL] == 0:
-        fill_slopes(rows, marks, n, plan[MEASURED])
+        rw.fill_slopes(rows, marks, n, plan[MEASURED])
     for i in range(n):
         x = rows[THETA_DOT, i] if plan[INTEGRAL] == 1 else rows[SLOPE, i] + rows[SLOPE + 1, i] + rows[SLOPE + 2, i]
         marks[USABLE, i] = int(np.isfinite(x))
@@ -150,9 +93,9 @@ def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
     whose means were taken."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
-    fill_states(rows, n, t_centre)
-    standardise(work, rows, marks, fixed.centred, kept, n)
-    pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
+    rw.fill_states(rows, n, t_centre)
+    rw.standardise(work, rows, marks, fixed.centred, kept, n)
+    rw.pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
                    target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), kept)
     drift_pointwise(rows, marks, drift[:PAIR * kept].reshape((PAIR, kept)), kept, t_centre)
     return 0
@@ -166,13 +109,13 @@ def fill_integral(block, rows, marks, phi, target, drift, n, kept):
     columns = phi[:q * kept].reshape((q, kept))
     states = target[:EQUATIONS * kept].reshape((EQUATIONS, kept))
     drifts = drift[:PAIR * kept].reshape((PAIR, kept))
-    fill_states(rows, n, t_centre)
-    standardise(work, rows, marks, fixed.centred, kept, n)
-    integral_rows(fixed.codes[:q], rows, marks, columns, states, n, kept, held)
+    rw.fill_states(rows, n, t_centre)
+    rw.standardise(work, rows, marks, fixed.centred, kept, n)
+    rw.integral_rows(fixed.codes[:q], rows, marks, columns, states, n, kept, held)
     drift_integral(rows, marks, drifts, n, kept, t_centre, held)
-    centre_segments(drifts, marks, kept)
-    centre_segments(states, marks, kept)
-    return centre_segments(columns, marks, kept)
+    rw.centre_segments(drifts, marks, kept)
+    rw.centre_segments(states, marks, kept)
+    return rw.centre_segments(columns, marks, kept)
 
 
 @kernel
@@ -188,7 +131,7 @@ def end_window(block, words, status, kept, gaps):
         clear_outcome(out, status)
     out.flag[USED] = kept
     out.flag[GAPS_SEEN] = gaps
-    state.counts[rb.ESTIMATES] = 1
+    state.counts[rb.ESTIMATES], state.counts[rb.WAITING] = 1, state.counts[rb.CLOSED_BACK]
     state.guard[CARRIED] = fold_words(words)
     close_control(state)
 

@@ -27,22 +27,23 @@ import math
 
 import numpy as np
 
-from ..algebra.lanes import divide, dot, lagged, multiply, subtract, weigh
+from ..algebra import linsolve as ls
+from ..algebra.lanes import divide, dot, multiply, subtract, weigh
 from ..algebra.linsolve import (
-    EPS,
     apply_q_transposed,
     invert_triangle,
+    place_of,
     qr_factor,
     rotate,
     scale_columns,
     solve_triangle,
 )
-from ..algebra.sparse import ACTIVE_TOLERANCE, solve_active
+from ..algebra.sparse import ACTIVE_TOLERANCE, count_active, solve_active
 from ..gate.ring import ATTACK, BETA, T
 from ..gate.window import INTERVAL, O_A6, O_A6_STD, O_CORRELATION
 from ..kernels import inner
 from .plan import ERROR, HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
-from .rows import integrate, integrate_held
+from .rows import integrate
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
 BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
@@ -85,57 +86,29 @@ def bandwidth(scores):
 
 
 @inner
-def long_run(scores, freedom, covariance, ahead, behind):
+def long_run(scores, freedom, covariance):
     """S of the module's head, of series with n - k = `freedom`.
 
-    scores     (k, n) in
-    covariance (>=k, >=k) out
-    ahead, behind (>lags,) scratch, n will do
+    scores (k, n)  in;  covariance (>=k, >=k)  out
     """
     size, count = scores.shape
     lags = bandwidth(scores)
     for a in range(size):
         for b in range(a + 1):
-            value = dot(scores[a], scores[b], 0, count)
-            lagged(scores[a], scores[b], 1, lags + 1, count, ahead)
-            if a != b:
-                lagged(scores[b], scores[a], 1, lags + 1, count, behind)
+            v, w = scores[a], scores[b]
+            value = dot(v, w, 0, count)
             for lag in range(1, lags + 1):
-                both = ahead[lag] + (ahead[lag] if a == b else behind[lag])
-                value += (1.0 - lag / (lags + 1.0)) * both
+                ahead = dot(v[lag:], w, 0, count - lag)
+                behind = ahead if a == b else dot(w[lag:], v, 0, count - lag)
+                value += (1.0 - lag / (lags + 1.0)) * (ahead + behind)
             covariance[a, b] = value * count / freedom
             covariance[b, a] = covariance[a, b]
 
 
 @inner
-def place_of(order, column, n):
-    """The place of a column in the pivoted order; -1: it is not there."""
-    for k in range(n):
-        if order[k] == column:
-            return k
-    return -1
-
-
-@inner
-def count_active(q, active):
-    """The number of active terms."""
-    size = 0
-    for j in range(q):
-        if active[j]:
-            size += 1
-    return size
-
-
-@inner
 def position(active, term):
     """Place of `term` among the active ones, -1 if it is not one (or the library lacks it)."""
-    if term < 0 or not active[term]:
-        return -1
-    place = 0
-    for j in range(term):
-        if active[j]:
-            place += 1
-    return place
+    return count_active(term, active) if term >= 0 and active[term] else -1
 
 
 @inner
@@ -154,10 +127,7 @@ def drift_integral(rows, marks, drift, n, count, t_centre, held):
     for d in range(PAIR):
         for i in range(n):
             rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
-        if d == 1 and held == 1:
-            integrate_held(rows, marks, n, rows[VALUE], rows[HALF])
-        else:
-            integrate(rows, marks, n, rows[VALUE], rows[HALF])
+        integrate(rows, marks, n, rows[VALUE], rows[HALF], d == 1 and held == 1)
         for r in range(count):
             drift[d, r] = rows[HALF, marks[KEPT, r]]
 
@@ -248,7 +218,7 @@ def numeric_variance(q, work, rows, marks, influence, count):
         largest += abs(work.xi[j]) * math.sqrt(dot(work.mt[j], work.mt[j], 0, q))
     for r in range(count):
         off += influence[r] * rows[ERROR, marks[KEPT, r]]
-    rounding = EPS * largest
+    rounding = ls.EPS * largest
     return off * off + rounding * rounding * dot(influence, influence, 0, count)
 
 
@@ -260,7 +230,7 @@ def report_spread(plan, q, work, out, rows, marks, series, freedom):
         work.numeric[p] = numeric_variance(q, work, rows, marks, series[1 + p], count)
         if position(work.active, plan[TERM_A6 + p]) >= 0:
             multiply(series[1 + p], series[0], 0, count)
-    long_run(series[1:1 + PAIR], freedom, work.covariance[:], rows[VALUE], rows[HALF])
+    long_run(series[1:1 + PAIR], freedom, work.covariance[:])
     for p in range(PAIR):
         for r in range(PAIR):
             work.covariance[p, r] += work.change[p] * work.change[r]
@@ -293,7 +263,7 @@ def report_others(plan, work, out, rows, marks, at, extended, series, width, fre
         rotate(at, work.tau[:], q, series, 1, 2)
         numeric = numeric_variance(q, work, rows, marks, series[1], count)
         multiply(series[1], series[0], 0, count)
-        long_run(series[1:2], freedom, work.covariance[:], rows[VALUE], rows[HALF])
+        long_run(series[1:2], freedom, work.covariance[:])
         out.std[j] = math.sqrt(work.covariance[0, 0] + change * change + numeric)
 
 
@@ -331,11 +301,11 @@ def solve_absent(q, work, y, residual, size, rows):
 
 
 @inner
-def report_absent(plan, work, out, rows, at, residual, extended, size, known, freedom):
+def report_absent(plan, work, out, at, residual, extended, size, known, freedom):
     """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
 
     at (q, count)  in  the window's factor;  residual (count,), size, known  in  of `solve_absent`;  freedom  rows less
-    terms;  rows (N_SERIES, m), extended  scratch
+    terms;  extended  scratch
     A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
     coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
     inf: the window cannot tell it from the active ones.
@@ -367,7 +337,7 @@ def report_absent(plan, work, out, rows, at, residual, extended, size, known, fr
     for k in range(reported):
         j = places[k]
         weigh(influences[k], residual, lost[j], 0, count)
-        long_run(influences[k:k + 1], freedom, work.covariance[:], rows[VALUE], rows[HALF])
+        long_run(influences[k:k + 1], freedom, work.covariance[:])
         std = math.sqrt(work.covariance[0, 0]) / length[j]
         out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
         for p in range(PAIR):

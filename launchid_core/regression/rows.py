@@ -7,7 +7,7 @@
 import numpy as np
 
 from ..algebra.derivative import differentiate
-from ..algebra.lanes import largest_size, standard
+from ..algebra.lanes import standard
 from ..algebra.library import N_VARIABLES, TAU, library_column
 from ..algebra.linsolve import EPS
 from ..gate.ring import ATTACK, BETA, GAMMA, THETA, THETA_DDOT, THETA_DOT, T
@@ -118,8 +118,7 @@ def standardise(work, rows, marks, centred, count, n):
     for v in range(N_VARIABLES):
         scale = np.sqrt(work.scale[v] / count)
         x = rows[STATES + v]
-        largest = largest_size(x, 0, n) if count == n else largest_kept(x, marks[KEPT], count)
-        if not scale > STILL * largest:
+        if not scale > STILL * largest_kept(x, marks[KEPT], count):
             scale = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
         work.scale[v] = scale
         standard(rows[STANDARD + v], x, work.centre[v], scale, 0, n)
@@ -185,12 +184,15 @@ def fill_weights(rows, marks, n):
 
 
 @inner
-def integrate(rows, marks, n, x, total):
-    """Running integral total (>=n,) of x (>=n,) by `fill_weights`, from 0 at the first row of each gap-free piece."""
+def integrate(rows, marks, n, x, total, held):
+    """Running integral total (>=n,) of x (>=n,), from 0 at the first row of each gap-free piece: by `fill_weights`, or,
+    of what is held, as it stays from each row to the next."""
     running = 0.0
     for i in range(n):
         if i == 0 or marks[SEGMENT, i] != marks[SEGMENT, i - 1]:
             running = 0.0
+        elif held:
+            running += (rows[T, i] - rows[T, i - 1]) * x[i - 1]
         else:
             before, after = max(i - 2, 0), min(i + 1, n - 1)
             running += rows[WEIGHT + 1, i] * x[i - 1] + rows[WEIGHT + 2, i] * x[i]
@@ -198,18 +200,6 @@ def integrate(rows, marks, n, x, total):
                 running += rows[WEIGHT, i] * x[before]
             if rows[WEIGHT + 3, i] != 0.0:
                 running += rows[WEIGHT + 3, i] * x[after]
-        total[i] = running
-
-
-@inner
-def integrate_held(rows, marks, n, x, total):
-    """Running integral total (>=n,) of x (>=n,) that stays from each row to the next, as `integrate`."""
-    running = 0.0
-    for i in range(n):
-        if i == 0 or marks[SEGMENT, i] != marks[SEGMENT, i - 1]:
-            running = 0.0
-        else:
-            running += (rows[T, i] - rows[T, i - 1]) * x[i - 1]
         total[i] = running
 
 
@@ -227,10 +217,7 @@ def integral_rows(codes, rows, marks, phi, target, n, count, held):
     fill_weights(rows, marks, n)
     for j in range(q):
         library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n, rows[VALUE])
-        if is_held(codes[j], held):
-            integrate_held(rows, marks, n, rows[VALUE], rows[HALF])
-        else:
-            integrate(rows, marks, n, rows[VALUE], rows[HALF])
+        integrate(rows, marks, n, rows[VALUE], rows[HALF], is_held(codes[j], held))
         for r in range(count):
             phi[j, r] = rows[HALF, marks[KEPT, r]]
     for r in range(count):

@@ -19,6 +19,7 @@ import math
 import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
+from ..algebra.linsolve import carry_columns, measure
 from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, ONSETS, VAR_A6, VAR_K1
 from ..kernels import inner
 
@@ -35,27 +36,9 @@ K1_JUMP, BOTH_JUMP = range(2)
 N_EVENT = 11
 OPEN, FINAL, WITHDRAWN = 0.0, 1.0, -1.0  # its stage: the size is still to settle, it is settled, or there was no change
 
-# covariance (f8) of an onset's tracker
-AA, AK, KK = range(3)
-
 # counts (i8)
 NEXT, KEPT, EVENTS, SINCE = range(4)
 N_COUNTS = 4
-
-
-@inner
-def measure(mean, covariance, h0, h1, z):
-    """One scalar measurement z = h0 a + h1 k + unit noise of one onset; returns (variance, e^2/variance)."""
-    c0, c1, c2 = covariance[AA], covariance[AK], covariance[KK]
-    y0, y1 = c0 * h0 + c1 * h1, c1 * h0 + c2 * h1
-    variance = h0 * y0 + h1 * y1 + 1.0
-    e = z - h0 * mean[A6] - h1 * mean[K1]
-    mean[A6] += y0 / variance * e
-    mean[K1] += y1 / variance * e
-    covariance[AA] = c0 - y0 * y0 / variance
-    covariance[AK] = c1 - y0 * y1 / variance
-    covariance[KK] = c2 - y1 * y1 / variance
-    return variance, e * e / variance
 
 
 @inner
@@ -70,9 +53,10 @@ def open_onset(states, state, belief, s_start, t):
         state.before[slot, k] = belief[k]
     for kind in range(2):
         state.mean[slot, kind, A6], state.mean[slot, kind, K1] = belief[MEAN_A6], belief[MEAN_K1]
-        state.covariance[slot, kind, AA] = belief[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
-        state.covariance[slot, kind, AK] = belief[COV]
-        state.covariance[slot, kind, KK] = belief[VAR_K1] + jump
+        covariance = state.covariance[2 * slot + kind]
+        covariance[A6, A6] = belief[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+        covariance[A6, K1], covariance[K1, A6] = belief[COV], belief[COV]
+        covariance[K1, K1] = belief[VAR_K1] + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
     state.counts[NEXT] = (slot + 1) % ONSETS
@@ -81,15 +65,15 @@ def open_onset(states, state, belief, s_start, t):
 
 
 @inner
-def follow_onset(n, state, slot, kind, pair, dt):
+def follow_onset(n, state, work, slot, kind, pair, dt):
     """Give a block to one onset's tracker; returns its log predictive density.
 
     After a jump by d at the onset the innovations are h p - h_past d: the state had not yet felt the new parameters,
-    so the offset -carried d, which leads there, is subtracted from the terms' columns.
+    so the offset -carried d, which leads there, is subtracted from the terms' columns.  work  BankWork
     """
-    mean, covariance = state.mean[slot, kind], state.covariance[slot, kind]
-    covariance[AA] += DRIFT * DRIFT * dt
-    covariance[KK] += DRIFT * DRIFT * dt
+    mean, covariance, row = state.mean[slot, kind], state.covariance[2 * slot + kind], work.row[:]
+    covariance[A6, A6] += DRIFT * DRIFT * dt
+    covariance[K1, K1] += DRIFT * DRIFT * dt
     carried, before = state.carried[slot], state.before[slot]
     volume, square = 1.0, 0.0
     for i in range(n + 2):
@@ -98,32 +82,19 @@ def follow_onset(n, state, slot, kind, pair, dt):
             past_a += pair[i, k] * carried[k, A6]
             past_k += pair[i, k] * carried[k, K1]
         z = pair[i, n + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
-        variance, share = measure(mean, covariance, pair[i, n] - past_a, pair[i, n + 1] - past_k, z)
+        row[A6], row[K1] = pair[i, n] - past_a, pair[i, n + 1] - past_k
+        e, variance = measure(mean, covariance, row, 0, 2, z, work.column[:])
         volume *= variance
-        square += share
+        square += e * e / variance
     return -0.5 * (log_of(volume) + square)
 
 
 @inner
-def carry_onset(n, state, column, slot, transition):
-    """Carry the sensitivities of an onset over the block.  column (n,) scratch;  transition (n, >=n) in."""
-    carried = state.carried[slot]
-    for j in range(2):
-        for i in range(n):
-            value = 0.0
-            for k in range(n):
-                value += transition[i, k] * carried[k, j]
-            column[i] = value
-        for i in range(n):
-            carried[i, j] = column[i]
-
-
-@inner
-def follow_onsets(n, state, column, pair, transition, dt, still):
+def follow_onsets(n, state, work, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
     n      states of the filter
-    column (n,) scratch
+    work BankWork, column (n,) scratch
     pair (n + 3, n + 3) in square-root information: offset at the block's start, a6, k1, right-hand side
     transition (n, >=n) in of the offset over the block
     dt [s];  still: log density of the block without a jump
@@ -132,10 +103,10 @@ def follow_onsets(n, state, column, pair, transition, dt, still):
     for back in range(state.counts[KEPT]):
         slot = (state.counts[NEXT] - 1 - back) % ONSETS
         for kind in range(2):
-            state.factor[slot, kind] += follow_onset(n, state, slot, kind, pair, dt) - still
+            state.factor[slot, kind] += follow_onset(n, state, work, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
                 best, best_slot, best_kind = state.factor[slot, kind], slot, kind
-        carry_onset(n, state, column, slot, transition)
+        carry_columns(transition, n, state.carried[slot], 2, column)
     return best, best_slot, best_kind
 
 

@@ -16,11 +16,12 @@ Assumption: an increment of the wind comes at a block's start.
 
 
 from ..algebra.elementary import exp_of, log_of
-from ..algebra.linsolve import measure
+from ..algebra.linsolve import carry_columns, carry_vector, measure
 from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, TURBULENCE_TIME, VAR_A6, VAR_K1
+from ..filter.disturbances import share_blown
+from ..filter.filtered import move_wind_level
 from ..filter.states import N_STATES
 from ..kernels import inner
-from ..model import WALK
 
 APART = 60.0        # s from a gust to the next after calm, in the mean
 LASTS = 3.0         # s
@@ -85,7 +86,7 @@ def blow(belief, fil, gust, dt):
         at = belief.level[j]
         keep = exp_of(-dt / belief.constant[TURBULENCE_TIME])
         q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
-        q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
+        q *= share_blown(belief, j, dt, keep)
         gust.covariance[N_STATES + j, N_STATES + j] += q
     for i in range(belief.size.gust - 2, belief.size.gust):
         gust.covariance[i, i] += WANDER * WANDER * dt
@@ -107,30 +108,12 @@ def see_block(g, gust, column, pair):
 
 
 @inner
-def carry_vector(n, transition, v, column):
-    """v <- transition v for the first n of v.  column (>= n,) scratch;  transition (n, >= n) in"""
-    for i in range(n):
-        column[i] = 0.0
-        for k in range(n):
-            column[i] += transition[i, k] * v[k]
-    for i in range(n):
-        v[i] = column[i]
-
-
-@inner
 def carry_gust(size, gust, column, transition):
     """The state's error over the block."""
-    n = size.states
-    carry_vector(n, transition, gust.mean[:], column)
+    carry_vector(transition, size.states, gust.mean[:], column)
     for i in range(size.gust):  # symmetric: rows are columns
-        carry_vector(n, transition, gust.covariance[i], column)
-    for j in range(size.gust):
-        for i in range(n):
-            column[i] = 0.0
-            for k in range(n):
-                column[i] += transition[i, k] * gust.covariance[k, j]
-        for i in range(n):
-            gust.covariance[i, j] = column[i]
+        carry_vector(transition, size.states, gust.covariance[i], column)
+    carry_columns(transition, size.states, gust.covariance[:], size.gust, column)
 
 
 @inner
@@ -186,14 +169,5 @@ def take_gust(belief, fil, acc, gust):
             fil.p[j, i] = fil.p[i, j]
     for j in range(belief.size.nuisances):
         if is_unexpected(belief, fil, j):
-            raise_level(belief.size.levels, fil, acc, belief.level[j])
-
-
-@inner
-def raise_level(levels, fil, acc, at):
-    """A log level of the wind rises to the declared; what is known of it as `filtered.move_wind_level` says."""
-    share = exp_of(-0.5 * fil.level[at])
-    fil.level[at] = 0.0
-    for i in range(levels):
-        acc.level_information[i, at] *= share
-        acc.level_information[at, i] *= share
+            at = belief.level[j]
+            move_wind_level(belief.size.levels, fil, acc, at, -fil.level[at])

@@ -12,6 +12,7 @@ from ..filter.belief import (
     COV,
     DAMPING,
     DELAY,
+    FIRST_STD,
     FREQUENCY,
     K1,
     MEAN_A6,
@@ -25,23 +26,7 @@ from ..filter.states import LAST, N_STATES
 from ..filter.unknown_servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
-from .changes import (
-    E_A6_BEFORE,
-    E_A6_VARIANCE,
-    E_ALARM,
-    E_K1_BEFORE,
-    E_K1_VARIANCE,
-    E_KIND,
-    E_STAGE,
-    E_TIME,
-    E_TIME_STD,
-    EVENTS,
-    FINAL,
-    K1_JUMP,
-    MAX_EVENTS,
-    WITHDRAWN,
-)
-from .tracker import FIRST_STD
+from . import changes as ch
 from .uncertainty import OUT, RAISED
 
 KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
@@ -73,7 +58,7 @@ def report_tracked(profile, total, contradicted, t, rep):
     rep.flag[IS_TRACKED] = int(known)
     if not known:
         return
-    a6, k1 = profile_at(profile, rep.cell, t)
+    a6, k1 = profile_at(profile, t)
     rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
     rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
     rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])
@@ -151,17 +136,12 @@ def report_servo(belief, fil, contradicted, rep):
 
 
 @inner
-def report_no_level(rep):
-    """Leave the uncertainty level empty: there is no range."""
+def report_level(size, gauge, rep):
+    """Give the place of each parameter in its range, if there is one and anything is known of them."""
     rep.level[:, :] = np.nan
-    rep.flag[HAS_LEVEL] = 0
-
-
-@inner
-def report_level(gauge, rep):
-    """Give the place of each parameter in its range, if anything is known of them."""
-    rep.level[:, :] = np.nan
-    rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED]
+    rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED] * size.ranged
+    if size.ranged == 0:
+        return
     for p in range(2):
         rep.raised[p] = gauge.flag[p, RAISED]
         rep.band[p] = gauge.band[p]
@@ -180,10 +160,10 @@ def report_change(event, first, nominal, variance, parameter, rep):
     k = rep.flag[CHANGES]
     before, after = event[first], event[first + 1]
     change = rep.change[k]
-    change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[E_TIME], event[E_TIME_STD], event[E_ALARM]
+    change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[ch.E_TIME], event[ch.E_TIME_STD], event[ch.E_ALARM]
     change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
     change[C_SIZE], change[C_SIZE_STD] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
-    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[E_STAGE] == FINAL)
+    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[ch.E_STAGE] == ch.FINAL)
     rep.flag[CHANGES] = k + 1
 
 
@@ -192,12 +172,12 @@ def report_changes(profile, watch, rep):
     """Give those of the last MAX_EVENTS sudden changes that stand, oldest first; a change of both parameters is two
     rows."""
     rep.flag[CHANGES] = 0
-    events = watch.counts[EVENTS]
-    for number in range(max(0, events - MAX_EVENTS), events):
-        event = watch.event[number % MAX_EVENTS]
-        if event[E_STAGE] == WITHDRAWN:
+    events = watch.counts[ch.EVENTS]
+    for number in range(max(0, events - ch.MAX_EVENTS), events):
+        event = watch.event[number % ch.MAX_EVENTS]
+        if event[ch.E_STAGE] == ch.WITHDRAWN:
             continue
-        a6, k1 = profile_at(profile, rep.cell, event[E_TIME])
-        if event[E_KIND] != K1_JUMP:
-            report_change(event, E_A6_BEFORE, a6, event[E_A6_VARIANCE], A6, rep)
-        report_change(event, E_K1_BEFORE, k1, event[E_K1_VARIANCE], K1, rep)
+        a6, k1 = profile_at(profile, event[ch.E_TIME])
+        if event[ch.E_KIND] != ch.K1_JUMP:
+            report_change(event, ch.E_A6_BEFORE, a6, event[ch.E_A6_VARIANCE], A6, rep)
+        report_change(event, ch.E_K1_BEFORE, k1, event[ch.E_K1_VARIANCE], K1, rep)

@@ -27,7 +27,6 @@ WALK, SLOPE = range(2)
 MEMBER_STATES = 4
 SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
 MEMORY = 30.0              # s over which the members are judged
-FIRST_STD = 0.5            # relative: what is known of the deviations before the first sample
 
 
 @inner

@@ -100,7 +100,7 @@ def watch_range(sigma, gauge, total, now, t_first, counts, event):
     if counts[EVENTS] > gauge.events[0]:
         onset = event[(counts[EVENTS] - 1) % MAX_EVENTS, E_TIME]
     gauge.events[0] = counts[EVENTS]
-    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, now)
+    sigma_a6, sigma_k1 = profile_at(sigma, now)
     judge(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6, now, t_first, onset)
     judge(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1, now, t_first, onset)
 
@@ -127,6 +127,6 @@ def weigh_bands(gauge, p, mean, std):
 @inner
 def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
-    sigma_a6, sigma_k1 = profile_at(sigma, gauge.cell, t_end)
+    sigma_a6, sigma_k1 = profile_at(sigma, t_end)
     weigh_bands(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6)
     weigh_bands(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1)

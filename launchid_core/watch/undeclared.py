@@ -25,11 +25,11 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import absorb_rows, measure
-from ..filter.belief import A6, AT_BETA, AT_THETA, K1, ONSETS, profile_at
+from ..filter.belief import A6, AT_BETA, AT_THETA, FIRST_STD, K1, ONSETS, profile_at
 from ..filter.states import MOMENT_TEST, N_STATES, N_TESTS
 from ..filter.whiteness import KEEPS_CHANGING, NOTHING, quietest_share
 from ..kernels import inner
-from .tracker import DRIFTING, FIRST_STD, MEMBERS, SLOPE, WALK, move
+from .tracker import DRIFTING, MEMBERS, SLOPE, WALK, move
 
 WIND, LEAN = 4, 5          # of a filter's state: a6, k1, their slopes, w, d
 SIZE = 6
@@ -225,7 +225,7 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
         return
     begin_block(state)
     reduce_moment(belief, work, triangle, quietest_share(fil.level))
-    a6, k1 = profile_at(profile, fil.cell, t)
+    a6, k1 = profile_at(profile, t)
     walk, slope = pace(weight)
     better = 0.0
     for f in range(FILTERS):
