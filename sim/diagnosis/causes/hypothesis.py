@@ -193,7 +193,6 @@ class Hypothesis:
     imitated (place, shape: `judge.shapes`) that is its one twin outside the catalogue, and less common
     decides  (cause, what would tell this one from it)
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
-    is_of_clock  stamps that run fast make its scale: rates against slopes of what another sensor shows
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
     floor    of a record: a size nearer to neutral is within what the nominal leaves open, and explains nothing
     late     of a record and a size: how much later [s] something is for it; 0 of most
@@ -223,7 +222,6 @@ class Hypothesis:
     imitated: tuple[str, str] = ("", "")
     decides: tuple[tuple[str, str], ...] = ()
     like: tuple[tuple[str, str], ...] = ()
-    is_of_clock: bool = False
     corrections: tuple[Correction, ...] | None = None
     floor: Callable[[Record], float] = no_floor
     late: Callable[[Record, float], float] = not_late

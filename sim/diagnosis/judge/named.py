@@ -9,7 +9,7 @@ import numpy as np
 from ...sums import square
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
-from ..data.record import LONG_STEP, Record
+from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
 from ..model.nuisance import Problem
 from ..search.fit import Fit, point_of
@@ -20,14 +20,9 @@ from .constancy import Constancy, constancy
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
 SCALE = "scale"        # of what is multiplied
-SAME_CLOCK = 2e-4      # relative: quartzes differ by less
-WORST_CLOCK = 0.05     # relative: rows further off the nominal's period, or a whole part or multiple, have another rate
-OTHER_RATE = 5.5       # times the nominal's period, or a part of it: beyond, any rate is near a whole multiple
-STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
 UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
-BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
 FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 
 
@@ -97,14 +92,6 @@ def with_removed(named: tuple[Named, ...], model: Model, shares: Sequence[float]
     return tuple(replace(each, removed=share) for each, share in zip(named, of, strict=False)) + named[len(of):]
 
 
-def idle_of(named: tuple[Named, ...], least: float) -> tuple[Named, ...]:
-    """Causes that take no more than `least` of the held-out error away, beside one that does: what the likelihood asks
-    for and no prediction needs is a name for what remains.  All of one name, or none."""
-    does = {each.cause for each in named if each.removed is not None and each.removed > least}
-    idle = tuple(each for each in named if each.removed is not None and each.cause not in does)
-    return idle if does else ()
-
-
 def together(model: Model) -> Iterator[list[int]]:
     """Indices of the causes; the steps of one cause together, in the order of their times."""
     gradual = sorted((cause.values[1], k) for k, cause in enumerate(model.causes) if cause.hypothesis.steps is not None)
@@ -140,7 +127,7 @@ def _named(selection: Selection, k: int) -> Named:
         std = (*std[:at], max(std[at], _onset_std(model, k, at)), *std[at + 1:])
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
-                 _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
+                 _rivals(cause.hypothesis.cause, selection.rivals[k], (float(t[0]), float(t[-1]))),
                  selection.evidence[k],
                  constancy(model, k),
                  cause.is_at_an_end,
@@ -205,18 +192,13 @@ def _gradual(selection: Selection, group: list[int]) -> Named:
                    steps=tuple(zip(times.tolist(), fractions.tolist(), strict=True)))
 
 
-def _blurred(selection: Selection) -> float:
-    """Share of a cause's evidence by which no rival is told from it: what nothing names can be on either's side."""
-    return BLURRED if selection.weather is not None and not selection.weather.is_wind else 0.0
-
-
-def _rivals(name: str, ranking: list[Ranked], blurred: float, span: tuple[float, float]) -> tuple[str, ...]:
-    """Causes within TOLD_APART of the best in the same place of the model, or within a share of its evidence; none that
-    begins and ends, but neither within the log, span [s] first and last row: a gust that lasts is a steady wind."""
+def _rivals(name: str, ranking: list[Ranked], span: tuple[float, float]) -> tuple[str, ...]:
+    """Causes within TOLD_APART of the best in the same place of the model; none that begins and ends, but neither
+    within the log, span [s] first and last row: a gust that lasts is a steady wind."""
     if not ranking:
         return ()
     best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - max(TOLD_APART, blurred * best)
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART
             and _is_seen(each.cause, span)]
     return tuple(dict.fromkeys(each for each in near if each != name))
 
@@ -276,23 +258,6 @@ def undetermined(each: Named, began: float, ended: float) -> list[str]:
         found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")
     return found
-
-
-def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
-    """The doubt that the stamps t (n,) [s] are off: a gyro's scale that is about as far off as the rows are further
-    apart than the nominal says, or than a whole part or multiple of that."""
-    scale = each.values.get(SCALE)
-    if not each.record.is_of_clock or not isinstance(scale, float):
-        return []
-    period, steps = record.nominal.sensors.period, np.diff(t)
-    mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))
-    ratio = mean / period
-    apart = ratio / round(ratio) if ratio > 1.0 else ratio * round(1.0 / ratio)
-    is_rate = not 1.0 / OTHER_RATE < ratio < OTHER_RATE or abs(apart - 1.0) > WORST_CLOCK
-    if is_rate or abs(apart - 1.0) < SAME_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
-        return []
-    return [f"{each.cause}: the log's rows are {100.0 * abs(apart - 1.0):.2g} % {'further' if apart > 1.0 else 'less'} "
-            f"apart than [sensors] period = {period:g} s: stamps that are off by so much look the same"]
 
 
 def aged(each: Named, record: Record) -> list[str]:

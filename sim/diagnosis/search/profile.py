@@ -17,7 +17,6 @@ from .fit import Fit, fit
 TOLD_APART = 4.0      # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 ROUNDS = 3            # of alternating between causes and noise levels at most
 ROUND_GAIN = 0.1      # nats that a round must bring to go on
-TAKEN_OVER = 2.0      # standard deviations of its prior, from which a deviation may hold what a cause explains
 MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
 UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 
@@ -61,24 +60,6 @@ def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: F
     if not math.isfinite(made.log_likelihood):
         return made
     return replace(made, log_likelihood=max(made.log_likelihood, nothing_foreseen(record, mask)))
-
-
-def given_back(model: Model) -> Model:
-    """The model, or the same causes fitted from the nominal's own a6, k1 and timing, if those are far from them and
-    that explains more: what they had taken over before a cause joined a fit may not give back all the way."""
-    fitted = model.fit
-    problem = Problem(fitted.record, fitted.filter)
-    if not model.causes or float(np.max(np.abs(fitted.delta) / problem.prior)) < TAKEN_OVER:
-        return model
-    for _ in range(ROUNDS):
-        again = profile(fitted.record, (), np.zeros(DEVIATIONS), fitted.filter,
-                        fitted=fit(problem, model.causes, np.zeros(DEVIATIONS)))
-        if not again.log_likelihood > model.log_likelihood:
-            break
-        model, gained = again, again.log_likelihood - model.log_likelihood
-        if gained < ROUND_GAIN:
-            break
-    return model
 
 
 def _prior(fitted: Fit) -> float:
