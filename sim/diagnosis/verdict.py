@@ -45,7 +45,7 @@ from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import Proposal, propose
-from .search.selection import THRESHOLD, Say, Selection, fewer, only_strongest
+from .search.selection import Say, Selection, fewer, only_strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -61,15 +61,14 @@ GROSS = 0.25           # of the squared error over 1 s: more may not stay withou
 Measure = Callable[[Selection], Gain]
 
 
-def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None,
              hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
              say: Say = lambda text: None, noise: str = "bounded") -> Diagnosis:
     """Diagnose why measurement and simulation part.
 
     log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
-    threshold     [nats] of evidence for a first cause
     hypotheses    to choose from; None: the catalogue
-    bootstrap     clean flights to measure the threshold on; 0: take `threshold`
+    bootstrap     clean flights to measure the threshold on; 0: none
     say           told what is being done
     noise         how far levels may be from the declared: "bounded", "declared" or "free"
     """
@@ -77,7 +76,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     log, turns = unwrapped(log)
     data = check(log, nominal)
     told = replace(data, faults=(*turns, *data.faults)) if turns else data
-    made = Diagnosis(log, nominal, told, threshold=threshold, catalogue=hypotheses is None)
+    made = Diagnosis(log, nominal, told, catalogue=hypotheses is None)
     if not all(fault.kind in MASKED for fault in data.faults):
         made.where = "data"
         return made

@@ -177,7 +177,7 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
     """
     record, own = nominal.fit.record, model.fit.record
-    totals, errors, changes, noises, horizon = np.zeros(2), [], [], [], spans(record)[-1]
+    totals, errors, changes, noises = np.zeros(2), [], [], []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
@@ -188,12 +188,12 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         made, change = _errors((record, own), pair, ~mask)
         errors.append(made)
         changes.append(change)
-        noises.append(np.stack([_noise(of, each, horizon, is_named)
+        noises.append(np.stack([_noises(of, each, spans(record), is_named)
                                 for of, each in zip((record, own), pair, strict=True)]))
     ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1))
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
-    return replace(_gain(record, totals, ahead, closed_loop, "blocked folds"), numbers=numbers)
+    return replace(_gain(record, totals, ahead, closed_loop, "blocked folds", is_named), numbers=numbers)
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
@@ -216,6 +216,11 @@ def removed(model: Model, gain: Gain) -> tuple[float, ...]:
                      for name, (_, _, _, noise) in gain.squared.items())
         found.append((excess - after) / before)
     return tuple(found)
+
+
+def _noises(record: Record, of: Trained, over: Sequence[float], is_named: bool) -> np.ndarray:
+    """(s, h, 3) `_noise` over each horizon [s]."""
+    return np.stack([_noise(record, of, horizon, is_named) for horizon in over], axis=1)
 
 
 def _noise(record: Record, of: Trained, horizon: float, is_named: bool = True) -> np.ndarray:
@@ -245,11 +250,11 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
         pair.append(Trained(point, run_filter(record, dynamics(record, point), start.levels, e, start)))
     pair[0] = within(records[0], pair[0], None)
     totals = np.array([log_likelihood(record, each, everything) for record, each in zip(records, pair, strict=True)])
-    horizon = spans(records[0])[-1]
-    noise = np.stack([_noise(record, each, horizon, is_named) for record, each in zip(records, pair, strict=True)])
+    over = spans(records[0])
+    noise = np.stack([_noises(record, each, over, is_named) for record, each in zip(records, pair, strict=True)])
     ahead = _Ahead(*_errors(records, pair, everything), noise)
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
-    return _gain(records[0], totals, ahead, closed_loop, "a second log")
+    return _gain(records[0], totals, ahead, closed_loop, "a second log", is_named)
 
 
 def log_likelihood(record: Record, of: Trained, rows: np.ndarray) -> float:
@@ -290,7 +295,7 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
 class _Ahead(NamedTuple):
     """Predictions of both models, NaN where their horizon is not in rows left out.
 
-    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, 3) mean squares of it over the longest
+    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, h, 3) mean squares of it
     """
 
     errors: np.ndarray
@@ -298,10 +303,19 @@ class _Ahead(NamedTuple):
     noise: np.ndarray
 
 
-def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None,
-          source: str) -> Gain:
-    """The gain over the longest horizon."""
+def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
+          is_named: bool) -> Gain:
+    """The gain over the longest horizon, or beside weather that nothing names over that at which most is removed: over
+    the longer ones a loop's commands answer what the weather did since."""
     over = spans(record)
+    made = [_gain_over(record, totals, ahead, closed_loop, source, over[:count])
+            for count in range(len(over), len(over) - 1 if is_named else 0, -1)]
+    return min(made, key=lambda each: 1.0 if each.share is None else each.share)
+
+
+def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
+               over: Sequence[float]) -> Gain:
+    """The gain over the last of these horizons [s]."""
     nrmse: dict[float, dict[str, tuple[float, float]]] = {}
     for h, horizon in enumerate(over):
         nrmse[horizon] = {}
@@ -310,13 +324,13 @@ def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[
             if channel in record.channels and scale > 0.0:
                 before, after = (rms(errors[:, h, c]) / scale for errors in ahead.errors)
                 nrmse[horizon][channel] = (before, after)
-    squared, horizons = {}, {}
+    squared, horizons, last = {}, {}, len(over) - 1
     for c, channel in enumerate(CHANNELS):
-        errors = ahead.errors[:, :, -1, c]
+        errors = ahead.errors[:, :, last, c]
         seen = np.isfinite(errors).all(axis=0)
         if channel in record.channels and seen.any():
-            made = [float(np.mean(x)) for x in (*(errors[:, seen]**2), *ahead.noise[:, seen, c])]
+            made = [float(np.mean(x)) for x in (*(errors[:, seen]**2), *ahead.noise[:, seen, last, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
-            horizons[channel] = max(1.0, float(seen.sum()) * min(SPACING, over[-1]) / over[-1])
+            horizons[channel] = max(1.0, float(seen.sum()) * min(SPACING, over[last]) / over[last])
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
                 squared, closed_loop, source, horizons)

@@ -20,7 +20,6 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
     unseen.HEARD and others  the same where rows fall between the controller's ticks  clean flights; a foreign simulator
-    selection.UNLIKE_NONE  standard deviations of a size from that of no cause         meaning only: 95 %
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
     weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
@@ -104,7 +103,7 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], feigned: float,
         if varies > bounds.variation:
             found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} % "
                          f"of itself, at most {100 * bounds.variation:.0f} %)")
-        found += undetermined(each, *span)
+        found += undetermined(each, span[0])
     found += _unresolved(named, span)
     more = left_beyond(left, named, feigned, bounds, same_place)
     if more is not None:

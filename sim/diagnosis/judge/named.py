@@ -12,9 +12,9 @@ from ..controller.kind import ControllerCheck
 from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
 from ..model.nuisance import Problem
-from ..search.fit import Fit, point_of
+from ..search.fit import point_of
 from ..search.profile import TOLD_APART, Model, penalty, profile
-from ..search.selection import UNLIKE_NONE, Ranked, Selection, Weather
+from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
@@ -22,8 +22,6 @@ OLDEST = 1.5           # times the age of a sample that a logger reads: the serv
 SCALE = "scale"        # of what is multiplied
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
-UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
-FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,6 @@ class Named:
     constancy            None for the controller's, which is exact
     is_at_an_end         of the range searched: whatever it stands for, it is not this cause
     steps                (time [s], size) of one that comes gradually, () of all else
-    away                 standard deviations of its sizes, all together, from those of no cause; None: of one size
     removed              share of the nominal's held-out squared error beyond noise that comes back without it (and
                          all else fitted anew); None: not told
     """
@@ -50,7 +47,6 @@ class Named:
     is_at_an_end: bool = False
     steps: tuple[tuple[float, float], ...] = ()
     removed: float | None = None
-    away: float | None = None
 
     @property
     def record(self) -> Hypothesis:
@@ -130,8 +126,7 @@ def _named(selection: Selection, k: int) -> Named:
                  _rivals(cause.hypothesis.cause, selection.rivals[k], (float(t[0]), float(t[-1]))),
                  selection.evidence[k],
                  constancy(model, k),
-                 cause.is_at_an_end,
-                 away=_away(model.fit, k))
+                 cause.is_at_an_end)
 
 
 def _onset_std(model: Model, index: int, at: int) -> float:
@@ -151,18 +146,6 @@ def _onset_std(model: Model, index: int, at: int) -> float:
         if costs < UNTRIED:
             widest = max(widest, abs(away) / math.sqrt(2.0 * max(costs, 0.5)))
     return widest
-
-
-def _away(fitted: Fit, index: int) -> float | None:
-    """Standard deviations of cause `index`'s several sizes from those of no cause: each may be told by none, and all
-    together be far away."""
-    cause = fitted.causes[index]
-    amounts, first = cause.hypothesis.amounts, sum(len(each.values) for each in fitted.causes[:index])
-    if amounts == 1:
-        return None
-    off = np.array(cause.values[:amounts]) - cause.hypothesis.neutral
-    own = fitted.covariance[first:first + amounts, first:first + amounts]
-    return math.sqrt(max(float(off @ np.linalg.pinv(own, hermitian=True) @ off), 0.0))
 
 
 def _gradual(selection: Selection, group: list[int]) -> Named:
@@ -234,26 +217,14 @@ def _chi_squared(named: Named) -> float:
     return 0.0 if named.constancy is None else named.constancy.chi_squared
 
 
-def undetermined(each: Named, began: float, ended: float) -> list[str]:
-    """Doubts about the numbers that make a cause this one and no simpler one: a mode's frequency, an onset."""
+def undetermined(each: Named, began: float) -> list[str]:
+    """Doubts about the numbers that make a cause this one and no simpler one: its size, its onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
     size, std = each.values.get(SCALE), each.std.get(SCALE, 0.0)
     if isinstance(size, float) and abs(size) < SIGNIFICANT * std:
         found.append(f"{each.cause}: a scale of {size:.2g} +- {std:.2g} is none: the log does not follow that input, "
                      "as where it is of another time")
-    name = each.record.free[0].name if each.record.free else ""
-    whole = each.values.get(name)
-    if isinstance(whole, float):
-        alone = abs(whole - each.record.neutral) / max(each.std.get(name, 0.0), 1e-300)
-        if (alone if each.away is None else each.away) < UNLIKE_NONE:
-            found.append(f"{each.cause}: the log does not tell its {name} ({whole:.3g} +- {each.std[name]:.2g})")
-    frequency, time = each.values.get("frequency"), each.values.get("time")
-    if isinstance(frequency, float):
-        if each.std["frequency"] > UNTOLD * frequency:
-            found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
-                         f"{each.std['frequency']:.2g} rad/s)")
-        if each.record.is_line and frequency * (ended - began) < 2.0 * math.pi * FEWEST_CYCLES:
-            found.append(f"{each.cause}: less than {FEWEST_CYCLES:.0f} of its periods are in the log")
+    time = each.values.get("time")
     if each.record.tells_onset and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
         found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")

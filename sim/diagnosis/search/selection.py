@@ -36,7 +36,7 @@ FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of
 PROMISING = 3.0       # nats after the penalty that a scan must promise
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
-UNLIKE_NONE = 2.0     # standard deviations of a size from that of no cause: evidence for less is for something else
+UNLIKE_NONE = 2.0     # standard deviations of a weather's level from none, to be called wind
 
 Say = Callable[[str], None]
 
