@@ -16,6 +16,7 @@ from sim.diagnosis.causes import RECORDS, SOUGHT, Cause
 from sim.diagnosis.data.record import THETA_DOT
 from sim.diagnosis.data.world import SLOW_MOMENT, TURBULENCE, sought
 from sim.diagnosis.judge.gain import Trained, _noise, on_another
+from sim.diagnosis.judge.named import BLURRED, _blurred, _rivals
 from sim.diagnosis.model.noise import (
     ACCELERATION,
     MOST,
@@ -33,8 +34,8 @@ from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
 from sim.diagnosis.search import weather
 from sim.diagnosis.search.foresight import spans
-from sim.diagnosis.search.profile import as_simulated, profile
-from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Selection, Weather, select_from
+from sim.diagnosis.search.profile import TOLD_APART, as_simulated, profile
+from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, select_from
 from sim.effects import effect
 from sim.effects.sensor import rate_scale
 from sim.effects.table import N_COLUMNS
@@ -169,6 +170,22 @@ def test_a_moment_that_nothing_names_is_no_noise(record):
     levels[-1] = 0.001
     floor = np.nanmax(_noise(log, Trained(Point(), first_filter(log, levels)), 1.0))
     assert unnamed == pytest.approx(floor) and named > 10.0 * unnamed
+
+
+def test_rivals_are_told_apart_less_well_beside_what_nothing_names():
+    def beside(is_wind):
+        return SimpleNamespace(weather=SimpleNamespace(is_wind=is_wind))
+
+    assert _blurred(SimpleNamespace(weather=None)) == _blurred(beside(True)) == 0.0
+    assert _blurred(beside(False)) == BLURRED
+
+    def rivals(behind, blurred):
+        first, second = (Cause(each, (0.1,)) for each in SOUGHT if each.label in ("actuator_delay", "gyro_delay"))
+        ranking = [Ranked(first, 600.0), Ranked(second, 600.0 - behind)]
+        return _rivals(first.hypothesis.cause, ranking, blurred, (0.0, 45.0))
+
+    assert rivals(0.9 * TOLD_APART, 0.0) and not rivals(1.1 * TOLD_APART, 0.0)
+    assert rivals(0.9 * BLURRED * 600.0, BLURRED) and not rivals(1.1 * BLURRED * 600.0, BLURRED)
 
 
 def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():

@@ -280,18 +280,18 @@ def ranked(*pairs):
 def test_look_alikes_are_those_that_explain_the_log_as_well():
     ranking = ranked(("gust", 50.0), ("slosh", 50.0 - TOLD_APART + 0.1), ("friction", 50.0),
                      ("bending", 50.0 - TOLD_APART - 0.1), ("slosh", 49.0))
-    assert _rivals("gust", ranking, SPAN) == ("slosh", "friction")
-    assert _rivals("aero_damping", ranked(("gust", 54.1), ("slosh", 50.0)), SPAN) == ("gust",)  # from the best
+    assert _rivals("gust", ranking, 0.0, SPAN) == ("slosh", "friction")
+    assert _rivals("aero_damping", ranked(("gust", 54.1), ("slosh", 50.0)), 0.0, SPAN) == ("gust",)  # from the best
     three = ranked(("aero_damping", 50.0), ("gust", 51.0), ("slosh", 56.0))
-    assert _rivals("aero_damping", three, SPAN) == ("slosh",)
-    assert _rivals("gust", [], SPAN) == ()
+    assert _rivals("aero_damping", three, 0.0, SPAN) == ("slosh",)
+    assert _rivals("gust", [], 0.0, SPAN) == ()
 
 
 @pytest.mark.parametrize(("time", "duration", "seen"), [
     (-9.0, 60.0, False), (-9.0, 20.0, True), (20.0, 60.0, True), (50.0, 5.0, False), (-9.0, 5.0, False)])
 def test_a_gust_that_neither_begins_nor_ends_in_the_log_is_nobody_s_rival(time, duration, seen):
     gust = selection.Ranked(Cause(RECORDS["gust"], (0.1, time, duration)), 50.0)
-    assert _rivals("steady_wind", [gust], SPAN) == (("gust",) if seen else ())
+    assert _rivals("steady_wind", [gust], 0.0, SPAN) == (("gust",) if seen else ())
 
 
 def test_losses_that_come_soon_after_one_another_and_the_same_way_are_one():

@@ -22,6 +22,7 @@ OLDEST = 1.5           # times the age of a sample that a logger reads: the serv
 SCALE = "scale"        # of what is multiplied
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
+BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ def _named(selection: Selection, k: int) -> Named:
         std = (*std[:at], max(std[at], _onset_std(model, k, at)), *std[at + 1:])
     return Named(cause.hypothesis.cause, values,
                  dict(zip(names, std, strict=True)), {name: cause.hypothesis.unit(name) for name in values},
-                 _rivals(cause.hypothesis.cause, selection.rivals[k], (float(t[0]), float(t[-1]))),
+                 _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
                  selection.evidence[k],
                  constancy(model, k),
                  cause.is_at_an_end)
@@ -175,13 +176,18 @@ def _gradual(selection: Selection, group: list[int]) -> Named:
                    steps=tuple(zip(times.tolist(), fractions.tolist(), strict=True)))
 
 
-def _rivals(name: str, ranking: list[Ranked], span: tuple[float, float]) -> tuple[str, ...]:
-    """Causes within TOLD_APART of the best in the same place of the model; none that begins and ends, but neither
-    within the log, span [s] first and last row: a gust that lasts is a steady wind."""
+def _blurred(selection: Selection) -> float:
+    """Share of a cause's evidence by which no rival is told from it: what nothing names can be on either's side."""
+    return BLURRED if selection.weather is not None and not selection.weather.is_wind else 0.0
+
+
+def _rivals(name: str, ranking: list[Ranked], blurred: float, span: tuple[float, float]) -> tuple[str, ...]:
+    """Causes within TOLD_APART of the best in the same place of the model, or within a share of its evidence; none that
+    begins and ends, but neither within the log, span [s] first and last row: a gust that lasts is a steady wind."""
     if not ranking:
         return ()
     best = max(each.evidence for each in ranking)
-    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - TOLD_APART
+    near = [each.cause.hypothesis.cause for each in ranking if each.evidence > best - max(TOLD_APART, blurred * best)
             and _is_seen(each.cause, span)]
     return tuple(dict.fromkeys(each for each in near if each != name))
 
