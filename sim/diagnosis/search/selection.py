@@ -19,7 +19,7 @@ from ..data.used import SINE
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.nuisance import Problem
 from .fit import Fit, fit
-from .foresight import is_idle
+from .foresight import foreseen, is_idle
 from .profile import TOLD_APART, Model, penalty, profile
 from .scan import Candidate, scan
 from .starts import starts
@@ -192,7 +192,8 @@ def ranking_of(record: Record, base: Model, known: Sequence[Hypothesis]) -> list
 
 def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: float | None = None,
              also: Sequence[Cause] = ()) -> list[tuple[Model, float]]:
-    """Models with one more cause and its evidence, best first; the first few with their own noise levels.
+    """Models with one more cause and its evidence, best first; the first few with their own noise levels.  Where noise
+    stands for what is not modelled, without those that one of less evidence outdoes in what it predicts (`foreseen`).
 
     known  gain [nats] of a cause that is to be replaced; None: start from the declared noise levels too
     also   causes that are tried whatever a scan promises
@@ -209,7 +210,10 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
             if cause.hypothesis.label not in best or evidence > best[cause.hypothesis.label][1]:
                 best[cause.hypothesis.label] = model, evidence
         given = []
-    return sorted(best.values(), key=lambda pair: -pair[1])
+    ranked = sorted(best.values(), key=lambda pair: -pair[1])
+    enough = [pair for pair in ranked if pair[1] > THRESHOLD]
+    stand = foreseen(base, [model for model, _ in enough])
+    return [pair for pair, stands in zip(enough, stand, strict=True) if stands] + ranked[len(enough):]
 
 
 def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float | None) -> list[tuple[Fit, float]]:
