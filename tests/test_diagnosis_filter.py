@@ -30,15 +30,12 @@ from sim.diagnosis.model.noise import (
     nothing_foreseen,
     run_filter,
 )
-from sim.diagnosis.model.nuisance import Problem
 from sim.diagnosis.model.point import Point, innovations
 from sim.diagnosis.model.predictor import DEAF, made_good
-from sim.diagnosis.search import profile as profile_module
 from sim.diagnosis.search import weather
-from sim.diagnosis.search.fit import fit
 from sim.diagnosis.search.foresight import spans
-from sim.diagnosis.search.profile import TAKEN_OVER, TOLD_APART, as_simulated, given_back, profile
-from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, fewer, select_from
+from sim.diagnosis.search.profile import TOLD_APART, as_simulated, profile
+from sim.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, select_from
 from sim.effects import effect
 from sim.effects.sensor import rate_scale
 from sim.effects.table import N_COLUMNS
@@ -191,20 +188,6 @@ def test_rivals_are_told_apart_less_well_beside_what_nothing_names():
     assert rivals(0.9 * BLURRED * 600.0, BLURRED) and not rivals(1.1 * BLURRED * 600.0, BLURRED)
 
 
-def test_a_cause_that_is_left_alone_is_told_in_the_form_that_then_explains_most(record):
-    """A delay that was taken for a lag beside others is a delay again."""
-    known = {each.label: each for each in SOUGHT}
-    log = dataclasses.replace(record, commands=np.roll(record.commands, -round(0.05 / (record.tick * record.step))))
-    nominal = as_simulated(log)
-    lag = known["actuator_delay"].form.hypothesis
-    model = profile(log, (Cause(lag, (0.3,)), Cause(known["thrust_misalignment"], (1e-4,))), nominal.fit.delta,
-                    nominal.fit.filter)
-    of = Selection(nominal, model, [0.0, 0.0], [[Ranked(each, 0.0)] for each in model.causes])
-    alone = fewer(of, [0]).model
-    assert [each.hypothesis.label for each in alone.causes] == ["actuator_delay"]
-    assert math.isclose(alone.causes[0].values[0], 0.05, rel_tol=0.1)
-
-
 def test_where_no_sensor_tells_the_nozzle_it_may_begin_anywhere_it_is_sent_to():
     """A servo that needs half a second to where the log begins was taken for a gust, and its rate limit for more."""
     slow = dataclasses.replace(NOMINAL, actuator=dataclasses.replace(
@@ -315,24 +298,6 @@ def test_weather_stays_beside_what_else_is_found_only_where_that_needs_it(turbul
         assert made.nominal is of.nominal and FURTHER < made.weather.gain < first.gain
     else:
         assert made.nominal is calm and made.weather is None
-
-
-def test_what_the_timing_had_taken_over_is_given_back_to_a_slow_servo(monkeypatch):
-    """The nominal had answered 17 ms late; a fit from there may stop in between, where each has a part."""
-    slow = next(each for each in SOUGHT if each.label == "actuator_bandwidth")
-    log = on_grid(flown(NOMINAL, "actuator_bandwidth:scale=0.6"), NOMINAL)
-    nominal = as_simulated(log)
-    assert nominal.fit.delta[TIMING] > 10.0 * NOMINAL.diagnosis.timing
-    begun = fit(Problem(log, nominal.fit.filter), (Cause(slow, (0.98,)),), nominal.fit.delta, iterations=0)
-    with monkeypatch.context() as undone:
-        undone.setattr(profile_module, "ROUNDS", 0)
-        stuck = profile(log, (), nominal.fit.delta, nominal.fit.filter, fitted=begun)
-    assert stuck.fit.delta[TIMING] > TAKEN_OVER * NOMINAL.diagnosis.timing
-    made = given_back(stuck)
-    assert made.log_likelihood > stuck.log_likelihood
-    assert abs(made.fit.delta[TIMING]) < NOMINAL.diagnosis.timing
-    assert made.causes[0].values[0] == pytest.approx(0.6, abs=3.0 * made.fit.std(0)[0])
-    assert given_back(made) is made   # near the nominal's own: nothing to give back
 
 
 def test_a_second_log_is_judged_in_the_weather_of_the_first(record):

@@ -16,7 +16,6 @@ from sim.diagnosis.search.foresight import (
     LEAST_REMOVED,
     STRAINED,
     foreseen,
-    is_foreseen,
     is_idle,
     is_strained,
     spans,
@@ -48,7 +47,6 @@ def test_within_chance_the_likelier_stands(seen):
 def test_nothing_that_predicts_worse_than_what_it_is_added_to_may_stand(seen):
     assert foreseen(0.1, [0.8]) == [False]
     assert foreseen(0.1, [0.1 * (1.0 + 0.9 * CLEARLY)]) == [True]
-    assert is_foreseen(0.1, 0.05) and not is_foreseen(0.1, 0.8)
 
 
 def test_no_model_is_asked_where_there_is_none(seen):
@@ -92,7 +90,7 @@ def test_the_true_cause_predicts_best_and_its_error_is_the_noise_s():
     assert np.all(3.0 * after < before) and np.array_equal(count, same)
     seconds = record.rows * record.period
     assert count[0, 0] == pytest.approx((seconds - foresight.SETTLED - spans(record)[-1]) / spans(record)[-1], abs=1.0)
-    assert is_foreseen(nominal, late) and not is_idle(nominal, nominal, late)
+    assert foreseen(nominal, [late]) == [True] and not is_idle(nominal, nominal, late)
 
 
 def test_a_model_that_leaves_the_log_predicts_worst_and_is_compared_in_every_channel(monkeypatch):
@@ -120,22 +118,6 @@ def test_a_ranking_leaves_out_what_one_of_less_evidence_outdoes(monkeypatch):
     assert ranked() == [second]
 
 
-def test_a_cause_that_the_predictions_need_is_not_dropped_for_little_evidence(monkeypatch):
-    """A hobby rocket's delay beside a bending mode that imitated it: 16 nats, and nearly all of the error."""
-    nominal = as_simulated(on_grid(flown(NOMINAL, "actuator_delay:delay=0.06"), NOMINAL))
-    record = nominal.fit.record
-    causes = (Cause(RECORDS["actuator_delay"], (0.06,)), Cause(RECORDS["gyro_bias"], (1e-6,)))
-    both = profile(record, causes, nominal.fit.delta, nominal.fit.filter)
-
-    def kept():
-        return [cause.hypothesis.cause for cause in selection._dropped(record, both, math.inf).causes]
-
-    assert kept() == ["gyro_bias"]   # whatever their evidence, all but the last go
-    monkeypatch.setattr(selection, "is_foreseen", lambda model, other: "actuator_delay" in [
-        cause.hypothesis.cause for cause in other.causes])
-    assert kept() == ["actuator_delay"]
-
-
 def test_what_was_best_in_calm_air_is_tried_in_weather_whatever_a_scan_promises():
     """A scan under weather that follows the sensors closely promised a late command nothing."""
     nominal = as_simulated(on_grid(flown(NOMINAL, "gyro_bias:rate=0.002"), NOMINAL))
@@ -157,23 +139,3 @@ def test_no_cause_joins_that_predictions_do_not_miss(monkeypatch):
     assert found() == {"gyro_bias", "actuator_delay"}
     monkeypatch.setattr(selection, "is_idle", lambda nominal, base, other: True)   # of a first one it is not asked
     assert len(found()) == 1
-
-
-@pytest.mark.parametrize("predicts", [True, False])
-def test_no_form_and_no_rival_takes_the_place_of_what_predicts_better(monkeypatch, predicts):
-    nominal = as_simulated(on_grid(flown(NOMINAL, "gyro_bias:rate=0.002"), NOMINAL))
-    record = nominal.fit.record
-
-    def with_causes(*names):
-        return profile(record, [Cause(RECORDS[name], (value,)) for name, value in names], nominal.fit.delta,
-                       nominal.fit.filter)
-
-    weak = with_causes(("actuator_delay", 0.001), ("nozzle_sensor_bias", 1e-5))
-    strong = with_causes(("actuator_delay", 0.001), ("gyro_bias", 0.002))
-    monkeypatch.setattr(selection, "is_foreseen", lambda model, other: predicts)
-    monkeypatch.setattr(selection, "_in_other_form", lambda record, model, k, known: (strong, 1e3))
-    assert (selection._reformed(record, weak, ()) is strong) == predicts
-    monkeypatch.setattr(selection, "_in_other_form", lambda record, model, k, known: None)
-    monkeypatch.setattr(selection, "_ranking", lambda record, base, allowed, known=None: [(strong, 1e6)])
-    found = selection.Selection(nominal, weak)
-    assert selection._stood_in(record, found, (), 1.0) == predicts and (found.model is strong) == predicts

@@ -11,13 +11,11 @@ import pytest
 from test_diagnosis import NEAR, WHOLE, every_second, log_of
 from test_diagnosis_slow import by_another_generator
 
-from sim.diagnosis.causes import RECORDS, Cause
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.fill import run_backwards
 from sim.diagnosis.controller.issued import with_commands
 from sim.diagnosis.controller.ticks import Ticks, issued_at, lined, over_grid, ticks_of
 from sim.diagnosis.data.check import check
-from sim.diagnosis.judge.named import Named, _away, undetermined
 from sim.diagnosis.model.follower import NominalFollower
 from sim.diagnosis.verdict import diagnose
 from sim.effects import from_text
@@ -319,26 +317,6 @@ def test_commands_over_the_grid_keep_their_impulse():
     edges = np.clip(ticks.phase + ticks.period * np.arange(len(commands) + 1), 0.0, end)
     assert np.sum(over_grid(ticks, r, commands)) * r.tick == pytest.approx(np.diff(edges) @ commands)
     assert np.ptp(over_grid(ticks, r, np.full(len(commands), 0.1))) < 1e-12
-
-
-@pytest.mark.parametrize(("std", "doubted"), [(0.3, False), (0.6, True)])
-def test_a_size_within_two_deviations_of_none_is_not_told(std, doubted):
-    """Evidence for less is for something else: a damping of 1083 +- 2330 1/s had 46 nats."""
-    damping = Named("aero_damping", {"coefficient": 1.0}, {"coefficient": std}, {"coefficient": "1/s"}, (), 46.0, None)
-    assert any("does not tell its coefficient" in words for words in undetermined(damping, 0.0, 30.0)) == doubted
-
-
-@pytest.mark.parametrize(("apart", "doubted"), [(0.9, False), (-0.9, True)])
-def test_of_a_cause_with_two_sizes_they_are_told_together(apart, doubted):
-    """A path that drifts by either force is one that drifts, though the log may not tell by which."""
-    z = np.array([-0.011, 0.032])
-    std, correlation = np.array([0.0135, 0.0495]), np.array([[1.0, apart], [apart, 1.0]])
-    fitted = SimpleNamespace(causes=(Cause(RECORDS["lateral_drift"], tuple(z)),),
-                             covariance=correlation * np.outer(std, std))
-    sizes = dict(zip(("z_alpha", "z_beta"), z.tolist(), strict=True))
-    drift = Named("lateral_drift", sizes, dict(zip(sizes, std.tolist(), strict=True)), dict.fromkeys(sizes, "1/s"), (),
-                  85.0, None, away=_away(fitted, 0))
-    assert any("does not tell its z_alpha" in words for words in undetermined(drift, 0.0, 70.0)) == doubted
 
 
 def test_what_is_logged_stays_and_what_is_not_lies_on_lines():

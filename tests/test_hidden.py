@@ -14,6 +14,7 @@ from hidden.spec import Hidden
 from hidden.vehicles import vehicle
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from test_diagnosis import equivalents
 
 from sim.diagnosis.causes import SOUGHT
 from sim.diagnosis.controller.command import record
@@ -157,10 +158,10 @@ def test_without_the_nozzle_column_the_set_holds_the_truth(tmp_path, cause):
 def test_without_its_hypothesis_an_effect_gets_no_other_name(tmp_path, cause):
     spec = draw_spec(9, cause=cause, factor=VISIBLE, variant=PLAIN, rate=100.0, duration=briefly(cause))
     result, label, made = diagnosed(tmp_path, spec, drop_hypothesis=cause)
-    equivalents = made.isolability.equivalents(cause, ALIKE)
-    print(cause, "exact equivalents in this log:", ", ".join(" with ".join(each) for each in equivalents) or "none")
+    alike = equivalents(made.isolability, cause, ALIKE)
+    print(cause, "exact equivalents in this log:", ", ".join(" with ".join(each) for each in alike) or "none")
     named = {one["cause"] for one in result["causes"]}
-    assert not named or any(named == set(each) for each in equivalents), (label, answers(result), result["doubts"])
+    assert not named or any(named == set(each) for each in alike), (label, answers(result), result["doubts"])
 
 
 def test_a_first_order_lag_of_the_servo_is_a_delay_and_no_slower_servo(tmp_path):

@@ -20,7 +20,7 @@ from .data.vehicle import plant_faults
 from .data.work import Stopped
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended
-from .judge.findings import Findings, concluded, place, unheard
+from .judge.findings import Findings, concluded, place
 from .judge.gain import Gain, held_out, on_another, removed
 from .judge.leftover import leftovers
 from .judge.levels import noise_of
@@ -32,12 +32,11 @@ from .judge.measure import (
     Remainder,
     doubts,
     of_gain,
-    small,
     too_noisy,
     weather_words,
 )
-from .judge.named import aged, clocked, named_causes, named_weather, together, with_removed
-from .judge.outdone import outdone, outdone_beside
+from .judge.named import aged, named_causes, named_weather, together, with_removed
+from .judge.outdone import outdone
 from .judge.threshold import threshold as measured_threshold
 from .judge.user_gain import user_gain
 from .model.follower import NominalFollower, lost
@@ -46,7 +45,7 @@ from .search.changed import instead_of_each
 from .search.foresight import LEAST_REMOVED
 from .search.profile import Model
 from .search.proposal import Proposal, propose
-from .search.selection import THRESHOLD, Say, Selection, fewer, only_strongest
+from .search.selection import Say, Selection, fewer, only_strongest
 from .search.weather import select
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -62,15 +61,14 @@ GROSS = 0.25           # of the squared error over 1 s: more may not stay withou
 Measure = Callable[[Selection], Gain]
 
 
-def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: float = THRESHOLD,
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None,
              hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
              say: Say = lambda text: None, noise: str = "bounded") -> Diagnosis:
     """Diagnose why measurement and simulation part.
 
     log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
-    threshold     [nats] of evidence for a first cause
     hypotheses    to choose from; None: the catalogue
-    bootstrap     clean flights to measure the threshold on; 0: take `threshold`
+    bootstrap     clean flights to measure the threshold on; 0: none
     say           told what is being done
     noise         how far levels may be from the declared: "bounded", "declared" or "free"
     """
@@ -78,7 +76,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, threshold: 
     log, turns = unwrapped(log)
     data = check(log, nominal)
     told = replace(data, faults=(*turns, *data.faults)) if turns else data
-    made = Diagnosis(log, nominal, told, threshold=threshold, catalogue=hypotheses is None)
+    made = Diagnosis(log, nominal, told, catalogue=hypotheses is None)
     if not all(fault.kind in MASKED for fault in data.faults):
         made.where = "data"
         return made
@@ -238,7 +236,7 @@ def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
     if controller is not None and controller.is_named:
         made.gain = made.gain or measure(made.selection)
     made.extension = extended(made.nominal, made.selection.model.causes, record.shift, controller, record.centre,
-                              tuple(each for each in made.causes if each.is_weather), end.idle)
+                              tuple(each for each in made.causes if each.is_weather))
     say("gain for the estimator's user")
     made.user = user_gain(made.nominal, made.extension)
 
@@ -250,26 +248,21 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     named, left, noise = named_causes(selection), tuple(leftovers(selection.model)), noise_of(selection.model)
     feigned, span = max(PER_ROW, record.unsure) * record.rows, _span(record)
     found = doubts(named, left, feigned, span, DOMINANT, same_place=False)
-    t = made.log.t[made.data.usable]
-    found += unheard(named, made.controller, record) + [
-        words for each in named for words in (*aged(each, record), *clocked(each, record, t))]
+    found += [words for each in named for words in aged(each, record)]
     strict = doubts(named, left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(noise, _pushed_by_chance(record))
     weather = selection.weather
     if weather is not None and _is_named(selection) and not strict and noisy is None:
         named = (*named, named_weather(weather))
-    elif weather is not None and not small(weather, named):
+    elif weather is not None:
         strict.append(f"{weather_words(selection)} remains")
     if noisy is not None:
         strict.append(noisy)
     plain = Findings(selection, named, left, noise)
     if not named:
         return replace(plain, doubts=tuple(strict))
-    if not found and selection.model.causes:
-        better = outdone(selection, left) or (outdone_beside(selection) if strict else None)
-        found += [better.words] if better is not None else []
-    if selection.instead is not None and any(each.where in FREE for each in named if not each.is_weather):
-        found.append("weather alone explains nearly as much as these causes in weather do")
+    if not found and selection.model.causes and (better := outdone(selection, left)) is not None:
+        found.append(better)
     if found:
         return replace(plain, doubts=tuple(found))
     say("held-out gain")
@@ -309,7 +302,7 @@ def _instead(found: Findings) -> Iterator[Selection]:
     """Selections that may stand where one is in doubt.
 
     They are: one cause replaced by another that explains the log as well; the causes without those that are in doubt
-    themselves; the strongest alone, with what makes sense together with it only; the weather alone.
+    themselves; the strongest alone, with what makes sense together with it only.
     """
     of = found.selection
     yield from instead_of_each(of)
@@ -319,8 +312,6 @@ def _instead(found: Findings) -> Iterator[Selection]:
     for kept in (sound, strongest) if sound != strongest else (strongest,):
         if 0 < len(kept) < len(causes):
             yield fewer(of, kept)
-    if of.instead is not None:
-        yield of.instead
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:

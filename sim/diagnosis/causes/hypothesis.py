@@ -173,8 +173,7 @@ def is_told(record: Record, channel: str, other: str) -> bool:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One cause; free[0] is its size, whose `neutral` value makes no difference (where it has several `amounts`, all at
-    it).
+    """One cause; free[0] is its size, whose `neutral` value makes no difference (of several sizes all at it).
 
     words    what it means, with its parameters in braces
     shapes   of a record: values of the other free numbers to start from
@@ -185,7 +184,6 @@ class Hypothesis:
     dithered how much of the command noise's rms its size may be off: the noise keeps a play moving, which the
              prediction, run on the mean command, does not see
     start    how the search begins
-    amounts  so many of the free numbers, from the first, are sizes of it
     limit_at of a record: values of the other parameters for which the limit is given;  largest: a larger is none
     form     another law of it; steps: it may come gradually;  tells_onset: what begins with the log is another cause
     is_mode  an oscillation of the vehicle, at its free[1]; may_repeat: there may be two
@@ -193,7 +191,6 @@ class Hypothesis:
     imitated (place, shape: `judge.shapes`) that is its one twin outside the catalogue, and less common
     decides  (cause, what would tell this one from it)
     like     (cause, in which way this one is like it, where the catalogue's own form is not)
-    is_of_clock  stamps that run fast make its scale: rates against slopes of what another sensor shows
     corrections  take it off what an estimator sees, () if there it is not seen; None: that cannot be done
     floor    of a record: a size nearer to neutral is within what the nominal leaves open, and explains nothing
     late     of a record and a size: how much later [s] something is for it; 0 of most
@@ -211,7 +208,6 @@ class Hypothesis:
     fixed: tuple[tuple[str, str | float], ...] = ()
     dithered: float = 0.0
     start: Start = Start.RESPONSE
-    amounts: int = 1
     limit_at: Callable[[Record], Values] = nothing_given
     largest: float = math.inf
     form: Form | None = None
@@ -223,7 +219,6 @@ class Hypothesis:
     imitated: tuple[str, str] = ("", "")
     decides: tuple[tuple[str, str], ...] = ()
     like: tuple[tuple[str, str], ...] = ()
-    is_of_clock: bool = False
     corrections: tuple[Correction, ...] | None = None
     floor: Callable[[Record], float] = no_floor
     late: Callable[[Record, float], float] = not_late

@@ -74,7 +74,7 @@ CAUSES = (
     Hypothesis("lateral_drift", (size("z_alpha", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT),
                                  size("z_beta", DRIFT_STEP, -FASTEST_DRIFT, FASTEST_DRIFT)), 0.0,
                "the flight path drifts, by {z_alpha} of the angle of attack and {z_beta} of the nozzle's",
-               lambda record: [(0.0,)], amounts=2, limit_at=lambda record: (0.0,),
+               lambda record: [(0.0,)], limit_at=lambda record: (0.0,),
                decides=(("aero_instability", FLIGHT_PATH),),
                visible=lambda record: not record.path_is_known),  # what is measured is no matter of belief
 )

@@ -38,7 +38,7 @@ CAUSES = (
                corrections=(Correction("theta_dot", lambda x, of: x - of["rate"]),)),
     Hypothesis("gyro_scale", (size("scale", 0.005, -3.0, 5.0),), 1.0,
                "the gyro's scale factor is {scale} (an attitude read at the inverse of it looks much the same)",
-               visible=_gyro_is_told, is_of_clock=True,  # it scales, then adds its bias
+               visible=_gyro_is_told,  # it scales, then adds its bias
                corrections=(Correction("theta_dot", lambda x, of: x / of["scale"], is_outer=True),)),
     Hypothesis("gyro_delay", (size("delay", 2e-3, 0.0, 1.0),), 0.0, "the gyro is {delay} late",
                visible=_gyro_is_told, far=far_delays, late=by_its_size, floor=as_timed),

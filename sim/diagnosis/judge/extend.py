@@ -13,15 +13,13 @@ from .named import Named
 
 def extended(nominal: Nominal, causes: Iterable[Cause], shift: float = 0.0,
              controller: ControllerCheck | None = None, centre: float = CENTRE,
-             weather: Iterable[Named] = (), idle: Iterable[Named] = ()) -> Nominal:
+             weather: Iterable[Named] = ()) -> Nominal:
     """The nominal with these causes.
 
     shift   [s] log's clock less the grid's: times of effects are written in the log's clock
     centre  [s] of the log, grid's clock: written where an effect turns about it, for a flight's may be another
-    idle    names that the causes may not have
     """
-    none = {each.cause for each in idle}
-    effects = [_in_log_time(cause, shift, centre) for cause in causes if cause.hypothesis.cause not in none]
+    effects = [_in_log_time(cause, shift, centre) for cause in causes]
     effects += [effect(each.cause, **each.values) for each in weather]
     return with_controller(replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects)),
                            controller)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..controller.issued import is_slow
-from ..controller.kind import UNKNOWN, ControllerCheck
+from ..controller.kind import ControllerCheck
 from ..data.record import Record
 from ..search.selection import Selection
 from .gain import Gain
 from .leftover import Leftover
 from .measure import Remainder, remainder, too_noisy
-from .named import Named, idle_of, mismatch
+from .named import Named, mismatch
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +39,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """The verdict: see `Diagnosis`, whose fields these are.
-
-    idle  what looks like causes, is in the model, and no prediction needs
-    """
+    """The verdict: see `Diagnosis`, whose fields these are."""
 
     verdict: str
     where: str | None = None
@@ -51,7 +48,6 @@ class Conclusion:
     nearest: tuple[Named, ...] = ()
     doubts: tuple[str, ...] = ()
     remainder: Remainder | None = None
-    idle: tuple[Named, ...] = ()
 
 
 def concluded(found: Findings, controller: ControllerCheck | None, record: Record,
@@ -67,28 +63,18 @@ def concluded(found: Findings, controller: ControllerCheck | None, record: Recor
                           nearest=tuple(each for each in found.named if not each.is_weather),
                           doubts=tuple(dict.fromkeys(doubts)))
     within = tuple(each for each in found.named if each.is_open(record))
-    idle = idle_of(found.named, found.needed)
-    causes = [each for each in found.named if each not in (*within, *idle)]
+    causes = [each for each in found.named if each not in within]
     if controller is not None and controller.is_named:
         causes.append(mismatch(controller))
     told = all(each.removed is not None for each in causes)
     causes.sort(key=lambda each: (-(each.removed or 0.0) if told else 0.0, -each.evidence))
     if not causes:
         return Conclusion("consistent", open=within)
-    if not (found.remaining or idle or foreign):
+    if not (found.remaining or foreign):
         return Conclusion("explained", causes[0].where, tuple(causes), within)
     left = remainder(found.gain, found.left, found.selection, "controller" if foreign else None,
-                     too_noisy(found.noise), idle)
-    return Conclusion("dominant", causes[0].where, tuple(causes), within, remainder=left, idle=idle)
-
-
-def unheard(named: tuple[Named, ...], controller: ControllerCheck | None, record: Record) -> list[str]:
-    """Reasons that make the actuator's causes doubtful in a log slower than a controller that is not known, a line
-    each: what the nozzle did between the rows it may have been told to."""
-    if controller is None or controller.kind != UNKNOWN or not is_slow(record):
-        return []
-    return [f"{each.cause}: the commands between the rows are not known, since no gains make the logged ones"
-            for each in named if each.where == "actuator"]
+                     too_noisy(found.noise))
+    return Conclusion("dominant", causes[0].where, tuple(causes), within, remainder=left)
 
 
 def place(found: Findings, controller: ControllerCheck | None, record: Record,

@@ -29,9 +29,7 @@ SHORT = 0.1            # s
 FOLDS_SEED = 11
 LEAST_EXCESS = 0.1     # of the squared error that noise alone gives: less is not told from chance within a log
 CONFIDENCE = 1.645     # standard deviations: one side, 95 %
-LEAST_HELD = 1.0 / 3.0  # of the nats that a fit gains: a true cause gains them (0.5 to 1.1) on rows left out, too
 LARGEST = 1e100        # error of a prediction, by an unstable model: its square is still a number
-PICKUP = 0.25          # of a squared error: what leaves no more has found something
 NOISIEST = 1.5         # factor of the declared levels up to which fitted ones count as noise
 
 
@@ -47,11 +45,7 @@ class Gain:
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
     horizons        channel -> how many of the longest stand side by side in what `squared` was measured on
-    grown           channel -> how much larger the extended model's squared errors are, from the same noise, since it is
-                    less stable: a loop that is closed tells its future in its commands, so that a model that leaves the
-                    instability out is not punished for it;  1 where nothing is said
     numbers         that the extended model has more
-    fitted          [nats] by which it is more likely on the rows judged where all were fitted to; 0: not compared
     """
 
     log_likelihood: tuple[float, float]
@@ -61,9 +55,7 @@ class Gain:
     closed_loop: tuple[float, float] | None
     source: str
     horizons: dict[str, float] = field(default_factory=dict)
-    grown: dict[str, float] = field(default_factory=dict)
     numbers: int = 0
-    fitted: float = 0.0
 
     @property
     def longest(self) -> float:
@@ -78,33 +70,11 @@ class Gain:
         return not self.nats > -chance
 
     @property
-    def is_hollow(self) -> bool:
-        """Whether most of the likelihood that the fit to all rows gains is lost on rows left out, by more than chance,
-        a variance of twice the nats: the numbers are of no cause that acts all along."""
-        return self.fitted > 0.0 and self.nats < LEAST_HELD * self.fitted - CONFIDENCE * math.sqrt(2.0 * self.fitted)
-
-    @property
     def is_left(self) -> bool:
         """The extended model's squared errors exceed what noise gives by more than chance: a mean of n independent
         squares of normal variables is off by (2/n)^1/2 of itself, one sigma."""
         return any(extended / noise - 1.0 > CHANCE * math.sqrt(2.0 / self.horizons.get(name, math.inf))
                    for name, (_, extended, _, noise) in self.squared.items())
-
-    @property
-    def is_worse(self) -> bool:
-        """The extended model's squared errors, summed over the channels beside the nominal's, exceed them by more than
-        chance and than it is less stable, whatever its noise allows: likelihood bought with noise is no prediction."""
-        worse = sum(extended / (nominal * self.grown.get(name, 1.0)) - 1.0
-                    for name, (nominal, extended, _, _) in self.squared.items() if nominal > 0.0)
-        chance = sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared)
-        return worse > CHANCE * math.sqrt(chance)
-
-    @property
-    def is_of_the_pickup(self) -> bool:
-        """Whether the causes predict the nozzle's measured angle far better and the attitude worse: what is wrong is in
-        the nozzle's sensor, which turns no vehicle."""
-        better = [name for name, (nominal, extended, _, _) in self.squared.items() if extended < PICKUP * nominal]
-        return self.is_worse and better == ["beta"]
 
     @property
     def excess(self) -> tuple[float, float]:
@@ -207,7 +177,7 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
     is_named  what weather nobody declared makes counts as noise, for it is told; else it counts as error
     """
     record, own = nominal.fit.record, model.fit.record
-    totals, errors, changes, noises, alike = np.zeros(2), [], [], [], []
+    totals, errors, changes, noises = np.zeros(2), [], [], []
     timed = [Cause(*pinned(cause.hypothesis, cause.values)) for cause in model.causes]
     for mask in short_folds(record):
         pair = (within(record, trained(record, (), nominal.fit.filter, mask), mask),
@@ -220,16 +190,10 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         changes.append(change)
         noises.append(np.stack([_noises(of, each, spans(record), is_named)
                                 for of, each in zip((record, own), pair, strict=True)]))
-        alike.append(_noises(record, Trained(pair[1].point, pair[0].filter), spans(record), is_named))
-    ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1),
-                   np.concatenate(alike))
+    ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1))
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
-    judged = np.arange(record.rows) * record.period >= settling(record)
-    before, after = (log_likelihood(of, Trained(each.fit.point, each.fit.filter), judged)
-                     for of, each in ((record, nominal), (own, model)))
-    return replace(_gain(record, totals, ahead, closed_loop, "blocked folds", is_named), numbers=numbers,
-                   fitted=after - before)
+    return replace(_gain(record, totals, ahead, closed_loop, "blocked folds", is_named), numbers=numbers)
 
 
 def removed(model: Model, gain: Gain) -> tuple[float, ...]:
@@ -288,8 +252,7 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
     totals = np.array([log_likelihood(record, each, everything) for record, each in zip(records, pair, strict=True)])
     over = spans(records[0])
     noise = np.stack([_noises(record, each, over, is_named) for record, each in zip(records, pair, strict=True)])
-    alike = _noises(records[0], Trained(pair[1].point, pair[0].filter), over, is_named)
-    ahead = _Ahead(*_errors(records, pair, everything), noise, alike)
+    ahead = _Ahead(*_errors(records, pair, everything), noise)
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
     return _gain(records[0], totals, ahead, closed_loop, "a second log", is_named)
 
@@ -332,34 +295,22 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
 class _Ahead(NamedTuple):
     """Predictions of both models, NaN where their horizon is not in rows left out.
 
-    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, h, 3) mean squares of it;  alike (s, h, 3) of
-    the nominal's noise in the extended model
+    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, h, 3) mean squares of it
     """
 
     errors: np.ndarray
     changes: np.ndarray
     noise: np.ndarray
-    alike: np.ndarray
 
 
 def _gain(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
           is_named: bool) -> Gain:
-    """The gain over the longest horizon, or beside weather that nothing names over that at which most is removed.
-
-    That is the case as long as it is no worse over the longer ones: over those a loop's commands answer what the
-    weather did since.
-    """
-    def over(count: int) -> Gain:
-        return _gain_over(record, totals, ahead, closed_loop, source, spans(record)[:count])
-
-    best = shorter = over(len(spans(record)))
-    for count in range(len(spans(record)) - 1, 0, -1) if not is_named else ():
-        if shorter.is_worse:
-            break
-        shorter = over(count)
-        if shorter.share is not None and (best.share is None or shorter.share < best.share):
-            best = shorter
-    return best
+    """The gain over the longest horizon, or beside weather that nothing names over that at which most is removed: over
+    the longer ones a loop's commands answer what the weather did since."""
+    over = spans(record)
+    made = [_gain_over(record, totals, ahead, closed_loop, source, over[:count])
+            for count in range(len(over), len(over) - 1 if is_named else 0, -1)]
+    return min(made, key=lambda each: 1.0 if each.share is None else each.share)
 
 
 def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: tuple[float, float] | None, source: str,
@@ -373,7 +324,7 @@ def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: t
             if channel in record.channels and scale > 0.0:
                 before, after = (rms(errors[:, h, c]) / scale for errors in ahead.errors)
                 nrmse[horizon][channel] = (before, after)
-    squared, horizons, grown, last = {}, {}, {}, len(over) - 1
+    squared, horizons, last = {}, {}, len(over) - 1
     for c, channel in enumerate(CHANNELS):
         errors = ahead.errors[:, :, last, c]
         seen = np.isfinite(errors).all(axis=0)
@@ -381,6 +332,5 @@ def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: t
             made = [float(np.mean(x)) for x in (*(errors[:, seen]**2), *ahead.noise[:, seen, last, c])]
             squared[channel] = (made[0], made[1], made[2], made[3])
             horizons[channel] = max(1.0, float(seen.sum()) * min(SPACING, over[last]) / over[last])
-            grown[channel] = max(1.0, float(np.mean(ahead.alike[seen, last, c])) / made[2]) if made[2] > 0.0 else 1.0
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
-                squared, closed_loop, source, horizons, grown)
+                squared, closed_loop, source, horizons)

@@ -5,7 +5,6 @@ The smallest size is the one whose expected gain of log-likelihood, everything e
 Both tables are made of the model's own responses, so they hold for this log, its manoeuvres, its noise and its columns.
 """
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -63,21 +62,6 @@ class Isolability:
         found = [(self.names[a], self.names[b], float(self.cosine[a, b])) for a in range(n) for b in range(a)
                  if self.cosine[a, b] >= least]
         return sorted(found, key=lambda pair: -pair[2])
-
-    def equivalents(self, name: str, least: float) -> list[tuple[str, ...]]:
-        """Causes that alone, or two together, make the response of `name` with a |cosine| from `least` on."""
-        if name not in self.names:
-            return []
-        own, g = self.names.index(name), self.products
-        alone = [k for k in range(len(self.names)) if k != own and abs(g[own, k]) >= least]
-        rest = [k for k in range(len(self.names)) if k != own and k not in alone]
-        together = []
-        for a, b in itertools.combinations(rest, 2):
-            pair = [a, b]
-            share = g[own, pair] @ np.linalg.pinv(g[np.ix_(pair, pair)], hermitian=True) @ g[own, pair]
-            if math.sqrt(max(share, 0.0)) >= least:
-                together.append((self.names[a], self.names[b]))
-        return [*((self.names[k],) for k in alone), *together]
 
 
 def limits(record: Record, model: Model, threshold: float) -> tuple[list[Limit], Isolability]:

@@ -16,25 +16,15 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     EXPLAINED.left      no form of a cause is known to a tenth, whose square this is   the same
     EXPLAINED.share     nine tenths of the error beyond noise are gone                 meaning only
     DOMINANT.variation  more than half as different along the log is not one cause     meaning only
-    DOMINANT.left       something else, but less than a third of what is explained     real logs marked open: 0.13
-    DOMINANT.line       the same of a line, which is a cause itself and was not one    meaning only
+    DOMINANT.left       a tenth of what is explained: something small beside it        unlisted effects leave 0.14
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
-    outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
-    outdone.UNLIKE      share of it that a shape may leave at its own place            meaning only: |cos| below 0.95
-    outdone.KEPT        share of it that must be its own beside a shape elsewhere      meaning only: more than half
     asked.LINES and others  nats a row that unknown commands feign: see there          clean flights, three nominals
     unseen.HEARD and others  the same where rows fall between the controller's ticks  clean flights; a foreign simulator
-    selection.UNLIKE_NONE  standard deviations of a size from that of no cause         meaning only: 95 %
-    named.STAMPED       times what the stamps are off, as far as a scale may be theirs a foreign simulator's: 2.4
-    named.WORST_CLOCK   relative, by which the stamps of a wrong clock are off         meaning only: no crystal, some %
-    named.OTHER_RATE    times the nominal's period, from which any period is near a multiple  meaning only
-    named.SAME_CLOCK    relative, by which the stamps of a true clock are off          meaning only: two quartzes
-    gain.LEAST_HELD     share of the fit's nats that rows left out must gain           hostile logs: true ones 0.5
-    gain.PICKUP         of a squared error, below which the nozzle's sensor has been found  meaning only
-    gaps.EXPLAINS       times what noise leaves, that other gains may in a slow log    own flights: 1.2 at most
-    gain.CONFIDENCE     of chance in a log too short for predictions                   meaning only: 95 %
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
     weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
+    outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
+    gaps.EXPLAINS       times what noise leaves, that other gains may in a slow log    own flights: 1.2 at most
+    gain.CONFIDENCE     of chance in a log too short for predictions                   meaning only: 95 %
     PER_ROW             nats a row that no cause need explain: 0.3 % of the variance   meaning only
     foresight.LEAST_REMOVED  share of the error that a cause beside others must take away    meaning only
     NOISE               times the declared, from which noise hides what is not modelled   the contract
@@ -48,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from ..causes import RECORDS
-from ..search.selection import Selection, Weather
+from ..search.selection import Selection
 from .constancy import CONSTANCY_LIMIT, Constancy
 from .gain import Gain
 from .leftover import OWN_BINS, Leftover
@@ -61,15 +51,13 @@ class Bounds:
 
     variation: float
     left: float
-    line: float
     share: float
 
 
-EXPLAINED = Bounds(0.15, 0.01, 0.01, 0.1)
-DOMINANT = Bounds(0.5, 0.5, 0.1, 0.75)
+EXPLAINED = Bounds(0.15, 0.01, 0.1)
+DOMINANT = Bounds(0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
-SMALL_WEATHER = 0.02  # of the causes' evidence: weather beside them that is not worth a word in the verdict
 
 
 @dataclass(frozen=True)
@@ -100,8 +88,7 @@ def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], feigned: f
     """
     for each in left:
         own = sum(cause.evidence for cause in named if not same_place or cause.where == each.where)
-        share = bounds.line if each.is_line else bounds.left
-        if each.gain > max(each.limit, share * own, feigned):
+        if each.gain > max(each.limit, bounds.left * own, feigned):
             return each
     return None
 
@@ -116,7 +103,7 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], feigned: float,
         if varies > bounds.variation:
             found.append(f"{each.cause}: its size is not the same all along the log (it varies by {100 * varies:.0f} % "
                          f"of itself, at most {100 * bounds.variation:.0f} %)")
-        found += undetermined(each, *span)
+        found += undetermined(each, span[0])
     found += _unresolved(named, span)
     more = left_beyond(left, named, feigned, bounds, same_place)
     if more is not None:
@@ -138,14 +125,6 @@ def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
     """The reasons why the held-out gain does not keep the bounds."""
     if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
-    if gain.is_hollow:
-        return [f"on data left out of the fit the causes gain {gain.nats:.0f} of the {gain.fitted:.0f} nats that they "
-                "gain on all of it"]
-    if gain.is_of_the_pickup:
-        return ["on data left out of the fit the nozzle's angle is predicted far better and the attitude worse: the "
-                "nozzle's sensor may be wrong, the nozzle is not"]
-    if gain.is_worse:
-        return ["on data left out of the fit the predictions are worse than the nominal's"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
         return [f"on data left out of the fit {percent(gain.share)[1]} of the squared error over {gain.longest:g} s "
                 f"remain (at most {100 * bounds.share:.0f} %)"]
@@ -170,33 +149,19 @@ def too_noisy(noise: dict[str, dict[str, Any]], but: str = "") -> str | None:
 
 
 def remainder(gain: Gain | None, left: tuple[Leftover, ...], selection: Selection, where: str | None,
-              noisy: str | None, idle: tuple[Named, ...] = ()) -> Remainder:
-    """The remainder beside the causes;  idle: what looks like other causes, and no prediction needs."""
+              noisy: str | None) -> Remainder:
+    """The remainder beside the causes."""
     share = gain.share if gain is not None and gain.share is not None else 0.0
-    of, place, words = _remains(left, selection, where, noisy)
-    seeming = [f"what looks like {each.label} ({each.evidence:.0f} nats) and no prediction needs" for each in idle]
-    if seeming and not of:
-        return Remainder(share, idle[0].where, "; ".join(seeming))
-    return Remainder(share, place, "; ".join([words, *seeming]))
-
-
-def _remains(left: tuple[Leftover, ...], selection: Selection, where: str | None,
-             noisy: str | None) -> tuple[bool, str, str]:
-    """Whether anything but noise is left, where, and what it is."""
     best = max((each for each in left if each.gain > each.limit), key=lambda each: each.gain, default=None)
     weather = selection.weather
     if where is not None:
-        return True, where, "the command is not the nominal controller's"
+        return Remainder(share, where, "the command is not the nominal controller's")
     if weather is not None and (best is None or weather.gain > best.gain):
-        return True, "environment" if weather.is_wind else "plant", weather_words(selection)
+        return Remainder(share, "environment" if weather.is_wind else "plant", weather_words(selection))
     if best is not None:
-        return True, best.where, f"a disturbance {best.words} at the {best.disturbance.place} ({best.gain:.0f} nats)"
-    return noisy is not None, "plant", noisy or "what is left is no more than noise"
-
-
-def small(weather: Weather, named: tuple[Named, ...]) -> bool:
-    """Whether the weather is too small to be mentioned beside these causes."""
-    return weather.gain < SMALL_WEATHER * sum(cause.evidence for cause in named)
+        return Remainder(share, best.where,
+                         f"a disturbance {best.words} at the {best.disturbance.place} ({best.gain:.0f} nats)")
+    return Remainder(share, "plant", noisy or "what is left is no more than noise")
 
 
 def weather_words(selection: Selection) -> str:

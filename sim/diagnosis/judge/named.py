@@ -9,26 +9,20 @@ import numpy as np
 from ...sums import square
 from ..causes import MISMATCH, RECORDS, Cause, Hypothesis
 from ..controller.kind import ControllerCheck
-from ..data.record import LONG_STEP, Record
+from ..data.record import Record
 from ..data.world import TURBULENCE, WALK
 from ..model.nuisance import Problem
-from ..search.fit import Fit, point_of
+from ..search.fit import point_of
 from ..search.profile import TOLD_APART, Model, penalty, profile
-from ..search.selection import UNLIKE_NONE, Ranked, Selection, Weather
+from ..search.selection import Ranked, Selection, Weather
 from .constancy import Constancy, constancy
 
 SIGNIFICANT = 3.0      # standard deviations: of an onset from the log's beginning, of a noise level from the declared
 OLDEST = 1.5           # times the age of a sample that a logger reads: the servo's timing is free besides
 SCALE = "scale"        # of what is multiplied
-SAME_CLOCK = 2e-4      # relative: quartzes differ by less
-WORST_CLOCK = 0.05     # relative: rows further off the nominal's period, or a whole part or multiple, have another rate
-OTHER_RATE = 5.5       # times the nominal's period, or a part of it: beyond, any rate is near a whole multiple
-STAMPED = 3.0          # times what stamps are off, up to which a gyro's scale may be theirs
 IDLE = tuple(0.05 * 2.0**k for k in range(8))  # s to either side of an onset, at which it is tried
 UNTRIED = 4.5          # nats: at an onset that costs more it was not
-UNTOLD = 0.5           # of a frequency: its standard deviation, from which it is not known
 BLURRED = 0.05         # of its evidence: a cause so alike (|cos| 0.975) is not told apart beside what nothing names
-FEWEST_CYCLES = 2.0    # of a line in the log, to be one
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +34,6 @@ class Named:
     constancy            None for the controller's, which is exact
     is_at_an_end         of the range searched: whatever it stands for, it is not this cause
     steps                (time [s], size) of one that comes gradually, () of all else
-    away                 standard deviations of its sizes, all together, from those of no cause; None: of one size
     removed              share of the nominal's held-out squared error beyond noise that comes back without it (and
                          all else fitted anew); None: not told
     """
@@ -55,7 +48,6 @@ class Named:
     is_at_an_end: bool = False
     steps: tuple[tuple[float, float], ...] = ()
     removed: float | None = None
-    away: float | None = None
 
     @property
     def record(self) -> Hypothesis:
@@ -97,14 +89,6 @@ def with_removed(named: tuple[Named, ...], model: Model, shares: Sequence[float]
     return tuple(replace(each, removed=share) for each, share in zip(named, of, strict=False)) + named[len(of):]
 
 
-def idle_of(named: tuple[Named, ...], least: float) -> tuple[Named, ...]:
-    """Causes that take no more than `least` of the held-out error away, beside one that does: what the likelihood asks
-    for and no prediction needs is a name for what remains.  All of one name, or none."""
-    does = {each.cause for each in named if each.removed is not None and each.removed > least}
-    idle = tuple(each for each in named if each.removed is not None and each.cause not in does)
-    return idle if does else ()
-
-
 def together(model: Model) -> Iterator[list[int]]:
     """Indices of the causes; the steps of one cause together, in the order of their times."""
     gradual = sorted((cause.values[1], k) for k, cause in enumerate(model.causes) if cause.hypothesis.steps is not None)
@@ -143,8 +127,7 @@ def _named(selection: Selection, k: int) -> Named:
                  _rivals(cause.hypothesis.cause, selection.rivals[k], _blurred(selection), (float(t[0]), float(t[-1]))),
                  selection.evidence[k],
                  constancy(model, k),
-                 cause.is_at_an_end,
-                 away=_away(model.fit, k))
+                 cause.is_at_an_end)
 
 
 def _onset_std(model: Model, index: int, at: int) -> float:
@@ -164,18 +147,6 @@ def _onset_std(model: Model, index: int, at: int) -> float:
         if costs < UNTRIED:
             widest = max(widest, abs(away) / math.sqrt(2.0 * max(costs, 0.5)))
     return widest
-
-
-def _away(fitted: Fit, index: int) -> float | None:
-    """Standard deviations of cause `index`'s several sizes from those of no cause: each may be told by none, and all
-    together be far away."""
-    cause = fitted.causes[index]
-    amounts, first = cause.hypothesis.amounts, sum(len(each.values) for each in fitted.causes[:index])
-    if amounts == 1:
-        return None
-    off = np.array(cause.values[:amounts]) - cause.hypothesis.neutral
-    own = fitted.covariance[first:first + amounts, first:first + amounts]
-    return math.sqrt(max(float(off @ np.linalg.pinv(own, hermitian=True) @ off), 0.0))
 
 
 def _gradual(selection: Selection, group: list[int]) -> Named:
@@ -252,47 +223,18 @@ def _chi_squared(named: Named) -> float:
     return 0.0 if named.constancy is None else named.constancy.chi_squared
 
 
-def undetermined(each: Named, began: float, ended: float) -> list[str]:
-    """Doubts about the numbers that make a cause this one and no simpler one: a mode's frequency, an onset."""
+def undetermined(each: Named, began: float) -> list[str]:
+    """Doubts about the numbers that make a cause this one and no simpler one: its size, its onset."""
     found = [f"{each.cause}: a value is at the end of the range searched"] if each.is_at_an_end else []
     size, std = each.values.get(SCALE), each.std.get(SCALE, 0.0)
     if isinstance(size, float) and abs(size) < SIGNIFICANT * std:
         found.append(f"{each.cause}: a scale of {size:.2g} +- {std:.2g} is none: the log does not follow that input, "
                      "as where it is of another time")
-    name = each.record.free[0].name if each.record.free else ""
-    whole = each.values.get(name)
-    if isinstance(whole, float):
-        alone = abs(whole - each.record.neutral) / max(each.std.get(name, 0.0), 1e-300)
-        if (alone if each.away is None else each.away) < UNLIKE_NONE:
-            found.append(f"{each.cause}: the log does not tell its {name} ({whole:.3g} +- {each.std[name]:.2g})")
-    frequency, time = each.values.get("frequency"), each.values.get("time")
-    if isinstance(frequency, float):
-        if each.std["frequency"] > UNTOLD * frequency:
-            found.append(f"{each.cause}: the log does not tell its frequency ({frequency:.3g} +- "
-                         f"{each.std['frequency']:.2g} rad/s)")
-        if each.record.is_line and frequency * (ended - began) < 2.0 * math.pi * FEWEST_CYCLES:
-            found.append(f"{each.cause}: less than {FEWEST_CYCLES:.0f} of its periods are in the log")
+    time = each.values.get("time")
     if each.record.tells_onset and isinstance(time, float) and time - SIGNIFICANT * each.std["time"] < began:
         found.append(f"{each.cause}: the log does not tell its onset from the log's beginning ({time:.3g} +- "
                      f"{each.std['time']:.2g} s)")
     return found
-
-
-def clocked(each: Named, record: Record, t: np.ndarray) -> list[str]:
-    """The doubt that the stamps t (n,) [s] are off: a gyro's scale that is about as far off as the rows are further
-    apart than the nominal says, or than a whole part or multiple of that."""
-    scale = each.values.get(SCALE)
-    if not each.record.is_of_clock or not isinstance(scale, float):
-        return []
-    period, steps = record.nominal.sensors.period, np.diff(t)
-    mean = float(np.mean(steps[steps < LONG_STEP * np.median(steps)]))
-    ratio = mean / period
-    apart = ratio / round(ratio) if ratio > 1.0 else ratio * round(1.0 / ratio)
-    is_rate = not 1.0 / OTHER_RATE < ratio < OTHER_RATE or abs(apart - 1.0) > WORST_CLOCK
-    if is_rate or abs(apart - 1.0) < SAME_CLOCK or not 0.0 < (scale - 1.0) / (apart - 1.0) < STAMPED:
-        return []
-    return [f"{each.cause}: the log's rows are {100.0 * abs(apart - 1.0):.2g} % {'further' if apart > 1.0 else 'less'} "
-            f"apart than [sensors] period = {period:g} s: stamps that are off by so much look the same"]
 
 
 def aged(each: Named, record: Record) -> list[str]:

@@ -61,11 +61,6 @@ def foreseen(base: Model, models: list[Model]) -> list[bool]:
             for k in range(len(models))]
 
 
-def is_foreseen(model: Model, other: Model) -> bool:
-    """The other may take a model's place: it predicts no worse, or is not strained."""
-    return foreseen(model, [other])[0]
-
-
 def is_idle(nominal: Model, base: Model, other: Model) -> bool:
     """The other, the base with one more cause, is strained and takes next to nothing more away of what the nominal's
     predictions are off."""

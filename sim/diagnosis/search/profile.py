@@ -17,7 +17,6 @@ from .fit import Fit, fit
 TOLD_APART = 4.0      # nats: a rival so near explains the log as well (odds of 55 to 1 are beyond doubt's reach)
 ROUNDS = 3            # of alternating between causes and noise levels at most
 ROUND_GAIN = 0.1      # nats that a round must bring to go on
-TAKEN_OVER = 2.0      # standard deviations of its prior, from which a deviation may hold what a cause explains
 MEDIAN = 0.6745       # of a normal variable's size, in its standard deviations
 UNSEEN = 3.0          # times the declared command and acceleration noise: a start from above
 
@@ -41,44 +40,26 @@ def penalty(record: Record, hypothesis: Hypothesis) -> float:
 
 
 def profile(record: Record, causes: Iterable[Cause], delta: np.ndarray, start: Filter,
-            mask: np.ndarray | None = None, fitted: Fit | None = None) -> Model:
+            fitted: Fit | None = None) -> Model:
     """Causes and noise levels fitted in turn until neither brings anything; no less likely than where nothing is
     foreseen.
 
     fitted  the causes' fit under `start`, where there is one
     """
-    found = fitted if fitted is not None else fit(Problem(record, start, mask), tuple(causes), delta)
-    made = _model(record, found, mask)
+    found = fitted if fitted is not None else fit(Problem(record, start), tuple(causes), delta)
+    made = _model(record, found)
     for _ in range(ROUNDS):
         fitted = made.fit
-        new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels, counts=mask)
+        new = fit_levels(record, made.dynamics, fitted.innovations, fitted.filter, fitted.filter.levels)
         if new.log_likelihood - _prior(fitted) < made.log_likelihood + ROUND_GAIN:
             break
-        better = _model(record, fit(Problem(record, new, mask), fitted.causes, fitted.delta), mask)
+        better = _model(record, fit(Problem(record, new), fitted.causes, fitted.delta))
         if not better.log_likelihood > made.log_likelihood:
             break
         made = better
     if not math.isfinite(made.log_likelihood):
         return made
-    return replace(made, log_likelihood=max(made.log_likelihood, nothing_foreseen(record, mask)))
-
-
-def given_back(model: Model) -> Model:
-    """The model, or the same causes fitted from the nominal's own a6, k1 and timing, if those are far from them and
-    that explains more: what they had taken over before a cause joined a fit may not give back all the way."""
-    fitted = model.fit
-    problem = Problem(fitted.record, fitted.filter)
-    if not model.causes or float(np.max(np.abs(fitted.delta) / problem.prior)) < TAKEN_OVER:
-        return model
-    for _ in range(ROUNDS):
-        again = profile(fitted.record, (), np.zeros(DEVIATIONS), fitted.filter,
-                        fitted=fit(problem, model.causes, np.zeros(DEVIATIONS)))
-        if not again.log_likelihood > model.log_likelihood:
-            break
-        model, gained = again, again.log_likelihood - model.log_likelihood
-        if gained < ROUND_GAIN:
-            break
-    return model
+    return replace(made, log_likelihood=max(made.log_likelihood, nothing_foreseen(record)))
 
 
 def _prior(fitted: Fit) -> float:
@@ -86,10 +67,9 @@ def _prior(fitted: Fit) -> float:
     return 0.5 * float(np.sum((fitted.delta / Problem(fitted.record, fitted.filter).prior)**2))
 
 
-def _model(record: Record, fitted: Fit, mask: np.ndarray | None) -> Model:
+def _model(record: Record, fitted: Fit) -> Model:
     """A fit with its log-likelihood under its own filter."""
-    rows = np.isfinite(fitted.innovations) if mask is None else np.isfinite(fitted.innovations) & mask[:, None]
-    log_likelihood = -fitted.cost - _constant(fitted.filter, rows)
+    log_likelihood = -fitted.cost - _constant(fitted.filter, np.isfinite(fitted.innovations))
     return Model(fitted, log_likelihood, dynamics(record, fitted.point))
 
 

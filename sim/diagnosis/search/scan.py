@@ -144,23 +144,15 @@ def _sized(problem: Problem, base: Fit, project: Projector, hypothesis: Hypothes
 Lines = list[tuple[Values, float]]
 
 
-def lines(problem: Problem, base: Fit, times: np.ndarray | None = None) -> Lines:
-    """((amplitude, frequency, phase), gain) of the strongest sinusoidal accelerations, by the gain each promises.
-
-    times  (n,) what the sinusoid is multiplied by, slow beside it: an attitude of which a6 swings; None: 1
-    """
+def lines(problem: Problem, base: Fit) -> Lines:
+    """((amplitude, frequency, phase), gain) of the strongest sinusoidal accelerations, by the gain each promises."""
     record, size = problem.record, 1 << (2 * problem.record.rows - 1).bit_length()
     score, energy = np.zeros(size // 2 + 1, complex), np.zeros(size // 2 + 1)
     for part, transfer in _transfers(problem, base, size):
         data = np.fft.rfft(base.whitened[part], size, axis=0)
         matched = np.sum(np.conj(transfer) * data, axis=1)
-        count = float(part.stop - part.start)
-        if times is not None:
-            seen = times[part]
-            of_part = np.fft.irfft(matched, size)[:len(seen)] * seen
-            matched, count = np.fft.rfft(of_part, size), square(seen)
         score += matched * np.exp(-2j * math.pi * np.arange(size // 2 + 1) * part.start / size)
-        energy += np.sum(np.abs(transfer)**2, axis=1) * count
+        energy += np.sum(np.abs(transfer)**2, axis=1) * float(part.stop - part.start)
     return _strongest(record, score, energy, size)
 
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..causes import SOUGHT, Cause, Hypothesis, has_forms, missing_term, other_form
+from ..causes import Cause, Hypothesis, has_forms, missing_term, other_form
 from ..data.record import Record
 from ..data.used import SINE
 from ..data.world import TURBULENCE, WALK, Source
 from ..model.nuisance import Problem
 from .fit import Fit, fit
-from .foresight import foreseen, is_foreseen, is_idle
-from .profile import TOLD_APART, Model, given_back, penalty, profile
+from .foresight import foreseen, is_idle
+from .profile import TOLD_APART, Model, penalty, profile
 from .scan import Candidate, scan
 from .starts import starts
 
@@ -34,10 +34,9 @@ NEAR = 8.0            # nats
 HOPELESS = 0.2        # of the best fit's gain: a scan that promises less is not fitted
 FAR_BEHIND = 0.4      # of the best fit's gain: others, with the noise levels of the base, do not get their own
 PROMISING = 3.0       # nats after the penalty that a scan must promise
-OFF_GRID = 2.0        # of a weakly damped mode: half a grid's spacing away it still shows a half of its gain
 SWAPS = 4             # rounds of swapping a cause for a better one at most
 SWAP_GAIN = 1.0       # nats that a swap must bring
-UNLIKE_NONE = 2.0     # standard deviations of a size from that of no cause: evidence for less is for something else
+UNLIKE_NONE = 2.0     # standard deviations of a weather's level from none, to be called wind
 
 Say = Callable[[str], None]
 
@@ -82,7 +81,6 @@ class Selection:
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
     weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
-    instead    what else there is in weather alone, where that explains nearly as much as what turns the vehicle in it
     also       first causes that are tried whatever a scan promises: the best in calm air, of a search in weather
     """
 
@@ -93,7 +91,6 @@ class Selection:
     rankings: list[list[Ranked]] = field(default_factory=list)
     weather: Weather | None = None
     calm: "Model | None" = None
-    instead: "Selection | None" = None
     also: tuple[Cause, ...] = ()
 
 
@@ -216,12 +213,7 @@ def _ranking(record: Record, base: Model, allowed: list[Hypothesis], known: floa
     ranked = sorted(best.values(), key=lambda pair: -pair[1])
     enough = [pair for pair in ranked if pair[1] > THRESHOLD]
     stand = foreseen(base, [model for model, _ in enough])
-    ranked = [pair for pair, stands in zip(enough, stand, strict=True) if stands] + ranked[len(enough):]
-    if ranked:
-        model, evidence = ranked[0]
-        better = given_back(model)
-        ranked[0] = better, evidence + better.log_likelihood - model.log_likelihood
-    return ranked
+    return [pair for pair, stands in zip(enough, stand, strict=True) if stands] + ranked[len(enough):]
 
 
 def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float | None) -> list[tuple[Fit, float]]:
@@ -230,7 +222,7 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
     fits: list[tuple[Fit, float]] = []
     problem = Problem(record, start.fit.filter)
     promising = [c for c in scan(problem, start.fit, allowed)
-                 if _off_grid(c) * c.gain - penalty(record, c.hypothesis) > PROMISING]
+                 if c.gain - penalty(record, c.hypothesis) > PROMISING]
     promising.sort(key=lambda c: penalty(record, c.hypothesis) - c.gain)
     most = known or 0.0
     for candidate in promising[:TRIED]:
@@ -244,11 +236,6 @@ def _fits(record: Record, start: Model, allowed: list[Hypothesis], known: float 
     for fitted in _in_steps(problem, start.fit, allowed):
         fits.append((fitted, start.fit.cost - fitted.cost - penalty(record, fitted.causes[-1].hypothesis)))
     return fits
-
-
-def _off_grid(candidate: Candidate) -> float:
-    """The factor of what a start may promise over what it gains on the grid of its shapes."""
-    return OFF_GRID if candidate.hypothesis.is_mode else 1.0
 
 
 def _worth_levels(record: Record, fits: list[tuple[Fit, float]]) -> Iterator[Fit]:
@@ -288,14 +275,14 @@ def in_a_block(causes: Sequence[Cause], k: int) -> bool:
 
 
 def _dropped(record: Record, model: Model, limit: float) -> Model:
-    """The model without the causes that the others made needless, for the predictions too; one alone stays."""
+    """The model without the causes that the others made needless; one alone stays."""
     for k in range(len(model.causes) if len(model.causes) > 1 else 0):
         if in_a_block(model.causes, k):
             continue
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(record, others, model.fit.delta, model.fit.filter)
         loss = model.log_likelihood - without.log_likelihood - penalty(record, model.causes[k].hypothesis)
-        if loss < limit and is_foreseen(model, without):
+        if loss < limit:
             return _dropped(record, without, limit)
     return model
 
@@ -315,12 +302,10 @@ def only_strongest(of: Selection) -> tuple[bool, ...]:
 
 
 def fewer(of: Selection, kept: Sequence[int]) -> Selection:
-    """The selection with some of its causes, all else fitted anew, one alone in the form that then explains most; what
-    could stand in their places is kept."""
+    """The selection with some of its causes, all else fitted anew; what could stand in their places is kept."""
     fitted = of.nominal.fit
     model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
-    model = _plain(fitted.record, of.nominal, model) if len(kept) == 1 else model
-    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm, instead=of.instead)
+    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
     for k, cause in enumerate(model.causes):
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(fitted.record, others, fitted.delta, model.fit.filter) if others else of.nominal
@@ -330,22 +315,11 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
     return made
 
 
-def _plain(record: Record, nominal: Model, model: Model) -> Model:
-    """A model of one cause in a form that several have, or in the one of theirs that explains more by itself: the form
-    may have been chosen beside others."""
-    [cause] = model.causes
-    plain = [each for each in SOUGHT if each.form is not None and each.form.hypothesis == cause.hypothesis]
-    own = model.log_likelihood - nominal.log_likelihood - penalty(record, cause.hypothesis)
-    ranked = _ranking(record, nominal, plain) if plain else []
-    return ranked[0][0] if ranked and ranked[0][1] > own else model
-
-
 def _reformed(record: Record, model: Model, known: tuple[Hypothesis, ...]) -> Model | None:
     """The model with one of its causes in another form, where that explains clearly more; else None."""
     for k in range(len(model.causes)):
         other = _in_other_form(record, model, k, known)
-        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end and \
-                is_foreseen(model, other[0]):
+        if other is not None and other[1] > TOLD_APART and not other[0].causes[k].is_at_an_end:
             return other[0]
     return None
 
@@ -376,14 +350,13 @@ def _stood_in(record: Record, found: Selection, known: tuple[Hypothesis, ...], l
             models = _ranking(record, without, _allowed(record, known, others) if asked else [], gain)
             ranked = [Ranked(made.causes[-1], evidence) for made, evidence in models]
         own = model.log_likelihood - without.log_likelihood - penalty(record, cause.hypothesis)
-        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k) and \
-                is_foreseen(model, models[0][0]):
+        if others and models and models[0][1] > own + least and not in_a_block(found.model.causes, k):
             found.model = models[0][0]
             return True
         other = _in_other_form(record, model, k, known)
         if other is not None and other[0].causes[k].is_at_an_end:
             other = None
-        if other is not None and other[1] > max(TOLD_APART, least) and is_foreseen(model, other[0]):
+        if other is not None and other[1] > max(TOLD_APART, least):
             found.model = other[0]
             return True
         if other is not None:
