@@ -13,8 +13,8 @@ end), whose margins `tests/test_flight_margins.py` holds against python-control.
 
 warnings: `constant`, 30 s.  Half of the flights have a servo whose lag leaves less than 20 degrees of phase margin
 (frequency and delay drawn, within three of their declared standard deviations, until it does); the other half are the
-coverage's vehicles, as far as they keep 30 degrees and 6 dB.  Named: `below` lists one of the first two windows of 5 s.  False: it lists any window of a vehicle that keeps what
-is required.
+coverage's vehicles, as far as they keep 30 degrees and 6 dB.  Named: `below` lists one of the first two windows of 5 s.
+False: it lists any window of a vehicle that keeps what is required.
 
 gate: the scenarios of `reconfiguration.py` with the true servo drawn as in coverage.  Every gain set that was put to
 the gate is judged by the true vehicle of that moment: how many had less than 20 degrees, and how many of these flew.

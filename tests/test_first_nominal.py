@@ -57,7 +57,7 @@ def whole(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
 def test_noise_is_no_filter_of_the_gyro(name):
-    """In a closed loop the noise of theta moves theta_dot, half a tenth of a second later."""
+    """The noise of theta moves theta_dot in a closed loop, a twentieth of a second later."""
     assert not any(channels(read_log(launchid.simulate(name, seed=seed))).notes for seed in range(8, 16))
 
 

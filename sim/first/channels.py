@@ -106,8 +106,8 @@ def spikes(x: np.ndarray) -> np.ndarray:
 def without_foreign_rate(c: Channels) -> Channels:
     """theta_dot left out where it is not theta's slope: filtered, delayed or scaled by the device.
 
-    Increments of theta over eight rows against the integral of theta_dot, and that of its slope (a lag).  Where noise is
-    more of them than 1 - ONE_MOTION nothing is told: in a closed loop the noise of theta moves theta_dot, which looks
+    Increments of theta over eight rows against the integral of theta_dot, and that of its slope (a lag).  Where more of
+    them than 1 - ONE_MOTION is noise nothing is told: in a closed loop the noise of theta moves theta_dot, which looks
     like a lag.
     """
     good = np.isfinite(c.theta) & np.isfinite(c.theta_dot)
