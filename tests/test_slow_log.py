@@ -73,3 +73,17 @@ def test_at_half_the_rate_intervals_cover(name):
                     a6, k1 = (float(x[0]) for x in nominal.vehicle.at(np.array([t])))
                     scaled += [(each.a6 - a6) / each.a6_std, (each.k1 - k1) / each.k1_std]
     assert np.mean(np.abs(scaled) < 1.96) > 0.88 and np.max(np.abs(scaled)) < 5.0
+
+
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+@pytest.mark.parametrize("is_known", [True, False], ids=["servo known", "servo unknown"])
+def test_a_clean_flight_at_half_the_rate_contradicts_no_model(name, is_known):
+    """The commands between the samples are noise of their own, in the second half of a step."""
+    nominal = load_nominal(name)
+    if not is_known:
+        nominal = dataclasses.replace(nominal, actuator=dataclasses.replace(
+            nominal.actuator, natural_frequency_sigma=0.3, damping_ratio_sigma=0.3, delay_sigma=0.02))
+    made = Config(window=5.0, sample_period=2 * PERIOD, formulation="filtered", model=onboard_model(nominal))
+    statuses = [e.status.name for seed in range(700, 706)
+                for e in run(made, fly_whole(nominal, seed, "flight", 2 * PERIOD).samples())[0]]
+    assert len(statuses) >= 80 and statuses.count("MODEL") <= 0.05 * len(statuses)

@@ -30,11 +30,21 @@ from . import belief as bl
 from . import states as sx
 from .belief import profile_at
 from .disturbances import add_wind, fill_push, follow_path, spread_at
-from .servo import SAME_STEP, STEP, set_step
-from .transition import add_process_noise, advance_state, carry, congruence, drive_terms, drive_tests, fill_transition
+from .servo import SAME_STEP, STEP, set_steps
+from .transition import (
+    add_held_noise,
+    add_process_noise,
+    advance_state,
+    carry,
+    congruence,
+    drive_terms,
+    drive_tests,
+    fill_transition,
+)
 from .unknown_servo import acting_commands, add_change, drive_servo
 
 UNKNOWN_COMMAND_STD = 0.02      # rad: how far the nozzle may be sent without our knowing, if no command is logged
+JUMP_MEMORY = 1.0               # s: long beside the noise that makes a command jump, short beside a manoeuvre
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
@@ -126,20 +136,24 @@ def take_command(constant, servo, fil, command):
 
 
 @inner
-def step_input(belief, fil, u, command):
-    """(command that acts over the step [rad], its variance); u the logged one, NaN if it is not known.
-
-    Of samples slower than the controller the commands between are not known.  The last one is taken as held; for the
-    share of the step in which it may not be, it is uncertain by its whole change.
-    """
-    variance = belief.variance[sx.COMMAND_NOISE] * exp_of(2.0 * fil.level[sx.COMMAND_NOISE])
+def step_input(belief, fil, u):
+    """(command that acts over the step [rad], its variance); u the logged one, NaN if it is not known."""
     if np.isnan(u):
-        u = fil.x[2]
-        variance = UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
-    elif belief.constant[bl.MISSING] > 0.0 and np.isfinite(command):
-        change = belief.constant[bl.MISSING] * (command - fil.command[0])
-        variance += change * change
-    return u, variance
+        return fil.x[2], UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
+    return u, belief.variance[sx.COMMAND_NOISE] * exp_of(2.0 * fil.level[sx.COMMAND_NOISE])
+
+
+@inner
+def add_missed(belief, fil, k1, command):
+    """Process noise of commands that no sample holds, of samples slower than the controller: in the last part of a step
+    the command is off the last one by as much as it changes from sample to sample, in the mean of JUMP_MEMORY."""
+    if belief.constant[bl.MISSING] == 0.0:
+        return
+    change = command - fil.command[0]
+    if np.isfinite(change):
+        share = 1.0 if fil.jump[0] == 0.0 else min(fil.step[STEP] / JUMP_MEMORY, 1.0)
+        fil.jump[0] += share * (change * change - fil.jump[0])
+    add_held_noise(fil.missed, k1, fil.jump[0], fil.p[:])
 
 
 @inner
@@ -148,12 +162,12 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     not known the step's constants were set before (`unknown_servo.set_unknown_step`)."""
     n, h = belief.size.states, t - fil.time[sx.LAST]
     if belief.size.servo == 0 and abs(h - fil.step[STEP]) > SAME_STEP * h:
-        set_step(belief.constant, belief.constant[bl.FREQUENCY], belief.constant[bl.DAMPING], h, work, fil.step)
+        set_steps(belief, fil, work, belief.constant[bl.FREQUENCY], belief.constant[bl.DAMPING], h)
     a6, k1 = profile_at(profile, fil.time[sx.LAST] + 0.5 * h)
     acting, change = delayed_input(belief.constant, fil), 0.0
     if belief.size.servo > 0:
         acting, change = acting_commands(belief, fil)
-    u, command_variance = step_input(belief, fil, acting, command)
+    u, command_variance = step_input(belief, fil, acting)
     known_air = follow_path(belief, air, fil, h, gamma)
     drive_terms(belief, fil, work, a6, k1, u, known_air)
     fill_push(belief, a6, k1, work.push)
@@ -180,6 +194,7 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     for k in range(belief.size.levels):
         congruence(g, n, fil.sp[k], work.matrix)
     add_process_noise(fil, gain_k1, command_variance, acceleration_variance)
+    add_missed(belief, fil, gain_k1, command)
     seen = a6 * belief.constant[bl.GAMMA_STD]
     add_wind(belief, fil, seen * seen)
     fil.time[sx.LAST] = t

@@ -2,7 +2,7 @@
 
 from ..algebra.elementary import exp_of
 from ..kernels import inner
-from .belief import AERO_DAMPING, TIME_CONSTANT, TURBULENCE_TIME
+from .belief import AERO_DAMPING, MISSING, TIME_CONSTANT, TURBULENCE_TIME
 
 TAYLOR_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
@@ -106,3 +106,11 @@ def set_step(constant, frequency, damping, h, work, step):
         step[J2 + j] = total[0, 2 + j] * scale
     step[FADE], step[REACH] = total[1, 1], total[0, 1]
     step[KEEP] = exp_of(-h / constant[TURBULENCE_TIME])
+
+
+@inner
+def set_steps(belief, fil, work, frequency, damping, h):
+    """Constants of a time step h [s], and of its last part, in which a command acts that no sample holds."""
+    set_step(belief.constant, frequency, damping, h, work, fil.step)
+    if belief.constant[MISSING] > 0.0:
+        set_step(belief.constant, frequency, damping, belief.constant[MISSING] * h, work, fil.missed)

@@ -128,16 +128,21 @@ def advance_state(belief, fil, f, k1, u, known):
 
 
 @inner
+def add_held_noise(step, k1, variance, p):
+    """Process noise of a command that is held over a step, into a covariance."""
+    b = (k1 * step[J2 + 2], k1 * step[J1 + 2], step[GAMMA], step[GAMMA + 1])
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            p[i, j] += b[i] * b[j] * variance
+
+
+@inner
 def add_process_noise(fil, k1, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
     h, reach = fil.step[STEP], fil.step[REACH]
-    b = (k1 * fil.step[J2 + 2], k1 * fil.step[J1 + 2], fil.step[GAMMA], fil.step[GAMMA + 1])
+    add_held_noise(fil.step, k1, command_variance, fil.p[:])
+    add_held_noise(fil.step, k1, 2.0 * command_variance, fil.sp[COMMAND_NOISE])
     w = (0.5 * h * reach, reach)
-    for i in range(N_STATES):
-        for j in range(N_STATES):
-            q = b[i] * b[j] * command_variance
-            fil.p[i, j] += q
-            fil.sp[COMMAND_NOISE, i, j] += 2.0 * q
     for i in range(2):
         for j in range(2):
             q = w[i] * w[j] * acceleration_variance

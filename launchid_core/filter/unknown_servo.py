@@ -136,6 +136,9 @@ def set_unknown_step(belief, fil, work):
     h = number[NEXT_STEP]
     fill_response(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], h, left_after_switch(belief, fil, h), work,
                   fil.step, fil.servo.response[0])
+    missing = belief.constant[MISSING]
+    if missing > 0.0:
+        set_step(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], missing * h, work, fil.missed)
 
 
 @inner

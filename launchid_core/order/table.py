@@ -237,6 +237,8 @@ FILTER = struct(
     ("time", F8, (N_TIME,), "LAST, RUNNING, FIRST"),
     ("path", F8, (1,), "GAMMA_NOW"),
     ("step", F8, (N_STEP,), "constants of the last time step"),
+    ("missed", F8, (N_STEP,), "of its last part, in which a command acts that no sample holds"),
+    ("jump", F8, (1,), "mean square of the command's changes from sample to sample"),
     ("outliers", I8, (N_CHANNELS,), "measurements in a row that each channel's gate refused"),
     ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"),
     ("servo", UNKNOWN_SERVO))

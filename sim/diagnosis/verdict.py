@@ -263,6 +263,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
         return replace(plain, doubts=tuple(strict))
     if not found and selection.model.causes and (better := outdone(selection, left)) is not None:
         found.append(better)
+    if selection.instead is not None and any(each.where in FREE for each in named if not each.is_weather):
+        found.append("weather alone explains nearly as much as these causes in weather do")
     if found:
         return replace(plain, doubts=tuple(found))
     say("held-out gain")
@@ -302,7 +304,7 @@ def _instead(found: Findings) -> Iterator[Selection]:
     """Selections that may stand where one is in doubt.
 
     They are: one cause replaced by another that explains the log as well; the causes without those that are in doubt
-    themselves; the strongest alone, with what makes sense together with it only.
+    themselves; the strongest alone, with what makes sense together with it only; the weather alone.
     """
     of = found.selection
     yield from instead_of_each(of)
@@ -312,6 +314,8 @@ def _instead(found: Findings) -> Iterator[Selection]:
     for kept in (sound, strongest) if sound != strongest else (strongest,):
         if 0 < len(kept) < len(causes):
             yield fewer(of, kept)
+    if of.instead is not None:
+        yield of.instead
 
 
 def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:

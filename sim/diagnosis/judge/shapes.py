@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...sums import inner, square
+from ...sums import combined, inner, least_squares, square
 from ..data.record import CHANNELS, Record
 from ..model.nuisance import Problem
 from ..model.point import innovations
@@ -84,6 +84,29 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
         slope = inner(change, project.rest)
         found.append((place, name, -slope / energy, 0.5 * slope * slope / energy))
     return sorted(found, key=lambda each: -each[3])
+
+
+def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float) -> float:
+    """The gain [nats] of a sine of this frequency [rad/s], of any amplitude and phase, at a place."""
+    turned = frequency * problem.record.t
+    return _gain_of(problem, fitted, place, [np.sin(turned), np.cos(turned)])
+
+
+def ramp_gain(problem: Problem, fitted: Fit) -> float:
+    """The gain [nats] of a moment on a straight line in time."""
+    rows = problem.record.rows
+    return _gain_of(problem, fitted, "plant", [np.ones(rows), np.linspace(-1.0, 1.0, rows)])
+
+
+def _gain_of(problem: Problem, fitted: Fit, place: str, signals: list[np.ndarray]) -> float:
+    """The gain [nats] of signals (n,) at a place together, each of any amplitude."""
+    project, changes = Projector(problem, fitted), []
+    for signal in signals:
+        size = PIECE / max(float(np.sqrt(np.mean(signal**2))), NO_ENERGY)
+        changes.append(project.out(_moved(problem, fitted, problem.record, place, size * signal) - project.residual)
+                       / size)
+    slopes = np.column_stack(changes)
+    return 0.5 * square(combined(slopes, least_squares(slopes, project.rest, NO_ENERGY)))
 
 
 def _moved(problem: Problem, fitted: Fit, record: Record, place: str, piece: np.ndarray) -> np.ndarray:

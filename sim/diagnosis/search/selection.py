@@ -81,6 +81,7 @@ class Selection:
     rivals     of each cause: the ranking of what could stand in its place, itself included
     rankings   of each step, best first
     weather    that nobody declared and both models are in; None: there is none;  calm  the nominal without it
+    instead    what else there is in weather alone, where that explains nearly as much as what turns the vehicle in it
     also       first causes that are tried whatever a scan promises: the best in calm air, of a search in weather
     """
 
@@ -91,6 +92,7 @@ class Selection:
     rankings: list[list[Ranked]] = field(default_factory=list)
     weather: Weather | None = None
     calm: "Model | None" = None
+    instead: "Selection | None" = None
     also: tuple[Cause, ...] = ()
 
 
@@ -305,7 +307,7 @@ def fewer(of: Selection, kept: Sequence[int]) -> Selection:
     """The selection with some of its causes, all else fitted anew; what could stand in their places is kept."""
     fitted = of.nominal.fit
     model = profile(fitted.record, [of.model.causes[k] for k in kept], fitted.delta, of.model.fit.filter)
-    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm)
+    made = Selection(of.nominal, model, rankings=of.rankings, weather=of.weather, calm=of.calm, instead=of.instead)
     for k, cause in enumerate(model.causes):
         others = model.causes[:k] + model.causes[k + 1:]
         without = profile(fitted.record, others, fitted.delta, model.fit.filter) if others else of.nominal

@@ -42,6 +42,8 @@ TWICE = 2.0                     # where the weather alone leaves the noise what 
 FAR = 3.0                       # times the declared, of such noise
 DISAGREE = 1.0                  # nats a row: far beyond what noise, or a cause of the vehicle, makes
 FULL = 0.99                     # of a level's largest, from which it is that
+LAW = 0.1                       # of what weather explains alone: no weather keeps to a law better, so causes of the
+                                # vehicle's motion that explain no more beyond it stand for its own shape (|cos| 0.95)
 CARRIED = 4                     # first causes of the search in calm air that are tried in weather too
 NUMBERS = 2                     # free numbers that it is charged for: level and time
 WIND = (TURBULENCE, WALK)
@@ -126,21 +128,32 @@ def _in_weather(calm: Model, of: _Fitted, known: tuple[Hypothesis, ...], thresho
     nominal = _refitted(of.model.fit.record, (), of.model) if causes else of.model
     blocks = () if causes else swinging(nominal)
     found = select_from(nominal, known, threshold, MOST_CAUSES, say, blocks, of.model if causes else None, also=also)
-    return _kept(calm, found, of, known, threshold, say)
+    return _kept(calm, found, of, known, threshold, say, also)
 
 
 def _kept(calm: Model, found: Selection, of: "_Fitted | Weather", known: tuple[Hypothesis, ...], threshold: float,
-          say: Say) -> Selection:
+          say: Say, also: Sequence[Cause] = ()) -> Selection:
     """The selection in a weather, with what that gains beside it; sought in calm air again where it is needless."""
     record = found.nominal.fit.record
     same = _refitted(calm.fit.record, found.model.causes, calm)
     gain = found.model.log_likelihood - same.log_likelihood - _charge(record)
     if gain < (FURTHER if found.model.causes else threshold):
         return select_from(calm, known, threshold, MOST_CAUSES, say, (), same)
+    if any(is_outside(cause.hypothesis) for cause in found.model.causes):
+        alone = _weathered(calm)
+        if alone is not None and found.model.log_likelihood - alone.model.log_likelihood < LAW * alone.gain:
+            apart = tuple(hypothesis for hypothesis in known if not is_outside(hypothesis))
+            within = [cause for cause in also if not is_outside(cause.hypothesis)]
+            found.instead = _in_weather(calm, alone, apart, threshold, say, within)
     found.calm = calm
     found.weather = Weather(of.source, *_level(found.model, of.source), gain, of.rivals,
                             quiet(found.model) > UNSTEADY)
     return found
+
+
+def is_outside(of: Hypothesis) -> bool:
+    """Whether a cause turns the vehicle as weather does."""
+    return of.where in ("plant", "environment")
 
 
 def in_its_weather(of: Selection, found: Selection, threshold: float, say: Say) -> Selection:
