@@ -5,7 +5,7 @@ acceleration, to the command, or to a sensor; its gain is a score, as in `scan`.
 characteristic or a drifting scale shows here as its own shape, at its own place.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +15,11 @@ from ..data.record import CHANNELS, Record
 from ..model.nuisance import Problem
 from ..model.point import innovations
 from ..search.fit import Fit
-from ..search.scan import Projector
+from ..search.scan import Projector, lines
 
 PIECE = 1e-4   # rms of a shape when its response is taken: rad, rad/s, rad/s^2; small enough to be linear
 NO_ENERGY = 1e-9
+SWELL = 6.0    # s between knots of a line that comes and goes
 PLAY = 0.3     # half-width of the play that is tried, of the command's rms
 SHAPE_SHARE = 1e-4  # of a response's energy that the model cannot make itself: with less it is the model's own
 
@@ -86,10 +87,27 @@ def shape_gains(problem: Problem, fitted: Fit) -> list[tuple[str, str, float, fl
     return sorted(found, key=lambda each: -each[3])
 
 
-def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float) -> float:
-    """The gain [nats] of a sine of this frequency [rad/s], of any amplitude and phase, at a place."""
+def line_gain(problem: Problem, fitted: Fit, place: str, frequency: float, times: np.ndarray | None = None) -> float:
+    """The gain [nats] of a sine of this frequency [rad/s], of any amplitude and phase, at a place.
+
+    times  (k, n), what the sine is multiplied by, each with its own amplitude and phase; None: 1
+    """
     turned = frequency * problem.record.t
-    return _gain_of(problem, fitted, place, [np.sin(turned), np.cos(turned)])
+    return _gain_of(problem, fitted, place, [
+        factor * wave for factor in (np.ones((1, problem.record.rows)) if times is None else times)
+        for wave in (np.sin(turned), np.cos(turned))])
+
+
+def swell_gain(problem: Problem, fitted: Fit, frequencies: Iterable[float]) -> tuple[float, float, int]:
+    """(gain [nats], frequency [rad/s], knots) of the moment that gains most among lines of these frequencies and the
+    strongest of the spectrum, whose amplitude and phase come and go: linear between knots SWELL or two turns apart."""
+    t, best = problem.record.t, (0.0, 0.0, 2)
+    for frequency in (*frequencies, *(values[1] for values, _ in lines(problem, fitted))):
+        apart = max(SWELL, 4.0 * np.pi / frequency)
+        knots = np.linspace(t[0], t[-1], max(2, 1 + round((t[-1] - t[0]) / apart)))
+        hats = np.array([np.interp(t, knots, each) for each in np.eye(len(knots))])
+        best = max(best, (line_gain(problem, fitted, "plant", frequency, hats), frequency, len(knots)))
+    return best
 
 
 def ramp_gain(problem: Problem, fitted: Fit) -> float:
