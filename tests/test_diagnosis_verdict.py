@@ -37,12 +37,12 @@ class Found:
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None, others=()):
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=()):
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
         self.evidence = [each.evidence for each in named]
-        self.rival, self.others = rival, others
+        self.rival, self.instead, self.others = rival, instead, others
         beside = tuple(left) or (left_at("plant", 1.0),)   # every place is looked at, whatever it gains
         fitted = SimpleNamespace(record=None)
         causes = tuple(SimpleNamespace(cause=each.cause, hypothesis=each.record, values=(0.0, 0.0)) for each in named)
@@ -325,6 +325,18 @@ def test_weather_alone_that_is_in_doubt_ends_nothing(judged):
     """A search that found weather alone has no strongest cause."""
     made = judged(Found(weather=weather(), nats=-1.0)).made
     assert (made.verdict, made.causes) == ("unexplained", ())
+
+
+def test_weather_alone_stands_where_causes_in_it_explain_hardly_more(judged):
+    """A shear was a drift in turbulence.  A sensor's cause is told from weather, and stays."""
+    sky = Found(weather=weather(430.0))
+    drift, bias = cause("lateral_drift", 71.0), cause("gyro_bias", 71.0)
+    made = judged(Found(drift, weather=weather(28.0), instead=sky)).made
+    assert (made.verdict, [each.cause for each in made.causes]) == ("explained", ["turbulence"])
+    made = judged(Found(drift, weather=weather(28.0), instead=Found(weather=weather(430.0), left=[left(99.0)]))).made
+    assert (made.verdict, made.nearest) == ("unexplained", (drift,)) and "weather alone" in made.doubts[0]
+    made = judged(Found(bias, weather=weather(28.0), instead=sky)).made
+    assert made.verdict == "explained" and bias in made.causes
 
 
 def test_a_cause_in_weather_that_takes_nothing_away_is_not_named(judged):
