@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from launchid_core import Config
+from launchid_core import Config, Estimator
 from sim.cli import main
 from sim.errors import InputError
 from sim.flight import fly_whole
@@ -87,3 +87,18 @@ def test_a_clean_flight_at_half_the_rate_contradicts_no_model(name, is_known):
     statuses = [e.status.name for seed in range(700, 706)
                 for e in run(made, fly_whole(nominal, seed, "flight", 2 * PERIOD).samples())[0]]
     assert len(statuses) >= 80 and statuses.count("MODEL") <= 0.05 * len(statuses)
+
+
+def test_what_no_sample_holds_is_as_uncertain_as_the_command_changes_in_a_second():
+    """Not as much as it changed just now: a command that stood still from one sample to the next is no surer."""
+    nominal = load_nominal("constant")
+    samples = [s for s in fly_whole(nominal, 3, "flight", 2 * PERIOD).samples() if s.t < 12.0]
+    estimator = Estimator(config(2 * PERIOD))
+    for sample in samples:
+        estimator.update(sample)
+    squares = np.diff([s.beta_cmd for s in samples])**2
+    mean = squares[0]
+    for square in squares[1:]:
+        mean += 2 * PERIOD * (square - mean)
+    jump = estimator._parts.state.filter.jump[0]
+    assert jump == pytest.approx(mean, rel=0.05) and np.median(squares) < 0.7 * jump
