@@ -90,7 +90,7 @@ def test_a_clean_flight_at_half_the_rate_contradicts_no_model(name, is_known):
 
 
 def test_what_no_sample_holds_is_as_uncertain_as_the_command_changes_in_a_second():
-    """Not as much as it changed just now: a command that stood still from one sample to the next is no surer."""
+    """A command that stood still from one sample to the next is no surer than one that has just changed."""
     nominal = load_nominal("constant")
     samples = [s for s in fly_whole(nominal, 3, "flight", 2 * PERIOD).samples() if s.t < 12.0]
     estimator = Estimator(config(2 * PERIOD))
