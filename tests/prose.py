@@ -5,6 +5,7 @@ without a subject.
 """
 
 import ast
+import functools
 import re
 import sys
 from collections import Counter
@@ -69,11 +70,17 @@ def is_endless(text: str) -> bool:
     return SENTENCE.search("\n".join(text.splitlines()[:FIRST_LINES])) is None
 
 
+@functools.cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a file's syntax tree, parsed once."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
 def docstrings(root: Path, folders: Sequence[str] = FOLDERS) -> Iterator[tuple[str, str]]:
     """Place and text of each docstring in the folders."""
     for folder in folders:
         for path in sorted((root / folder).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in nodes(path):
                 if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
                     if (text := ast.get_docstring(node)) is not None:
                         line = getattr(node, "lineno", 1)
@@ -84,10 +91,9 @@ def vague_names(root: Path) -> Iterator[tuple[str, str]]:
     """Place and name of each binding of a vague name in the packages, but for `of` of the public `summary(of)`."""
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*.py")):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            public = {id(arg) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == "summary"
+            public = {id(arg) for node in nodes(path) if isinstance(node, ast.FunctionDef) and node.name == "summary"
                       for arg in node.args.args}
-            for node in ast.walk(tree):
+            for node in nodes(path):
                 name = node.id if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) else \
                     node.arg if isinstance(node, ast.arg) and id(node) not in public else ""
                 if name in NAMES:
