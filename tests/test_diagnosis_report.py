@@ -214,7 +214,7 @@ def test_what_predicts_no_better_is_neither_drawn_nor_numbered(diagnoses):
                                              (1.0, "< 1 % of the error explained, > 99 % remain")])
 def test_shares_are_one_pair_of_numbers_and_never_all_where_something_remains(diagnoses, left, words):
     made = diagnoses["dominant"]
-    made = replace(made, gain=replace(made.gain, squared={"theta": (101.0, 1.0 + 100.0 * left, 1.0, 1.0)}, horizons={}))
+    made = replace(made, gain=replace(made.gain, squared={"theta": (101.0, 1.0 + 100.0 * left, 1.0)}, horizons={}))
     assert made.gain.share == pytest.approx(left)
     shown = (headline(made), worth(made), "\n".join(lines(made)), first_screen.plain(made).replace("&lt;", "<").replace(
         "&gt;", ">"))

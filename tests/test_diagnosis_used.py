@@ -11,7 +11,7 @@ from sim.diagnosis.data.check import check
 from sim.diagnosis.data.record import BETA
 from sim.diagnosis.data.used import RESOLVED, SLOWEST, coarser, cut, shortened, slowest, sparser, thinned, used
 from sim.diagnosis.model.noise import declared, first_filter
-from sim.diagnosis.model.point import Point, innovations
+from sim.diagnosis.model.point import Point, innovations, vehicle
 from sim.effects import effect
 from sim.flight import fly_whole
 from sim.log import OPTIONAL, REQUIRED, Log
@@ -127,3 +127,14 @@ def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():
     assert record(log, stand, sparse).period == pytest.approx(0.006)
     assert sparser(data, log.t, nominal, most=1000) is data    # what has a servo keeps all its commands
     assert sparser(data, log.t, stand) is data
+
+
+def test_the_tolerance_of_a6_is_of_a_sine_s_coefficient_too():
+    """A pendulum whose -5.08 sin(theta) was believed to be -4.95 had lines at its own frequency named for it."""
+    believed = dataclasses.replace(as_record(0.01), nominal=dataclasses.replace(
+        load_nominal(built_in("constant")), terms=(("sin(theta)", 2.0), ("theta^3", 1.0))))
+    truly = dataclasses.replace(believed, nominal=dataclasses.replace(
+        believed.nominal, terms=(("sin(theta)", 2.04), ("theta^3", 1.0))), a6=1.02 * believed.a6)
+    deviating, other = (vehicle(r, Point((), (by, 0.0, 0.0, 0.0, 0.0))) for r, by in ((believed, 0.02), (truly, 0.0)))
+    assert np.allclose(deviating.plant, other.plant, rtol=1e-14, atol=0.0)
+    assert not np.allclose(deviating.plant, vehicle(believed, Point()).plant, rtol=1e-3, atol=0.0)

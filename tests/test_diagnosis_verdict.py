@@ -440,7 +440,7 @@ def test_missing_terms_with_a_doubt_of_their_own_or_far_behind_are_no_cause(judg
 @pytest.mark.parametrize(("nats", "said"), [(0.3, "explained"), (-0.3, "unexplained")])
 def test_missing_terms_that_a_short_log_may_lose_by_chance_are_none(judged, monkeypatch, nats, said):
     """A vehicle that a trim overturned within a second: "a constant", of -0.3 nats on rows left out."""
-    monkeypatch.setattr(verdict, "of_gain", lambda gain, bounds: [])
+    monkeypatch.setattr(verdict, "of_gain", lambda gain, bounds, is_part=False: [])
     made = judged(DOUBTED, terms=term(nats=nats)).made
     assert made.verdict == said and (made.proposal is None) == (said == "unexplained")
 
@@ -469,7 +469,7 @@ def test_without_the_gyro_causes_are_dominant_where_they_predict_the_attitude_an
         assert np.isnan(made.record.z[:, 1]).all() and np.isfinite(made.record.z[:, [0, 2]]).all()
         made.verdict, made.gain = said, gained(share=0.0) if math.isfinite(left) else None
         if made.gain is not None:
-            made.gain = replace(made.gain, squared={"theta": (1.0, left, 1e-3, 1e-3)})
+            made.gain = replace(made.gain, squared={"theta": (1.0, left, 1e-3)})
         return made
 
     monkeypatch.setattr(verdict, "replace", lambda r, **changes: SimpleNamespace(**vars(r) | changes))

@@ -425,7 +425,7 @@ def test_a_vehicle_less_stable_than_its_nominal_may_be_predicted_worse_than_by_i
     """The commands over the horizon answer what pushed it in the horizon."""
     damping = tuple(each for each in SOUGHT if each.cause == "aero_damping")
     made = diagnose(flown(WINDY, "aero_damping:coefficient=-1.5", seed=2), WINDY, hypotheses=damping)
-    before, after, _, _ = made.gain.squared["theta"]
+    before, after, _ = made.gain.squared["theta"]
     assert 2.0 > after / before > 1.2
     assert (made.verdict, [cause.cause for cause in made.causes]) == ("explained", ["aero_damping"])
 

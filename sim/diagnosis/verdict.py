@@ -30,6 +30,7 @@ from .judge.measure import (
     EXPLAINED,
     PER_ROW,
     Remainder,
+    accused,
     doubts,
     of_gain,
     too_noisy,
@@ -172,7 +173,7 @@ def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypoth
                       catalogue=made.catalogue, used=made.used, record=replace(made.record, z=z))
     again = _searched(again, holdout, hypotheses, say)
     if again.verdict not in ("explained", "dominant") or again.gain is None or \
-            not all(after < GROSS * before for before, after, _, _ in again.gain.squared.values()):
+            not all(after < GROSS * before for before, after, _ in again.gain.squared.values()):
         return made
     share = again.gain.share if again.gain is not None and again.gain.share is not None else 0.0
     again.verdict = "dominant"
@@ -271,7 +272,8 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     gain = measure(selection)
     remaining = (*strict, *of_gain(gain, EXPLAINED))
     least = LEAST_REMOVED if remaining or weather is not None else LEAST_NAMED
-    return replace(plain, doubts=tuple(of_gain(gain, DOMINANT)), remaining=remaining, gain=gain, needed=least)
+    return replace(plain, doubts=tuple(of_gain(gain, DOMINANT, is_part=bool(remaining))), remaining=remaining,
+                   gain=gain, needed=least)
 
 
 def _pushed_by_chance(r: Record) -> str:
@@ -308,7 +310,7 @@ def _instead(found: Findings) -> Iterator[Selection]:
     """
     of = found.selection
     yield from instead_of_each(of)
-    doubted, causes = {words.partition(":")[0] for words in found.doubts}, of.model.causes
+    doubted, causes = {name for words in found.doubts for name in accused(words)}, of.model.causes
     sound = [k for k, cause in enumerate(causes) if cause.hypothesis.cause not in doubted]
     strongest = [k for k, stays in enumerate(only_strongest(of)) if stays]
     for kept in (sound, strongest) if sound != strongest else (strongest,):
@@ -335,5 +337,7 @@ def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Fin
             if not again.doubts:
                 found = again
                 continue
-        return replace(found, named=with_removed(found.named, selection.model, shares))
+        named = with_removed(found.named, selection.model, shares)
+        enough = tuple(each for each in named if each.removed is None or each.removed > found.needed)
+        return replace(found, named=enough or named)
     return found

@@ -41,7 +41,7 @@ class Gain:
     nrmse           horizon [s], the longest last -> channel -> (nominal, extended): RMS prediction error over the RMS
                     change of the channel
     squared         channel -> mean square of the errors over the longest horizon of nominal and extended model, and
-                    what noise alone would give each [of the channel's unit]
+                    what the extended one's noise alone would give [of the channel's unit]
     closed_loop  (nominal, extended) RMS of measured less simulated attitude [rad], mean over noise draws; or None
     source          where it was measured
     horizons        channel -> how many of the longest stand side by side in what `squared` was measured on
@@ -51,7 +51,7 @@ class Gain:
     log_likelihood: tuple[float, float]
     nats: float
     nrmse: dict[float, dict[str, tuple[float, float]]]
-    squared: dict[str, tuple[float, float, float, float]]
+    squared: dict[str, tuple[float, float, float]]
     closed_loop: tuple[float, float] | None
     source: str
     horizons: dict[str, float] = field(default_factory=dict)
@@ -74,14 +74,14 @@ class Gain:
         """The extended model's squared errors exceed what noise gives by more than chance: a mean of n independent
         squares of normal variables is off by (2/n)^1/2 of itself, one sigma."""
         return any(extended / noise - 1.0 > CHANCE * math.sqrt(2.0 / self.horizons.get(name, math.inf))
-                   for name, (_, extended, _, noise) in self.squared.items())
+                   for name, (_, extended, noise) in self.squared.items())
 
     @property
     def excess(self) -> tuple[float, float]:
         """The excess of the squared errors of nominal and extended model over what noise gives, relative to that,
-        summed over the channels."""
-        made = [(max(0.0, nominal / own - 1.0), max(0.0, extended / other - 1.0))
-                for nominal, extended, own, other in self.squared.values()]
+        summed over the channels.  The noise is the extended model's: the nominal's holds what it does not model."""
+        made = [(max(0.0, nominal / noise - 1.0), max(0.0, extended / noise - 1.0))
+                for nominal, extended, noise in self.squared.values()]
         return sum(before for before, _ in made), sum(after for _, after in made)
 
     @property
@@ -91,6 +91,13 @@ class Gain:
         before, after = self.excess
         chance = CHANCE * math.sqrt(sum(2.0 / self.horizons.get(name, math.inf) for name in self.squared))
         return min(1.0, after / before) if before > max(LEAST_EXCESS * len(self.squared), chance) else None
+
+    @property
+    def whole(self) -> float:
+        """The extended model's squared errors over the nominal's, noise included, mean over the channels; 0 in logs too
+        short for any."""
+        ratios = [extended / nominal for nominal, extended, _ in self.squared.values()]
+        return sum(ratios) / len(ratios) if ratios else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +195,8 @@ def held_out(model: Model, nominal: Model, controller: ControllerCheck | None = 
         made, change = _errors((record, own), pair, ~mask)
         errors.append(made)
         changes.append(change)
-        noises.append(np.stack([_noises(of, each, spans(record), is_named)
-                                for of, each in zip((record, own), pair, strict=True)]))
-    ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises, axis=1))
+        noises.append(_noises(own, pair[1], spans(record), is_named))
+    ahead = _Ahead(np.concatenate(errors, axis=1), np.concatenate(changes), np.concatenate(noises))
     closed_loop = closed_loop_errors(record, model.fit.point.effects, controller)
     numbers = sum(len(cause.values) for cause in timed)
     return replace(_gain(record, totals, ahead, closed_loop, "blocked folds", is_named), numbers=numbers)
@@ -213,7 +219,7 @@ def removed(model: Model, gain: Gain) -> tuple[float, ...]:
             errors.append(_errors((record,), (one,), ~mask)[0][0])
         last = np.concatenate(errors)[:, len(gain.nrmse) - 1]
         excess = sum(max(0.0, float(np.nanmean(last[:, CHANNELS.index(name)]**2)) / noise - 1.0)
-                     for name, (_, _, _, noise) in gain.squared.items())
+                     for name, (_, _, noise) in gain.squared.items())
         found.append((excess - after) / before)
     return tuple(found)
 
@@ -224,7 +230,7 @@ def _noises(record: Record, of: Trained, over: Sequence[float], is_named: bool) 
 
 
 def _noise(record: Record, of: Trained, horizon: float, is_named: bool = True) -> np.ndarray:
-    """(s, 3) mean squares over a horizon [s] that noise alone gives this model's predictions, the nominal's noise
+    """(s, 3) mean squares over a horizon [s] that noise alone gives this model's predictions, the declared noise
     as far as the log does not show less; is_named as `held_out`."""
     levels = of.filter.levels.copy()
     for k, each in enumerate(record.world.levels, start=5):
@@ -251,8 +257,7 @@ def on_another(other: Record, model: Model, nominal: Model, controller: Controll
     pair[0] = within(records[0], pair[0], None)
     totals = np.array([log_likelihood(record, each, everything) for record, each in zip(records, pair, strict=True)])
     over = spans(records[0])
-    noise = np.stack([_noises(record, each, over, is_named) for record, each in zip(records, pair, strict=True)])
-    ahead = _Ahead(*_errors(records, pair, everything), noise)
+    ahead = _Ahead(*_errors(records, pair, everything), _noises(records[1], pair[1], over, is_named))
     closed_loop = closed_loop_errors(other, model.fit.point.effects, controller)
     return _gain(records[0], totals, ahead, closed_loop, "a second log", is_named)
 
@@ -295,7 +300,7 @@ def _errors(records: Sequence[Record], models: Sequence[Trained],
 class _Ahead(NamedTuple):
     """Predictions of both models, NaN where their horizon is not in rows left out.
 
-    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (2, s, h, 3) mean squares of it
+    errors (2, s, h, 3), changes (s, h, 3) of the channels, noise (s, h, 3) mean squares of it
     """
 
     errors: np.ndarray
@@ -329,8 +334,8 @@ def _gain_over(record: Record, totals: np.ndarray, ahead: _Ahead, closed_loop: t
         errors = ahead.errors[:, :, last, c]
         seen = np.isfinite(errors).all(axis=0)
         if channel in record.channels and seen.any():
-            made = [float(np.mean(x)) for x in (*(errors[:, seen]**2), *ahead.noise[:, seen, last, c])]
-            squared[channel] = (made[0], made[1], made[2], made[3])
+            before, after = np.mean(errors[:, seen]**2, axis=1).tolist()
+            squared[channel] = before, after, float(np.mean(ahead.noise[seen, last, c]))
             horizons[channel] = max(1.0, float(seen.sum()) * min(SPACING, over[last]) / over[last])
     return Gain((float(totals[0] / record.rows), float(totals[1] / record.rows)), float(totals[1] - totals[0]), nrmse,
                 squared, closed_loop, source, horizons)

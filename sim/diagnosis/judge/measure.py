@@ -4,7 +4,8 @@ limit in nats fails every log that is long enough.
     variation  of a cause's size over the log, beyond what chance gives, over the size itself: a cause is the same all
                along, what stands in for another is not
     left       evidence of what a disturbance still finds, over that of the causes: what mimics an effect leaves the
-               part of it that is not alike, 1 - cos^2
+               part of it that is not alike, 1 - cos^2.  A disturbance of a sensor moves no vehicle, and is no doubt of
+               what does
     share      of the held-out squared errors over 1 s or less (`foresight.spans`), beyond noise, that remains
                (`gain.Gain.share`); a moment that nobody declared and nothing names is no noise
 
@@ -58,6 +59,7 @@ EXPLAINED = Bounds(0.15, 0.01, 0.1)
 DOMINANT = Bounds(0.5, 0.1, 0.75)
 PER_ROW = 1.5e-3
 NOISE = 3.0
+AND = " and "
 
 
 @dataclass(frozen=True)
@@ -81,15 +83,19 @@ def variation(of: Constancy | None, neutral: float) -> float:
 
 
 def left_beyond(left: tuple[Leftover, ...], named: tuple[Named, ...], feigned: float, bounds: Bounds,
-                same_place: bool) -> Leftover | None:
-    """The disturbance that explains more beside the causes than the bounds allow; None: there is none.
+                same_place: bool) -> tuple[Leftover, tuple[Named, ...]] | None:
+    """The disturbance that explains more than the bounds allow beside the causes that it speaks against, and these
+    causes; None: there is none.
 
-    feigned     [nats] that no cause need explain;  same_place  judged against the causes of its own place only
+    feigned  [nats] that no cause need explain;  same_place  judged against the causes of its own place only.  Else it
+    speaks against all causes, but one of a sensor, which moves nothing, against those of sensors alone.
     """
     for each in left:
-        own = sum(cause.evidence for cause in named if not same_place or cause.where == each.where)
-        if each.gain > max(each.limit, bounds.left * own, feigned):
-            return each
+        own = tuple(cause for cause in named if cause.where == each.where
+                    or not (same_place or each.where == "sensor"))
+        if (own or same_place) and each.gain > max(each.limit, bounds.left * sum(cause.evidence for cause in own),
+                                                   feigned):
+            return each, own
     return None
 
 
@@ -107,8 +113,16 @@ def doubts(named: tuple[Named, ...], left: tuple[Leftover, ...], feigned: float,
     found += _unresolved(named, span)
     more = left_beyond(left, named, feigned, bounds, same_place)
     if more is not None:
-        found.append(f"a disturbance {more.words} at the {more.disturbance.place} explains {more.gain:.0f} nats more")
+        what, beside = more
+        against = dict.fromkeys(each.cause for each in beside) if not same_place and len(beside) < len(named) else {}
+        found.append(f"{AND.join(against)}{': ' if against else ''}a disturbance {what.words} at the "
+                     f"{what.disturbance.place} explains {what.gain:.0f} nats more")
     return found
+
+
+def accused(doubt: str) -> list[str]:
+    """The causes that a line of `doubts` speaks against; none of the catalogue where it speaks against all."""
+    return doubt.partition(":")[0].split(AND)
 
 
 def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str]:
@@ -121,13 +135,17 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
             if one == other and high - low < OWN_BINS * resolution]
 
 
-def of_gain(gain: Gain, bounds: Bounds) -> list[str]:
-    """The reasons why the held-out gain does not keep the bounds."""
+def of_gain(gain: Gain, bounds: Bounds, is_part: bool = False) -> list[str]:
+    """The reasons why the held-out gain does not keep the bounds;  is_part  something remains beside the causes, so
+    that they must be shown to be the larger part, of all error where noise makes that of the nominal."""
     if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
         return [f"on data left out of the fit {percent(gain.share)[1]} of the squared error over {gain.longest:g} s "
                 f"remain (at most {100 * bounds.share:.0f} %)"]
+    if is_part and gain.share is None and gain.whole > bounds.share:
+        return [f"on data left out of the fit {100 * gain.whole:.0f} % of the squared error over {gain.longest:g} s "
+                f"remain, noise included (at most {100 * bounds.share:.0f} %)"]
     return []
 
 

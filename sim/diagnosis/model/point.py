@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from ...flight import packed
 from ...sections import AT_REST
 from ...vehicle import step as st
 from ..data.record import BETA, THETA, THETA_DOT, Record
+from ..data.used import SINE
 from .linear import Modes, slots_of
 from .predictor import AT_ONCE, follow, horizon_errors, tick_attitudes
 
@@ -42,8 +43,12 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
 
     extra  (ticks,) [rad/s^2] a further acceleration, None: none
     """
-    table = packed(record.nominal, point.effects, record.centre)
     a6_middle, k1_middle, a6_slope, k1_slope, later = point.deviations
+    nominal = record.nominal
+    if nominal.terms and a6_middle != 0.0:  # a body that swings has its stiffness there
+        terms = tuple((term, value * (1.0 + a6_middle) if term == SINE else value) for term, value in nominal.terms)
+        nominal = replace(nominal, terms=terms)
+    table = packed(nominal, point.effects, record.centre)
     a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
     k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
     if len(table.plant) > 0 and plant.change_parameters(table.plant):

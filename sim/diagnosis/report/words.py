@@ -144,8 +144,8 @@ def worth(made: Diagnosis) -> str | None:
     if gain is None:
         said = "what they take away was not measured"
     elif gain.share is None:
-        said = f"over {gain.longest:g} s the predictions were within noise before: there is no error that they could " \
-               "take away"
+        said = f"over {gain.longest:g} s all error of the simulation may be noise; {percent(gain.whole)[1]} of its " \
+               "square remain with the causes"
     elif gain.share < NOTHING and made.verdict == "explained":
         said = "the whole error is explained"
     else:
