@@ -173,10 +173,10 @@ def test_the_share_is_of_what_is_beyond_noise_and_of_nothing_there_is_none():
     assert two.excess == (40.0, 10.0) and two.share == 0.25
 
 
-def test_causes_beside_which_something_remains_must_take_the_error_away_even_where_it_may_be_noise():
-    """A bending that noise explains as well made the predictions of a cart worse, and was dominant."""
+def test_causes_beside_which_something_remains_must_predict_better_even_where_noise_may_make_all_error():
+    """A bending that made the predictions of a cart worse, within noise, was dominant."""
     for left_over, is_part, said in ((INSIDE, True, 0), (OUTSIDE, True, 1), (OUTSIDE, False, 0)):
-        hidden = replace(gained(), squared={"theta": (1.0, left_over * DOMINANT.share, 2.0)})
+        hidden = replace(gained(), squared={"theta": (1.0, left_over, 2.0)})
         assert hidden.share is None and len(measure.of_gain(hidden, DOMINANT, is_part)) == said
 
 

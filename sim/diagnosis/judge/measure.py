@@ -136,16 +136,15 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
 
 
 def of_gain(gain: Gain, bounds: Bounds, is_part: bool = False) -> list[str]:
-    """The reasons why the held-out gain does not keep the bounds;  is_part  something remains beside the causes, so
-    that they must be shown to be the larger part, of all error where noise makes that of the nominal."""
+    """The reasons why the held-out gain does not keep the bounds;  is_part  something remains beside the causes: they
+    must predict better, though noise may make all of the nominal's error."""
     if gain.is_lost:
         return [f"on data left out of the fit the causes lose {-gain.nats:.0f} nats"]
     if gain.share is not None and gain.share > bounds.share and gain.is_left:
         return [f"on data left out of the fit {percent(gain.share)[1]} of the squared error over {gain.longest:g} s "
                 f"remain (at most {100 * bounds.share:.0f} %)"]
-    if is_part and gain.share is None and gain.whole > bounds.share:
-        return [f"on data left out of the fit {100 * gain.whole:.0f} % of the squared error over {gain.longest:g} s "
-                f"remain, noise included (at most {100 * bounds.share:.0f} %)"]
+    if is_part and gain.share is None and gain.whole >= 1.0:
+        return [f"on data left out of the fit predictions over {gain.longest:g} s are no better with the causes"]
     return []
 
 
