@@ -10,7 +10,7 @@ import pytest
 from hidden import Weather, draw_spec, fly
 from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
 
-from sim.diagnosis.controller.asked import LINES, WITHOUT_NOZZLE, WITHOUT_RATE, asked, of_noise, unsure
+
 from sim.diagnosis.controller.command import record
 from sim.diagnosis.controller.issued import with_commands
 from sim.diagnosis.data.check import check

@@ -12,7 +12,6 @@ from test_diagnosis import NEAR, WHOLE, every_second, log_of
 from test_diagnosis_slow import by_another_generator
 
 from sim.diagnosis.controller.command import record
-from sim.diagnosis.controller.fill import run_backwards
 from sim.diagnosis.controller.issued import with_commands
 from sim.diagnosis.controller.ticks import Ticks, issued_at, lined, over_grid, ticks_of
 from sim.diagnosis.data.check import check

@@ -23,6 +23,7 @@ LAGS = 3          # rows of a linear law
 FEWEST = 60       # rows that tell one
 OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
 NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
+NEIGHBOURS = 3    # rows to either side that a line is drawn by
 ON = 1e-6         # of a period: a row so close before a tick sees its command
 
 
@@ -40,13 +41,13 @@ class Ticks(NamedTuple):
 
 
 def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
-    """The controller's, of a log whose rows fall between them; None: they are the rows' own, or cannot be told.
+    """The controller's, of a log that does not see all of them; None: they are the rows' own, or cannot be told.
 
     command  (n,) [rad] logged, NaN where it is not
     """
     own = record.nominal.controller
     if own is None or record.fine == 1:
-        return None
+        return Ticks(0.0, float(record.tick), 0.0) if own is not None and record.every > record.tick else None
     period, known = own.period / record.step, np.isfinite(command)
     anywhere = period / math.sqrt(12.0)
     if record.period > SLOWER * own.period or not known.any():
@@ -106,8 +107,11 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
 
 
 def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
-    """The record of rows between these ticks: its servo's timing as free as the ticks are unknown, and its samples as
-    old as they may be, where they do not change from row to row while a command (n,) [rad] holds."""
+    """The record of rows between these ticks, but for rows that are at them: its servo's timing as free as the ticks
+    are unknown, and its samples as old as they may be, where they do not change from row to row while a command (n,)
+    [rad] holds."""
+    if ticks.spread == 0.0:
+        return record
     own, diagnosis = record.nominal.controller, record.nominal.diagnosis
     assert own is not None
     unknown = ticks.spread / ticks.period * own.period
@@ -115,7 +119,7 @@ def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
     same = np.diff(command) == 0.0
     known = np.count_nonzero(same) >= FEWEST and all(
         np.mean(np.abs(np.diff(values)[same]) > 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
-    return replace(record, nominal=timed, issued=command, age=unknown * math.sqrt(12.0) if known else own.period)
+    return replace(record, nominal=timed, age=unknown * math.sqrt(12.0) if known else own.period)
 
 
 def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
@@ -131,7 +135,10 @@ def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
 
 def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
     """(grid's ticks,) [rad] mean over each of commands (ticks,) that are held from tick to tick."""
-    edges = record.tick * np.arange(record.rows * record.every // record.tick + 1, dtype=np.float64)
+    count = record.rows * record.every // record.tick
+    if ticks.period == record.tick:
+        return commands[:count]
+    edges = record.tick * np.arange(count + 1, dtype=np.float64)
     begins = ticks.phase + ticks.period * np.arange(len(commands) + 1)
     integral = np.concatenate([[0.0], np.cumsum(commands) * ticks.period])
     return np.asarray(np.diff(np.interp(edges, begins, integral)) / record.tick)
@@ -141,3 +148,19 @@ def lined(commands: np.ndarray) -> np.ndarray:
     """The values (ticks,) with lines over those that are not logged."""
     known, index = np.isfinite(commands), np.arange(len(commands))
     return np.interp(index, index[known], commands[known])
+
+
+def carried(x: np.ndarray) -> tuple[np.ndarray, float]:
+    """(The part (n,) of values x (n,) of rows, NaN: not logged, that lines carry to what lies between rows; the RMS by
+    which these lines are off).  A mean over neighbours, with the weights with which those at twice the distance give
+    the rows themselves: noise of a row alone is in no other's."""
+    known, rows = np.isfinite(x), np.arange(len(x))
+    whole = lined(x)
+
+    def of(away: int) -> np.ndarray:
+        return np.asarray(0.5 * (whole[np.clip(rows - away, 0, rows[-1])] + whole[np.clip(rows + away, 0, rows[-1])]))
+
+    twice = np.column_stack([0.5 * (of(2 * j - 1) + of(2 * j + 1)) for j in range(NEIGHBOURS + 1)])
+    weights = least_squares(twice[known], x[known])
+    rest = x[known] - combined(twice[known], weights)
+    return combined(np.column_stack([of(j) for j in range(NEIGHBOURS + 1)]), weights), float(np.sqrt(np.mean(rest**2)))
