@@ -19,11 +19,22 @@ from ...vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
-from .ticks import SLOWER, Ticks, between, carried, falls_between, issued_at, lined, noise_std, over_grid, ticks_of
+from .ticks import (
+    SLOWER,
+    Ticks,
+    between,
+    carried,
+    falls_between,
+    issued_at,
+    lined,
+    noise_std,
+    over_grid,
+    ticks_of,
+)
 
 LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
-UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
+UNSURE = 0.04    # nats a row that a command may feign which no row saw (`measure`)
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
 
@@ -82,7 +93,8 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         if own is not None:
             return _between_rows(draft, own, logged)
     elif nominal.controller is not None and draft.period > SLOWER * nominal.controller.period:
-        draft = replace(draft, unsure=unsure(draft.period / nominal.controller.period - 1.0))  # it moved between its rows
+        unseen = draft.period / nominal.controller.period - 1.0
+        draft = replace(draft, unsure=unsure(unseen))  # it moved between its rows
     if draft.fine > 1:
         return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
@@ -97,11 +109,29 @@ def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
     """The record of a log that did not see every command; of the rows logged (n,) [rad], NaN where there is none: the
     others lie on the lines between them."""
     commands = issued_at(ticks, draft, logged)
-    line, off = carried(logged)
+    line, off, jumps = carried(logged)
     unseen = np.flatnonzero(~np.isfinite(commands))
     commands[unseen] = np.interp(unseen, ticks.of(draft.at), line)
-    draft = in_doubt(between(draft, ticks, logged), off, len(unseen) / draft.rows)
+    a_row = len(unseen) / draft.rows
+    draft = in_doubt(between(draft, ticks, logged), _rms(off[~jumps]), a_row)
+    if jumps.any() and (draft.fine > 1 or not np.isfinite(draft.reference).any()):
+        draft = _with_jumps(draft, jumps, _rms(off[jumps]) * a_row / (1.0 + a_row))
     return replace(draft, commands=over_grid(ticks, draft, commands), input="beta_cmd")
+
+
+def _with_jumps(draft: Record, jumps: np.ndarray, off: float) -> Record:
+    """The record with the rows beside jumps (n,) bool of its command lost, too: when it jumped decides what the nozzle
+    did, off by so much [rad]."""
+    beside = jumps | np.append(jumps[1:], False)
+    lost = beside if draft.lost is None else beside | draft.lost
+    before = 0 if draft.lost is None else np.count_nonzero(draft.lost)
+    total = before * draft.unknown**2 + np.count_nonzero(beside) * off**2
+    return replace(draft, lost=lost, unknown=math.sqrt(total / np.count_nonzero(lost)))
+
+
+def _rms(x: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def _held(draft: Record, command: np.ndarray) -> Record:
@@ -270,7 +300,7 @@ def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
     """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
     count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
     at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, THETA])
-    theta = np.interp(at, r.at, carried(r.z[:, THETA])[0])
+    theta = np.interp(at, r.at, carried(r.z[:, THETA]).line)
     rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
     theta[index] = r.z[rows, THETA]
     return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),

@@ -72,8 +72,7 @@ class Left:
 class Gaps:
     """Fair pairs of neighbouring rows: both measured, neither command at the nozzle's limit.
 
-    late  rows that computing takes beside the nominal's, with these a whole number of them: the command answers an error
-          so much older
+    late  rows that computing takes beside the nominal's, with these a whole number of them
     """
 
     def __init__(self, record: Record, seen: Seen, late: int = 0) -> None:

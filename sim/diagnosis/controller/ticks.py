@@ -24,6 +24,7 @@ FEWEST = 60       # rows that tell one
 OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
 NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
 NEIGHBOURS = 3    # rows to either side that a line is drawn by
+JUMP = 5.0        # standard deviations by which a value leaves the line of its neighbours
 ON = 1e-6         # of a period: a row so close before a tick sees its command
 
 
@@ -150,10 +151,18 @@ def lined(commands: np.ndarray) -> np.ndarray:
     return np.interp(index, index[known], commands[known])
 
 
-def carried(x: np.ndarray) -> tuple[np.ndarray, float]:
-    """(The part (n,) of values x (n,) of rows, NaN: not logged, that lines carry to what lies between rows; the RMS by
-    which these lines are off).  A mean over neighbours, with the weights with which those at twice the distance give
-    the rows themselves: noise of a row alone is in no other's."""
+class Carried(NamedTuple):
+    """The part line (n,) of rows' values that lines carry to what lies between rows; by how much (n,) such lines are
+    off the rows, 0 where there is none; rows (n,) bool where the values jump, in which off is no noise."""
+
+    line: np.ndarray
+    off: np.ndarray
+    jumps: np.ndarray
+
+
+def carried(x: np.ndarray) -> Carried:
+    """The part of values x (n,) of rows, NaN: not logged, that is a mean over neighbours, with the weights with which
+    those at twice the distance give the rows themselves where nothing jumps: noise of a row alone is in no other's."""
     known, rows = np.isfinite(x), np.arange(len(x))
     whole = lined(x)
 
@@ -161,6 +170,14 @@ def carried(x: np.ndarray) -> tuple[np.ndarray, float]:
         return np.asarray(0.5 * (whole[np.clip(rows - away, 0, rows[-1])] + whole[np.clip(rows + away, 0, rows[-1])]))
 
     twice = np.column_stack([0.5 * (of(2 * j - 1) + of(2 * j + 1)) for j in range(NEIGHBOURS + 1)])
-    weights = least_squares(twice[known], x[known])
-    rest = x[known] - combined(twice[known], weights)
-    return combined(np.column_stack([of(j) for j in range(NEIGHBOURS + 1)]), weights), float(np.sqrt(np.mean(rest**2)))
+
+    def off(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rest = np.where(known, whole - combined(twice, weights), 0.0)
+        return rest, np.abs(rest) > JUMP / NORMAL * np.median(np.abs(rest[known]))
+
+    plain = np.append(1.0, np.full(NEIGHBOURS, 2.0)) / (1.0 + 2.0 * NEIGHBOURS)
+    steady = known & ~off(plain)[1]
+    weights = least_squares(twice[steady], x[steady])
+    rest, jumps = off(weights)
+    line = combined(np.column_stack([of(j) for j in range(NEIGHBOURS + 1)]), weights)
+    return Carried(np.where(jumps, whole, line), rest, jumps)
