@@ -70,7 +70,7 @@ def flown(period):
 
 @pytest.mark.parametrize("period", [SLOW, SLOWER])
 def test_commands_between_rows_are_off_by_what_is_said(period):
-    """Those of the rows are the log's; lines over means of rows miss less than lines from row to row."""
+    """The commands of the rows are the log's; lines over means of rows miss less than lines from row to row."""
     made, controller = with_commands(recorded("theta_ref", period), NominalFollower())
     true = flown(period)
     off = made.commands[:true.size].reshape(true.shape) - true
@@ -82,7 +82,7 @@ def test_commands_between_rows_are_off_by_what_is_said(period):
 
 
 def test_commands_between_rows_follow_exactly_from_reference_and_commands():
-    """All that is left is the noise that the nozzle, not the controller, adds."""
+    """The log has all that the derivative's filter remembers."""
     made, controller = with_commands(recorded("gamma"), NominalFollower())
     true = flown(SLOW)
     off = made.commands[:true.size].reshape(true.shape) - true

@@ -92,7 +92,7 @@ def test_without_commands_a_biased_gyro_is_nothing_besides():
 
 @pytest.mark.parametrize("scale", [1.2, 0.85])
 def test_another_gain_of_the_controller_is_nothing_of_the_vehicle(scale):
-    """Whose the commands are is not asked where no row holds the error that one answers; as commands they are taken."""
+    """No row holds the error that a command answers: whose it is, nobody asks, and it is taken as it is."""
     made = diagnose(logged((0.025, 0.0), effect=f"controller_mismatch:kp_scale={scale}"), NOMINAL, hypotheses=NEAR)
     assert (made.verdict, made.controller, made.causes) == ("consistent", None, ())
 

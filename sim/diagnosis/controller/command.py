@@ -34,7 +34,7 @@ from .ticks import (
 
 LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
-UNSURE = 0.04    # nats a row that a command may feign which no row saw (`measure`)
+UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
 

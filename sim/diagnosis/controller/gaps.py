@@ -181,8 +181,8 @@ def follows(own: OnBoard, ticks: int) -> bool:
 def _explained(gaps: Gaps) -> Left:
     """The best explanation.
 
-    A shorter filter is much like a higher derivative gain: where the gains alone do no better, it may be the filter,
-    and both are asked for only where they bring clearly more.
+    A shorter filter is much like a higher derivative gain: of as many numbers the likelier are taken, and one more only
+    where it brings clearly more.
     """
     best = gaps.left(gaps.own.tau, ())
     for free in GAINS:
@@ -191,6 +191,6 @@ def _explained(gaps: Gaps) -> Left:
     if gaps.own.tau > 0.0:
         for free, least in (((), -FREE_NUMBER), *((free, CLEARLY) for free in GAINS)):
             other = gaps.filtered(free)
-            if other.over(best) > least and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
+            if other.over(best) > (least if other.numbers > best.numbers else 0.0) and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
                 best = other
     return best

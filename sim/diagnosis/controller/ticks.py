@@ -108,7 +108,7 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
 
 
 def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
-    """The record of rows between these ticks, but for rows that are at them: its servo's timing as free as the ticks
+    """The record of rows between these ticks; rows at them need none of it.  Its servo's timing is as free as the ticks
     are unknown, and its samples as old as they may be, where they do not change from row to row while a command (n,)
     [rad] holds."""
     if ticks.spread == 0.0:
