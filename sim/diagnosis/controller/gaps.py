@@ -191,6 +191,7 @@ def _explained(gaps: Gaps) -> Left:
     if gaps.own.tau > 0.0:
         for free, least in (((), -FREE_NUMBER), *((free, CLEARLY) for free in GAINS)):
             other = gaps.filtered(free)
-            if other.over(best) > (least if other.numbers > best.numbers else 0.0) and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
+            needed = least if other.numbers > best.numbers else 0.0
+            if other.over(best) > needed and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
                 best = other
     return best
