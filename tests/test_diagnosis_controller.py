@@ -1,20 +1,18 @@
 """launchid diagnose on a command that is not the nominal controller's: gains, computing time and filter, from every
-command exactly and from every other one by what nozzle and vehicle answered."""
+command exactly and from every other one by the rows beside a gap."""
 
 import dataclasses
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_diagnosis import AMONG, LONG, NEAR, NOMINAL, every_second, flown, found, lasting, named
 
-from sim.diagnosis.controller import refined as refined_module
 from sim.diagnosis.controller.check import check_controller
 from sim.diagnosis.controller.command import record
-from sim.diagnosis.controller.fill import Controller, as_believed, filled
+from sim.diagnosis.controller.fill import filled, on_board
 from sim.diagnosis.controller.issued import with_commands
-from sim.diagnosis.controller.kind import NONE, ControllerCheck
+from sim.diagnosis.controller.kind import NONE, UNKNOWN
 from sim.diagnosis.data.check import check
 from sim.diagnosis.model.follower import NominalFollower
 from sim.diagnosis.report.answer import report
@@ -58,12 +56,10 @@ QUICK = [("kp_scale=1.1", 0.045)]  # in the default run
 
 @pytest.mark.parametrize(("effect", "tau"), [*QUICK, *(
     pytest.param(effect, tau, marks=LONG)
-    for effect in ("kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.01", "delay=0.02",
-                   "kp_scale=1.1,delay=0.01") for tau in (0.05, 0.045) if (effect, tau) not in QUICK)])
-def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
+    for effect in ("kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.02",
+                   "kp_scale=1.1,delay=0.02") for tau in (0.05, 0.045) if (effect, tau) not in QUICK)])
+def test_the_mismatch_is_named_from_every_other_command(effect, tau):
     """The log has neither command nor attitude between its rows; with another derivative filter or without."""
-    if (effect, tau) == ("kp_scale=1.1,delay=0.01", 0.045):
-        request.applymarker(pytest.mark.xfail(strict=True, reason="kd 1.022 of 1, bound 2 %, since timing is free"))
     nominal = lasting(45.0)
     controller = dataclasses.replace(nominal.controller, derivative_time_constant=tau)
     made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW,
@@ -78,6 +74,13 @@ def test_the_mismatch_is_named_from_every_other_command(effect, tau, request):
     if "kd" not in effect or "kp" not in effect:
         log = made.log
         assert diagnose(log, made.extension).verdict == "consistent"
+
+
+@pytest.mark.parametrize("effect", ["delay=0.01", pytest.param("kp_scale=1.1,delay=0.01", marks=LONG)])
+def test_computing_time_that_is_no_whole_number_of_rows_is_not_told(effect):
+    """The commands answer errors that no row measured: they are another controller's, and no cause of the vehicle."""
+    made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.where, made.causes, made.controller.kind) == ("unexplained", "controller", (), UNKNOWN)
 
 
 @pytest.mark.parametrize("period", [pytest.param(0.005, marks=LONG), 0.01])
@@ -100,19 +103,6 @@ def test_another_filter_is_no_gain_in_every_other_command_either():
     made = diagnose(log, NOMINAL, hypotheses=NEAR)
     assert (made.verdict, made.where, made.controller.kind) == ("unexplained", "controller", "filter")
     assert made.controller.time_constant == pytest.approx(0.04, rel=0.02)
-
-
-def test_controller_run_backwards_finds_the_errors_between_its_rows():
-    """A noiseless log answers an odd number of periods late: the commands between are the flown ones."""
-    nominal = dataclasses.replace(NOMINAL, actuator=dataclasses.replace(NOMINAL.actuator, command_noise_std=0.0))
-    late = flown("controller_mismatch:delay=0.01", nominal=nominal)
-    every_other = flown("controller_mismatch:delay=0.01", nominal=nominal, period=SLOW)
-    r = record(every_other, nominal, check(every_other, nominal))
-    guess = np.repeat(r.z[:, 0], 2)  # as good as any: what stands between the rows is found
-    made = filled(r, guess, Controller(1.0, 1.0, nominal.controller.derivative_time_constant, late=1))
-    missing = made.commands[1::2][60:-1] - late.beta_cmd[1::2][60:len(made.commands) // 2 - 1]
-    assert np.max(np.abs(missing)) < 1e-8
-    assert np.max(np.abs(r.commands - made.commands)) > 1e-3
 
 
 @pytest.mark.parametrize("effect", [pytest.param("gyro_bias:rate=0.005", marks=LONG), "gyro_scale:scale=0.94"])
@@ -231,7 +221,7 @@ TESTED = dataclasses.replace(NOMINAL, test_input=Multisine(
 
 
 @pytest.mark.parametrize(("gains", "period"), every_second(
-    [(0.94, 1.0, 0.0), (1.0, 1.2, 0.0), (0.9, 1.0, 0.01)], [SLOW, 0.01]))
+    [(0.94, 1.0, 0.0), (1.0, 1.2, 0.0), (0.9, 1.0, 0.02)], [SLOW, 0.01]))
 def test_no_gain_of_the_controller_scales_its_test_input(gains, period):
     """The input is added to what the controller answers, and as late as that."""
     kp, kd, delay = gains
@@ -242,32 +232,10 @@ def test_no_gain_of_the_controller_scales_its_test_input(gains, period):
     assert list(made.causes[0].values.values())[:3] == pytest.approx(gains, abs=near)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.01])
-def test_a_test_input_between_the_rows_is_in_the_commands(delay):
+def test_a_test_input_between_the_rows_is_in_the_commands():
     nominal = dataclasses.replace(TESTED, actuator=dataclasses.replace(TESTED.actuator, command_noise_std=0.0))
-    if delay:
-        nominal = dataclasses.replace(nominal, effects=(from_text(f"controller_mismatch:delay={delay}"),))
     whole, log = flown(nominal=nominal), flown(nominal=nominal, period=SLOW)
     r = record(log, nominal, check(log, nominal))
-    made = filled(r, whole.theta[:len(r.commands)], as_believed(r))
+    made = filled(r, whole.theta[:len(r.commands)], on_board(r))
     missing = (made.commands - whole.beta_cmd[:len(made.commands)])[1::2]
     assert np.max(np.abs(missing[60:-1])) < 1e-8
-
-
-@pytest.mark.parametrize(("nominal_s", "others", "sees"), [(500.0, 450.0, True), (450.0, 500.0, True),
-                                                          (500.0, 450.0, False)])
-def test_another_controller_is_confirmed_by_what_the_nozzle_has_for_it_over_the_nominal_s(
-        monkeypatch, nominal_s, others, sees):
-    """The evidence [nats] against the commands of each; without a nozzle's sensor what the gaps have decides."""
-    believed, found = object(), ControllerCheck(NONE, 1.0, 1.0, evidence=refined_module.UNCONFIRMED + 1.0)
-    evidence = SimpleNamespace(noise=1.0, residual=lambda x: np.zeros(3),
-                               of_nozzle=lambda of: nominal_s if of is believed else others)
-    gaps = SimpleNamespace(tau=0.02, late=0, rest=lambda x: np.zeros(3))
-    for name, answer in (("gaps_of", gaps), ("on_board", SimpleNamespace(period=0.01)), ("_Evidence", evidence),
-                         ("as_believed", believed), ("is_noise", True), ("with_numbers", found),
-                         ("newton", (np.array([1.1, 0.9, 0.0]), np.eye(3))),
-                         ("simplest", SimpleNamespace(x=np.array([1.1, 0.9, 0.0])))):
-        monkeypatch.setattr(refined_module, name, lambda *given, answer=answer: answer)
-    record = SimpleNamespace(rows=10, z=np.full((10, 3), 0.0 if sees else math.nan))
-    confirmed = refined_module._fitted(record, None, found, None)[1]
-    assert confirmed == (nominal_s - others if sees else math.inf)

@@ -3,12 +3,11 @@ so any difference is a difference of gains, of computing time, or of the derivat
 
 A log as fast as the controller (or faster) holds every error the controller saw, but for those before its first row:
 what the derivative's filter remembers of them is free where the log begins in flight, and what other filters remember
-is waited for until it is forgotten.  In a slower one the errors between rows are estimated, and the difference is
-judged against what is left of it instead of against nothing.
+is waited for until it is forgotten.  Of a slower one `gaps` has the check.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,9 +17,7 @@ from ...sections import Multisine
 from ...sums import combined, least_squares, products, square
 from ..data.record import THETA, Record
 from .command import controller_gains, later, recomputed, without_limit
-from .gaps import Seen, check_gaps
 from .kind import FEWEST, FILTER, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
-from .numbers import lowest
 
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
 EXPLAINED = 0.05        # of the rms difference that may be left for a mismatch to be named
@@ -34,16 +31,21 @@ FORGOTTEN = 1e-5        # of what filters remember: less is nothing
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 
-def check_controller(record: Record, seen: Seen | None = None) -> ControllerCheck | None:
-    """The check of the log's controller; None where it is not possible: no command, no reference, or no controller.
+def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
+    """The place where a cost with one minimum between low and high is least, by golden section."""
+    for _ in range(steps):
+        left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        low, high = (low, right) if cost(left) < cost(right) else (left, high)
+    return 0.5 * (low + high)
 
-    seen  of a log slower than the controller: what a model saw between its rows
-    """
+
+def check_controller(record: Record) -> ControllerCheck | None:
+    """The check of the log's controller; None where it is not possible: no command, no reference, or no controller, or
+    a log slower than it."""
     if record.nominal.controller is None or record.input != "beta_cmd" or not np.isfinite(record.reference).any() \
-            or not np.isfinite(record.z[:, THETA]).any() or record.fine > 1:
+            or not np.isfinite(record.z[:, THETA]).any() or record.fine > 1 \
+            or record.every != record.tick:
         return None
-    if record.every != record.tick:
-        return check_gaps(record, seen)
     if abs(_period(record) / record.nominal.controller.period - 1.0) > COMMENSURATE:
         return None  # rows and periods drift apart, so no row holds the error that a command answers
     found = _checked(record, begins=True)

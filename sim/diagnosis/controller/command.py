@@ -1,7 +1,8 @@
 """The command of every tick: the log's, or the nominal controller's recomputed, or the measured nozzle angle.
 
-With the reference the controller's errors are known, so what it must have commanded is, too.  Of a log slower than the
-controller the commands between rows are linear here (`issued` fills them in).
+With the reference the controller's errors are known, so what it must have commanded is, too.  Commands that no row saw,
+of a log slower than the controller or of rows between its ticks, lie on lines between those that are logged, off by
+noise as large as such lines are off in this log (`Record.between`); `issued` has the exact ones where they follow.
 """
 
 import math
@@ -18,10 +19,22 @@ from ...vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from ...vehicle.kernels import kernel
 from ..data.check import DataCheck
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
-from .ticks import between, falls_between, issued_at, lined, over_grid, ticks_of
+from .ticks import (
+    SLOWER,
+    Ticks,
+    between,
+    carried,
+    falls_between,
+    issued_at,
+    lined,
+    noise_std,
+    over_grid,
+    ticks_of,
+)
 
 LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
+UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
 
 
@@ -43,16 +56,15 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     """The command of every tick."""
     nominal = draft.nominal
     known = np.isfinite(command)
+    is_slow = draft.fine > 1 or draft.every > draft.tick
     recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
-        and np.isfinite(draft.z[:, THETA]).any() and (draft.fine == 1 or not np.isfinite(draft.z[:, BETA]).any())
+        and np.isfinite(draft.z[:, THETA]).any() and not (is_slow and np.isfinite(draft.z[:, BETA]).any())
     draft = _held(draft, command)
     direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
     if direct:
         known = np.zeros(draft.rows, bool)
-    elif not known.any() and recomputable and draft.fine > 1:
-        return _unseen(draft)
     elif not known.any() and recomputable:
-        return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
+        return _answered(draft)
     source = "beta_cmd"
     if not known.any():
         command, source = draft.z[:, BETA], "beta"
@@ -75,11 +87,14 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
-    logged = np.where(draft.logged, command, math.nan) if draft.logged is not None else None
-    own = ticks_of(draft, logged) if logged is not None else None
-    if logged is not None and own is not None:
-        made = lined(issued_at(own, draft, logged))
-        return replace(between(draft, own, logged), commands=over_grid(own, draft, made), input=source)
+    if source == "beta_cmd":
+        logged = np.where(lost, math.nan, command)
+        own = ticks_of(draft, logged)
+        if own is not None:
+            return _between_rows(draft, own, logged)
+    elif nominal.controller is not None and draft.period > SLOWER * nominal.controller.period:
+        unseen = draft.period / nominal.controller.period - 1.0
+        draft = replace(draft, unsure=unsure(unseen))  # it moved between its rows
     if draft.fine > 1:
         return replace(draft, commands=_placed(draft, command, known, source), input=source)
     if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
@@ -90,6 +105,35 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     return replace(draft, commands=ticks, input=source)
 
 
+def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
+    """The record of a log that did not see every command; of the rows logged (n,) [rad], NaN where there is none: the
+    others lie on the lines between them."""
+    commands = issued_at(ticks, draft, logged)
+    line, off, jumps = carried(logged)
+    unseen = np.flatnonzero(~np.isfinite(commands))
+    commands[unseen] = np.interp(unseen, ticks.of(draft.at), line)
+    a_row = len(unseen) / draft.rows
+    draft = in_doubt(between(draft, ticks, logged), _rms(off[~jumps]), a_row)
+    if jumps.any() and (draft.fine > 1 or not np.isfinite(draft.reference).any()):
+        draft = _with_jumps(draft, jumps, _rms(off[jumps]) * a_row / (1.0 + a_row))
+    return replace(draft, commands=over_grid(ticks, draft, commands), input="beta_cmd")
+
+
+def _with_jumps(draft: Record, jumps: np.ndarray, off: float) -> Record:
+    """The record with the rows beside jumps (n,) bool of its command lost, too: when it jumped decides what the nozzle
+    did, off by so much [rad]."""
+    beside = jumps | np.append(jumps[1:], False)
+    lost = beside if draft.lost is None else beside | draft.lost
+    before = 0 if draft.lost is None else np.count_nonzero(draft.lost)
+    total = before * draft.unknown**2 + np.count_nonzero(beside) * off**2
+    return replace(draft, lost=lost, unknown=math.sqrt(total / np.count_nonzero(lost)))
+
+
+def _rms(x: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
 def _held(draft: Record, command: np.ndarray) -> Record:
     """The record with the rows that share a command, where the log is faster than the controller."""
     if draft.tick <= draft.every:
@@ -98,14 +142,35 @@ def _held(draft: Record, command: np.ndarray) -> Record:
     return replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
 
 
-def _unseen(draft: Record) -> Record:
-    """The record of a log without commands whose rows fall between the controller's ticks: `issued` makes all of
-    them."""
+def in_doubt(draft: Record, off: float, unseen: float) -> Record:
+    """The record whose commands that no row saw, so many a row, are off by so much [rad] each: between ticks, where a
+    command of the grid is a mean over a row, by their mean."""
+    mean = math.sqrt(unseen) / (1.0 + unseen) if draft.fine > 1 else 1.0
+    return replace(draft, between=off * mean, unsure=unsure(unseen))
+
+
+def unsure(unseen: float) -> float:
+    """[nats] a row that commands may feign of which no row saw so many a row."""
+    return UNSURE * math.sqrt(unseen)
+
+
+def _answered(draft: Record) -> Record:
+    """The record of a log without commands: those that the controller makes of the measured attitude; what it makes of
+    noise that no row saw is not among them."""
     none = np.full(draft.rows, math.nan)
     own = ticks_of(draft, none)
-    assert own is not None
-    return replace(between(draft, own, none), commands=np.zeros(draft.rows * draft.every // draft.tick),
-                   input="controller")
+    if own is None:
+        return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
+    commands = _recomputed_at(own, draft)
+    draft = in_doubt(between(draft, own, none), of_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
+    return _with_lost(replace(draft, commands=over_grid(own, draft, commands), input="controller"))
+
+
+def of_noise(r: Record) -> float:
+    """The command [rad] that the controller makes at once of the attitude's noise."""
+    kp, kd, tau, period, _ = controller_gains(r.nominal)
+    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp, kd)
+    return float(abs(kp + kd / (tau + period))) * noise_std(r)
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
@@ -221,27 +286,32 @@ def later(x: np.ndarray, lag: float) -> np.ndarray:
     return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
 
 
-def recomputed(r: Record, attitude: np.ndarray | None = None) -> np.ndarray:
-    """The nominal controller's command [rad] of every tick of `commands` from the measured attitude and the reference.
-
-    attitude  (ticks,) [rad] where rows measured none; None: linear between rows
-    """
-    m = r.every // r.tick
-    ticks = np.arange(r.rows * m) / m
+def recomputed(r: Record) -> np.ndarray:
+    """The nominal controller's command [rad] of every row of a log as fast as it from the measured attitude and the
+    reference, linear over rows without one."""
     rows = np.arange(r.rows)
-    measured, known = np.isfinite(r.z[:, THETA]), np.isfinite(r.reference)
-    theta = np.interp(ticks, rows[measured], r.z[measured, THETA])
-    if attitude is not None:
-        seen = np.zeros(r.rows * m, bool)
-        seen[::m] = measured
-        theta = np.where(seen, theta, attitude)
-    error = theta - np.interp(ticks, rows[known], r.reference[known])
-    issued = error[r.held_phase::r.held]
-    commands, derivative = np.empty_like(issued), np.empty_like(issued)
-    gains = controller_gains(r.nominal)
+    error = lined(r.z[:, THETA]) - lined(r.reference)
     first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
-    test = excitation(r.nominal, first + len(issued), gains[3])[first:]
+    commands = np.repeat(_answer(r, error[r.held_phase::r.held], first), r.held)
+    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(rows)]
+
+
+def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
+    """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
+    count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
+    at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, THETA])
+    theta = np.interp(at, r.at, carried(r.z[:, THETA]).line)
+    rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
+    theta[index] = r.z[rows, THETA]
+    return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),
+                   round((r.first_step + ticks.phase) / ticks.period))
+
+
+def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
+    """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
+    commands, derivative = np.empty_like(error), np.empty_like(error)
+    gains = controller_gains(r.nominal)
+    test = excitation(r.nominal, first + len(error), gains[3])[first:]
     fx = packed(r.nominal).controller
-    run_controller(gains, fx, sections(r.nominal), issued, test, commands, derivative)
-    commands = np.repeat(later(commands, controller_effects.latency(fx) / gains[3]), r.held)
-    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(error)]
+    run_controller(gains, fx, sections(r.nominal), error, test, commands, derivative)
+    return later(commands, controller_effects.latency(fx) / gains[3])

@@ -23,6 +23,8 @@ LAGS = 3          # rows of a linear law
 FEWEST = 60       # rows that tell one
 OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
 NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
+NEIGHBOURS = 3    # rows to either side that a line is drawn by
+JUMP = 5.0        # standard deviations by which a value leaves the line of its neighbours
 ON = 1e-6         # of a period: a row so close before a tick sees its command
 
 
@@ -40,13 +42,13 @@ class Ticks(NamedTuple):
 
 
 def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
-    """The controller's, of a log whose rows fall between them; None: they are the rows' own, or cannot be told.
+    """The controller's, of a log that does not see all of them; None: they are the rows' own, or cannot be told.
 
     command  (n,) [rad] logged, NaN where it is not
     """
     own = record.nominal.controller
     if own is None or record.fine == 1:
-        return None
+        return Ticks(0.0, float(record.tick), 0.0) if own is not None and record.every > record.tick else None
     period, known = own.period / record.step, np.isfinite(command)
     anywhere = period / math.sqrt(12.0)
     if record.period > SLOWER * own.period or not known.any():
@@ -106,8 +108,11 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
 
 
 def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
-    """The record of rows between these ticks: its servo's timing as free as the ticks are unknown, and its samples as
-    old as they may be, where they do not change from row to row while a command (n,) [rad] holds."""
+    """The record of rows between these ticks; rows at them need none of it.  Its servo's timing is as free as the ticks
+    are unknown, and its samples as old as they may be, where they do not change from row to row while a command (n,)
+    [rad] holds."""
+    if ticks.spread == 0.0:
+        return record
     own, diagnosis = record.nominal.controller, record.nominal.diagnosis
     assert own is not None
     unknown = ticks.spread / ticks.period * own.period
@@ -115,7 +120,7 @@ def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
     same = np.diff(command) == 0.0
     known = np.count_nonzero(same) >= FEWEST and all(
         np.mean(np.abs(np.diff(values)[same]) > 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
-    return replace(record, nominal=timed, issued=command, age=unknown * math.sqrt(12.0) if known else own.period)
+    return replace(record, nominal=timed, age=unknown * math.sqrt(12.0) if known else own.period)
 
 
 def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
@@ -131,7 +136,10 @@ def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
 
 def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
     """(grid's ticks,) [rad] mean over each of commands (ticks,) that are held from tick to tick."""
-    edges = record.tick * np.arange(record.rows * record.every // record.tick + 1, dtype=np.float64)
+    count = record.rows * record.every // record.tick
+    if ticks.period == record.tick:
+        return commands[:count]
+    edges = record.tick * np.arange(count + 1, dtype=np.float64)
     begins = ticks.phase + ticks.period * np.arange(len(commands) + 1)
     integral = np.concatenate([[0.0], np.cumsum(commands) * ticks.period])
     return np.asarray(np.diff(np.interp(edges, begins, integral)) / record.tick)
@@ -141,3 +149,35 @@ def lined(commands: np.ndarray) -> np.ndarray:
     """The values (ticks,) with lines over those that are not logged."""
     known, index = np.isfinite(commands), np.arange(len(commands))
     return np.interp(index, index[known], commands[known])
+
+
+class Carried(NamedTuple):
+    """The part line (n,) of rows' values that lines carry to what lies between rows; by how much (n,) such lines are
+    off the rows, 0 where there is none; rows (n,) bool where the values jump, in which off is no noise."""
+
+    line: np.ndarray
+    off: np.ndarray
+    jumps: np.ndarray
+
+
+def carried(x: np.ndarray) -> Carried:
+    """The part of values x (n,) of rows, NaN: not logged, that is a mean over neighbours, with the weights with which
+    those at twice the distance give the rows themselves where nothing jumps: noise of a row alone is in no other's."""
+    known, rows = np.isfinite(x), np.arange(len(x))
+    whole = lined(x)
+
+    def of(away: int) -> np.ndarray:
+        return np.asarray(0.5 * (whole[np.clip(rows - away, 0, rows[-1])] + whole[np.clip(rows + away, 0, rows[-1])]))
+
+    twice = np.column_stack([0.5 * (of(2 * j - 1) + of(2 * j + 1)) for j in range(NEIGHBOURS + 1)])
+
+    def off(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rest = np.where(known, whole - combined(twice, weights), 0.0)
+        return rest, np.abs(rest) > JUMP / NORMAL * np.median(np.abs(rest[known]))
+
+    plain = np.append(1.0, np.full(NEIGHBOURS, 2.0)) / (1.0 + 2.0 * NEIGHBOURS)
+    steady = known & ~off(plain)[1]
+    weights = least_squares(twice[steady], x[steady])
+    rest, jumps = off(weights)
+    line = combined(np.column_stack([of(j) for j in range(NEIGHBOURS + 1)]), weights)
+    return Carried(np.where(jumps, whole, line), rest, jumps)

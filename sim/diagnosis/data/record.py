@@ -69,10 +69,8 @@ class Record:
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     work        what has been done on it, and may be, shared with all that are made of it
     thinned     every so many of the log's rows are left (`used`), all commands between them known
-    fill_gain   of a log slower than the controller: command [rad] per attitude noise [rad] in the recomputed ticks
-    between     [rad] one sigma by which its commands between rows are off beside that
+    between     [rad] one sigma by which commands that no row saw are off
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
-    issued      (n,) [rad] the rows' commands, NaN where there are none, where rows fall between the controller's ticks
     law         of the nominal, of a rate or with filters: only whether the log's commands are its own is asked
     age         [s] by which what the logger read may be older than its stamp: more is a delay
     shift       [s] log's clock = grid's clock + shift
@@ -93,10 +91,8 @@ class Record:
     shift: float
     held: int = 1
     held_phase: int = 0
-    fill_gain: float = 0.0
     between: float = 0.0
     unsure: float = 0.0
-    issued: np.ndarray | None = None
     age: float = 0.0
     law: Controller | None = None
     rate_reference: np.ndarray = field(default_factory=lambda: np.zeros(0))   # (n,) rad/s, NaN where not known

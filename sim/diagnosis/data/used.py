@@ -106,7 +106,6 @@ def thinned(record: Record, every: int) -> Record:
     return replace(record, z=some(record.z), reference=some(record.reference), at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
                    commands=commands, logged=None if record.logged is None else some(record.logged),
-                   issued=None if record.issued is None else some(record.issued),
                    held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
                    held_phase=0, thinned=record.thinned * every)
 
@@ -145,5 +144,4 @@ def cut(record: Record, most: int) -> Record:
     return replace(record, z=record.z[part], reference=record.reference[part], at=at,
                    first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
                    logged=None if record.logged is None else record.logged[part],
-                   issued=None if record.issued is None else record.issued[part],
                    lost=None if record.lost is None else record.lost[part], held_phase=0)

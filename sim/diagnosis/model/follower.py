@@ -1,34 +1,17 @@
 """The nominal as it follows a log: what the room of the controller needs of a model and is handed."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...sums import least_squares
 from ..controller.gaps import Seen
 from ..data.record import ESCAPED, THETA, Record
-from .noise import Filter, declared, first_filter
+from .noise import declared, first_filter
 from .nuisance import Problem
 from .point import Point, innovations, predicted_attitude
 
 ALERT = np.array([1.0, 1.0, 1.0, 1.0, 30.0])  # levels between rows: the plant may be wrong, follow the sensors
 SLOW = 2       # powers of time in what a biased gyro takes the attitude off
 FEWEST = 20    # rows that tell them
-
-
-@dataclass(frozen=True, eq=False)
-class Vehicle:
-    """The nominal's vehicle under one filter, a6 and k1 free within their tolerance."""
-
-    filter: Filter
-
-    def residual(self, record: Record) -> np.ndarray:
-        """The residual (3n + 5,) with this record's commands."""
-        return Problem(record, self.filter).residual(Point())
-
-    def slopes(self, record: Record) -> np.ndarray:
-        """The slopes (3n + 5, 5) of the residual over the deviations."""
-        return Problem(record, self.filter).deviation_slopes()
 
 
 def lost(record: Record) -> str:
@@ -54,10 +37,6 @@ class NominalFollower:
         gains = first_filter(record, levels)
         seen = Seen(predicted_attitude(record, gains), innovations(record, gains, Point())[0])
         return _as_measured(record, seen) if np.all(np.abs(seen.attitude) < record.farthest) else None
-
-    def vehicle(self, record: Record) -> Vehicle:
-        """The nominal's vehicle at the declared noise."""
-        return Vehicle(first_filter(record, declared(record)))
 
 
 def _as_measured(record: Record, seen: Seen) -> Seen:

@@ -93,7 +93,6 @@ class Dynamics:
     resets: np.ndarray          # (n,) bool, rows at which held noises are drawn anew; all False: each row, in the q
     command_q: np.ndarray       # (b, m, m) for unit variance of the command noise
     acceleration_q: np.ndarray  # (b, m, m)
-    fill_q: np.ndarray          # (b, m, m) for unit variance of the attitude noise, through recomputed commands
     unknown_q: np.ndarray       # (b, m, m) of commands that the log does not have
     entry: np.ndarray           # (b, m, 2) how a command or acceleration held over a row moves the state
     rate_scale: float           # of the gyro: gains are those of one without (`predictor`)
@@ -133,8 +132,8 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
     command_q, acceleration_q, between_q = (x[:, kept, kept].copy() for x in q)
-    own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, record.fill_gain**2 * between_q,
-                   record.between**2 * between_q, entry, float(made_good(scale)), np.arange(m)[kept], (), ())
+    own = Dynamics(modes, f, c, block, resets, command_q, acceleration_q, record.between**2 * between_q, entry,
+                   float(made_good(scale)), np.arange(m)[kept], (), ())
     return _with_lost(record, _in_the_world(record, own, record.a6[half], v.k1[half], path_slope(v)))
 
 
@@ -144,10 +143,10 @@ def _with_lost(record: Record, own: Dynamics) -> Dynamics:
         return own
     enters = record.unknown * own.entry[:, :, 0]
     unknown_q = np.concatenate([own.unknown_q, enters[:, :, None] * enters[:, None, :]])
-    f, command_q, acceleration_q, fill_q, entry = (
-        np.concatenate([x, x]) for x in (own.f, own.command_q, own.acceleration_q, own.fill_q, own.entry))
-    return replace(own, f=f, command_q=command_q, acceleration_q=acceleration_q, fill_q=fill_q, unknown_q=unknown_q,
-                   entry=entry, block=np.where(record.lost, own.block + len(own.f), own.block))
+    f, command_q, acceleration_q, entry = (
+        np.concatenate([x, x]) for x in (own.f, own.command_q, own.acceleration_q, own.entry))
+    return replace(own, f=f, command_q=command_q, acceleration_q=acceleration_q, unknown_q=unknown_q, entry=entry,
+                   block=np.where(record.lost, own.block + len(own.f), own.block))
 
 
 def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray, z_alpha: float) -> Dynamics:
@@ -168,10 +167,10 @@ def _in_the_world(record: Record, own: Dynamics, a6: np.ndarray, k1: np.ndarray,
         if source.is_stochastic:
             fresh.append((j, source.fresh(period)))
         first.append((j, source.initial**2 if math.isinf(source.time_constant) else -1.0))
-    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.fill_q, own.unknown_q)]
+    q = [np.pad(x, ((0, 0), (0, w), (0, w))) for x in (own.command_q, own.acceleration_q, own.unknown_q)]
     slots = np.append(own.slots, N_RIGID + 2 * len(own.modes) + np.arange(w))
-    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], q[3], entry, own.rate_scale,
-                    slots, tuple(fresh), tuple(first))
+    return Dynamics(own.modes, f, c, own.block, own.resets, q[0], q[1], q[2], entry, own.rate_scale, slots,
+                    tuple(fresh), tuple(first))
 
 
 def _held_noise(part: np.ndarray, ticks: int) -> np.ndarray:
@@ -329,8 +328,7 @@ class Refilter:
         """Transition and process noise (b, m, m), measurement (3, m), first covariance (m, m), variances of held
         noises."""
         record, dyn = self.record, self.dyn
-        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + levels[0]**2 * dyn.fill_q \
-            + dyn.unknown_q
+        q = levels[3]**2 * dyn.command_q + levels[4]**2 * dyn.acceleration_q + dyn.unknown_q
         for (state, variance), level in zip(dyn.fresh, levels[5:], strict=True):
             q[:, state, state] = variance * level**2
         f, c, p = dyn.f, dyn.c, _start(record, levels, dyn)
