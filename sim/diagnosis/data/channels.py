@@ -19,16 +19,17 @@ from .stops import SENSED, stopped
 MEASURED = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
 NOZZLE, COMMAND = "beta", "beta_cmd"
 ABSURD = 1e4         # rad, rad/s: beyond it no channel holds a measurement, in degrees neither
-FEWEST_RUN = 5       # rows without a value, or of one value
+FEWEST_RUN = 5       # rows without a value, or of zeros
+FEWEST_STALE = 10    # rows of one value: an input at its limit is there for fewer
 USUAL = 0.99         # of a channel's runs, single values among them, are no longer than its usual ones
 LONGER = 5.0         # times as long: the longest of a clean channel whose noise shows are 3.5 times
 DITHER = 0.12        # of the steps on one side reverse the one before: noise moves the value, not the motion alone
-HIDDEN = 0.4         # of the steps on one side are none: the quantum hides the noise, and a run tells nothing by its length
+HIDDEN = 0.4         # of the steps on one side are none: the quantum hides the noise, a run's length tells nothing
 JUMP = 4.0           # times the largest step beside a run, or the quantum
 SMOOTH = 0.2         # of the usual step there, the largest of those next to the run: less is coming to rest
 BESIDE = 40          # rows on either side that count as beside a run or a spike
 FEWEST_BESIDE = 8    # of them tell something
-SPIKE = 5.5          # times the usual residual: six standard deviations of the noise
+SPIKE = 7.5          # times the usual residual: nine standard deviations of the noise
 SERVO = 0.25         # of a step of the command that lasts for a row, at most, comes through
 NEAR = 6             # rows on either side that count as next to it
 MOST = 0.75          # of steps and residuals there are no larger than the usual one: others belong to another spike
@@ -113,7 +114,7 @@ def frozen_runs(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: 
     bad: dict[str, list[tuple[int, int]]] = {"dropout": [], "stale": []}
     for k in np.flatnonzero(lengths >= FEWEST_RUN):
         start, end = int(bounds[k]), int(bounds[k + 1])
-        if rows[start] < resting:
+        if rows[start] < resting or (values[start] != 0.0 and end - start < FEWEST_STALE):
             continue
         if (lengths[k] >= LONGER * usual and _dithers(values, start, end)) or _jumps(values, start, end, quantum):
             bad["dropout" if values[start] == 0.0 else "stale"].append((start, end))

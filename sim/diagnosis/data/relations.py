@@ -125,8 +125,8 @@ def _reason(change: Change, relation: str, fit: Fit) -> str:
 
 
 def misfit(fit: Fit) -> float:
-    """The share that a relation with gains of 1 leaves unexplained.  It is 1 where the relation says nothing clearly, and
-    beyond where it says clearly that a sign or a size is another one."""
+    """The share that a relation with gains of 1 leaves unexplained.  It is 1 where the relation says nothing clearly,
+    and beyond where it says clearly that a sign or a size is another one."""
     if not fit.explained > CLEAR:
         return 1.0
     gains = [gain for gain, partial in zip(fit.gain[:2], fit.partial[:2], strict=True) if partial > PARTIAL]
