@@ -17,7 +17,7 @@ from ...log import SHORTEST, Log
 from ...sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
-from .rates import HELD, rate_of, slower
+from .rates import rate_of, slower
 from .slope import Columns, unit_of_time
 from .vehicle import guided_faults
 
@@ -55,8 +55,8 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     usable = stamps.usable_rows(log.t)
     faults = stamps.stamp_faults(log.t, usable)
     rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.MEASURED}
-    repeating = [name for name, rate in rates.items() if rate.kind == HELD]
-    masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable, repeating)
+    masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
+                                    {name: rate.own for name, rate in rates.items()})
     faults += single
     if not any(fault.kind == "order" for fault in faults):
         faults += _between(log, nominal, usable, masks)
