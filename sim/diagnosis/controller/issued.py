@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..causes import MISMATCH
 from ..data.record import Record
 from .check import check_controller
 from .command import unsure
@@ -53,7 +54,8 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
             own = own._replace(kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd,
                                tau=checked.time_constant or own.tau, late=own.late + checked.late(own.period))
         made = filled(made, seen.attitude, own)
-    if checked is not None and checked.kind != NONE:
+    told = checked is not None and checked.kind != NONE
+    if told or any(each.name == MISMATCH.cause for each in record.nominal.effects):  # gains that some log told
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
 
