@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..causes import MISMATCH
+from ...flight import packed
 from ..data.record import Record
 from .check import check_controller
 from .command import unsure
@@ -55,7 +55,7 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
                                tau=checked.time_constant or own.tau, late=own.late + checked.late(own.period))
         made = filled(made, seen.attitude, own)
     told = checked is not None and checked.kind != NONE
-    if told or any(each.name == MISMATCH.cause for each in record.nominal.effects):  # gains that some log told
+    if told or len(packed(record.nominal).controller):  # the nominal's are what some log told
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
 
