@@ -6,15 +6,14 @@ Three relations hold whatever the vehicle does:
     nozzle      beta = the actuator's answer to beta_cmd (+ bias), never before it
     controller  beta_cmd = C(theta) - C(theta_ref) (+ bias, + test input), C the nominal's
 
-Each is a regression with free gains over means of short blocks.  Physical effects leave the gains within a factor 2.5
-of 1; degrees, signs and exchanged columns do not.  One rule tells all of these: of the repairs of one column, or of
-two exchanged, that is named which fulfils a relation that was not fulfilled, and breaks none; beta and beta_cmd, which
-fulfil theirs either way, are told by which of them moves first.  It is then made on a
+Each is a regression with free gains over means of short blocks.  Physical effects
+leave the gains within a factor 2.5 of 1; degrees, signs and exchanged columns do
+not.  A fault is named only where the data speak clearly; it is then repaired on a
 copy and the next is looked for.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,32 +21,41 @@ import numpy as np
 from ...sections import Nominal
 from ...sums import square
 from .fault import Fault
-from .slope import CLEAR, DEGREES, NO_FIT, Columns, Fit, block_means, near, rate_fit, regress
+from .slope import (
+    CLEAR,
+    DEGREES,
+    NO_FIT,
+    SAME_UNIT,
+    Columns,
+    Fit,
+    block_means,
+    near,
+    rate_fit,
+    regress,
+)
 
-SLACK = 2.6              # a gain of 1 within this factor: gains of effects are 0.4..2.5
-MUCH_BETTER = 0.25       # of the share that a relation left unexplained is left after a repair
-NOZZLE_BLOCK = 0.05      # s, of the actuator and of the controller: shorter than the latter's derivative filter
-PARTIAL = 0.5            # share of the rest's variance that one part of the controller must explain to have a gain
+UNIT_SLACK = 2.2         # a gain of 57.3 or its inverse within this factor: gains of effects are 0.4..2.5
+GAIN_SLACK = 2.6         # a gain of +-1 within this factor
+NOZZLE_BLOCK = 0.1       # s
+CONTROL_BLOCK = 0.05     # s: shorter than the controller's derivative filter
+VERY_CLEAR = 0.8         # to tell exchanged columns
+MUCH_BETTER = 0.25       # of the unexplained share is left when columns are exchanged back
+PARTIAL = 0.5            # share of the rest's variance that one part of the controller must explain
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.1)  # s, of a controller that computes slowly
-FAULTS_AT_MOST = 4
-FULFILLED = 1.0 - CLEAR  # misfit at most of a relation that holds
-SAME = 1e-6              # of the logarithm of a misfit: rounding
-LEAST = 1e-9             # misfit of a log without noise
-AT_LIMIT = 0.999         # of the largest command: held by the deflection limit
-NOZZLE_LAG = 0.12        # s: looked for between command and nozzle
+AT_LIMIT = 0.999         # of the largest command: held by the deflection limit, if in more than
+AT_LIMIT_ROWS = 3        # rows
+CUT_OFF = 1e-4           # of an impulse response may be cut off
+FAST_PART = 10.0          # times as fast, of the servo of second order that stands for one of first
+ROW_PARTS = 8            # in which the servo's answer is summed: it is about as fast as the log
+NOZZLE_LAG = 0.12       # s: looked for between command and nozzle
 LAG_SMOOTH = 0.03        # s: about the servo's own time, over which changes are taken
 LAG_PARTS = 4            # of a row: steps of the lag
 FORWARD_SHARE = 0.85     # of what lags >= 0 leave unexplained is left at negative ones: 0.4..0.7 if exchanged, else 1
 LAG_CLEAR = 0.2          # share of the nozzle's changes explained at the best lag
-WRONG_SIGN, WRONG_SIZE = 2.0, 8.0   # misfits of relations that tell so clearly: each repair is MUCH_BETTER
-PARTS = {"rate": ("theta", "theta_dot"), "nozzle": ("beta", "beta_cmd"),
-         "controller": ("theta", "theta_ref", "beta_cmd")}
-THEN = {"rate": "theta is the integral of theta_dot", "nozzle": "beta follows beta_cmd",
-        "controller": "beta_cmd is what the controller makes of theta and theta_ref"}
-AGAINST = {("rate", "theta"): "the integral of theta_dot", ("rate", "theta_dot"): "the slope of theta",
-           ("nozzle", "beta"): "beta_cmd", ("nozzle", "beta_cmd"): "beta"}
-EXCHANGED = (("theta", "theta_dot"), ("theta", "beta"), ("theta_dot", "beta"), ("theta", "theta_ref"))
-RELATED = ("theta_dot", "theta", "beta", "beta_cmd", "theta_ref")
+ROUGHER = 3.0            # times: the measured attitude against a reference
+FAR_OUT = 0.6            # rad: an attitude reference of small-angle flight does not reach it
+FAULTS_AT_MOST = 4
+RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
 WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
          "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
          "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
@@ -59,7 +67,8 @@ class Change:
 
     kind: str
     channels: tuple[str, ...]
-    factor: float = 1.0
+    factor: float
+    reason: str
 
     def repaired(self, columns: Columns) -> Columns:
         if self.kind == "swapped":
@@ -75,144 +84,161 @@ def relation_faults(columns: Columns, period: float, nominal: Nominal,
     columns  measured channels on uniform `times` (n,) [s], `period` [s] apart
     """
     for _ in range(FAULTS_AT_MOST):
-        change, reason = _first(columns, period, nominal, times)
+        change = _first(columns, period, nominal, times)
         if change is None:
             return
-        text = WORDS[change.kind].format(" and ".join(change.channels), reason)
-        channel = change.channels[0] if len(change.channels) == 1 else None
-        yield change, Fault(change.kind, channel, float(times[0]), float(times[-1]), len(times), text)
+        yield change, _fault(change, times)
         columns = change.repaired(columns)
 
 
-def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> tuple[Change | None, str]:
-    """The repair after which the relations are fulfilled best, and why; None: there is none, or no need of any."""
-    fits = {relation: fit_of(relation, columns, period, nominal, times) for relation in PARTS}
-    before = {relation: misfit(fit) for relation, fit in fits.items()}
-    best, change, reason = sum(map(math.log, before.values())), None, ""
-    for tried in _changes(columns, max(before.values())):
-        changed = tried.repaired(columns)
-        after = before | {relation: misfit(fit_of(relation, changed, period, nominal, times))
-                          for relation, names in PARTS.items() if set(names) & set(tried.channels)}
-        better = [relation for relation in PARTS if before[relation] > FULFILLED
-                  and after[relation] <= MUCH_BETTER * before[relation]]
-        broken = any(after[relation] > max(before[relation], FULFILLED) for relation in PARTS)
-        total = sum(map(math.log, after.values()))
-        if better and not broken and total < best - SAME:
-            best, change, reason = total, tried, _reason(tried, better[0], fits[better[0]])
-    if change is None and command_follows(columns, period):
-        return Change("swapped", ("beta", "beta_cmd")), "beta_cmd follows beta, which no actuator does"
-    return change, reason
+def _fault(change: Change, times: np.ndarray) -> Fault:
+    text = WORDS[change.kind].format(" and ".join(change.channels), change.reason)
+    channel = change.channels[0] if len(change.channels) == 1 else None
+    return Fault(change.kind, channel, float(times[0]), float(times[-1]), len(times), text)
 
 
-def _changes(columns: Columns, worst: float) -> Iterator[Change]:
-    """The repairs that a relation of such a misfit may need; of two that are as good the first one is made."""
-    names = [name for name in RELATED if name in columns] if worst >= WRONG_SIGN else []
-    for kind, factor in (("unit", 1.0 / DEGREES), ("sign", -1.0)):
-        yield from (Change(kind, (name,), factor) for name in names)
-    if worst > FULFILLED:
-        yield from (Change("swapped", pair) for pair in EXCHANGED if set(pair) <= set(columns))
-
-
-def _reason(change: Change, relation: str, fit: Fit) -> str:
-    """The relation that a repair fulfils, whose fit was this before it."""
-    if change.kind == "swapped":
-        return f"then {THEN[relation]}"
-    against = AGAINST.get((relation, change.channels[0]), "the controller's command")
-    if change.kind == "sign":
-        return f"it moves against {against}"
-    gain = max(fit.gain[:2], key=lambda each: abs(math.log(abs(each) or 1.0)))
-    return f"it is {max(abs(gain), 1.0 / abs(gain)):.1f} times {against}"
-
-
-def misfit(fit: Fit) -> float:
-    """The share that a relation with gains of 1 leaves unexplained.  It is 1 where the relation says nothing clearly,
-    and beyond where it says clearly that a sign or a size is another one."""
-    if not fit.explained > CLEAR:
-        return 1.0
-    gains = [gain for gain, partial in zip(fit.gain[:2], fit.partial[:2], strict=True) if partial > PARTIAL]
-    if not all(near(abs(gain), 1.0, SLACK) for gain in gains):
-        return WRONG_SIZE
-    return WRONG_SIGN if min(gains, default=1.0) < 0.0 else max(1.0 - fit.explained, LEAST)
+def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> Change | None:
+    """The clearest fault between these columns."""
+    rate = rate_fit(columns, "theta", "theta_dot", period)
+    nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
+    control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
+    return (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
+            or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
 
 
 # ---- the relations
 
 
-def fit_of(relation: str, columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> Fit:
-    """The regression of one relation; none where a column of it is not there."""
-    if not set(PARTS[relation]) <= set(columns):
+def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nominal: Nominal) -> Fit:
+    """`nozzle` = gain * (nominal actuator's answer to `command`) + bias."""
+    if command not in columns or nozzle not in columns:
         return NO_FIT
-    if relation == "rate":
-        return rate_fit(columns, "theta", "theta_dot", period)
-    return nozzle_fit(columns, period, nominal) if relation == "nozzle" else \
-        control_fit(columns, period, nominal, times)
-
-
-def nozzle_fit(columns: Columns, period: float, nominal: Nominal) -> Fit:
-    """beta = gain * (nominal actuator's answer to beta_cmd) + bias."""
+    answer = _actuated(columns[command], period, nominal)
     rows = max(1, round(NOZZLE_BLOCK / period))
-    answer = _actuated(columns["beta_cmd"], period, nominal)
-    return regress(block_means(columns["beta"], rows), [block_means(answer, rows)])
+    return regress(block_means(columns[nozzle], rows), [block_means(answer, rows)])
 
 
-def control_fit(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> Fit:
-    """beta_cmd = gain * C(theta) + gain * C(-theta_ref) + bias, of the delay at which it explains most."""
-    if nominal.controller is None:
+def control_fit(columns: Columns, angle: str, reference: str, period: float, nominal: Nominal,
+                times: np.ndarray) -> Fit:
+    """beta_cmd = gain * C(angle) + gain * C(-reference) + bias, where it is not at its limit; the best delay's."""
+    controller = nominal.controller
+    if controller is None or not {"beta_cmd", angle, reference} <= set(columns):
         return NO_FIT
-    rows = max(1, round(NOZZLE_BLOCK / period))
-    parts = [_controlled(columns["theta"], period, nominal), -_controlled(columns["theta_ref"], period, nominal)]
+    command = columns["beta_cmd"]
+    size = np.abs(command)
+    limited = size >= AT_LIMIT * np.max(size)
+    free = ~limited if np.count_nonzero(limited) > AT_LIMIT_ROWS else np.ones(len(size), bool)
+    rows = max(1, round(CONTROL_BLOCK / period))
+    whole = block_means(free.astype(float), rows) == 1.0
+    parts = [_controlled(columns[angle], period, nominal), -_controlled(columns[reference], period, nominal)]
     if nominal.test_input is not None:
         parts.append(nominal.test_input.at(times))
-    command, best = block_means(columns["beta_cmd"], rows), NO_FIT
-    size = np.abs(columns["beta_cmd"])
-    free = block_means(1.0 * (size < AT_LIMIT * np.max(size)), rows) == 1.0
-    for shift in sorted({round(delay / period) for delay in DELAYS}):
-        late = [block_means(np.concatenate((np.full(shift, part[0]), part[:len(part) - shift])), rows)[free]
+    best = NO_FIT
+    for delay in DELAYS:
+        shift = round(delay / period)
+        late = [block_means(np.concatenate((np.full(shift, part[0]), part[:len(part) - shift])), rows)[whole]
                 for part in parts]
-        fit = regress(command[free], late)
+        fit = regress(block_means(command, rows)[whole], late)
         best = fit if fit.explained > best.explained else best
     return best
 
 
-def _answer(x: np.ndarray, period: float, transfer: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The answer (n,) to x (n,), held at its first value before, of a transfer function of s [1/s]."""
-    n = len(x)
-    spectrum = np.fft.rfft(x - x[0], 2 * n)
-    s = 2.0j * math.pi * np.fft.rfftfreq(2 * n, period)
-    return np.asarray(x[0] * transfer(s[:1]).real + np.fft.irfft(spectrum * transfer(s), 2 * n)[:n])
+def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """x (n,) through an impulse response (m,), x held at its first value before."""
+    m = len(response)
+    padded = np.concatenate((np.full(m - 1, x[0]), x))
+    size = len(padded)
+    return np.asarray(np.fft.irfft(np.fft.rfft(padded, 2 * size) * np.fft.rfft(response, 2 * size), 2 * size)
+                      [m - 1:m - 1 + len(x)])
 
 
 def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
     """The nominal actuator's answer; the command itself if it has none."""
     actuator = nominal.actuator
-    if actuator is None:
+    if actuator is None or not (actuator.is_first_order or actuator.damping_ratio > 0.0):
         return command
     w, zeta = actuator.frequency, actuator.damping_ratio
-    if actuator.is_first_order:
-        return _answer(command, period, lambda s: np.exp(-s * actuator.delay) / (1.0 + s / w))
-    return _answer(command, period, lambda s: np.exp(-s * actuator.delay) / (1.0 + 2.0 * zeta * s / w + (s / w)**2))
+    if actuator.is_first_order:  # as an overdamped one, whose fast part is done within a tenth of it
+        w, zeta = w * math.sqrt(FAST_PART), 0.5 * (1.0 + FAST_PART) / math.sqrt(FAST_PART)
+    slowest = w * (zeta - math.sqrt(zeta * zeta - 1.0) if zeta > 1.0 else zeta)
+    count = min(len(command), math.ceil((-math.log(CUT_OFF) / slowest + actuator.delay) / period) + 1)
+    t = (np.arange(count * ROW_PARTS) + 0.5) * period / ROW_PARTS - actuator.delay
+    root = w * np.sqrt(complex(zeta * zeta - 1.0))
+    slow, fast = zeta * w - root, zeta * w + root
+    after = np.maximum(t, 0.0)
+    shape = after * np.exp(-slow * after) if root == 0.0 else (np.exp(-slow * after) - np.exp(-fast * after)) / root
+    response = shape.real.reshape(count, ROW_PARTS).sum(axis=1)
+    total = response.sum()
+    return _filtered(command, response / total) if total > 0.0 else command
 
 
 def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
-    """C(angle) = kp angle + kd (its pseudo-derivative)."""
+    """C(angle) = kp angle + kd (its pseudo-derivative) at the log's rate."""
     controller = nominal.controller
     assert controller is not None
-    tau = max(controller.derivative_time_constant, period)
-    return _answer(angle, period, lambda s: controller.kp + controller.kd * s / (1.0 + tau * s))
+    tau = controller.derivative_time_constant
+    change = np.diff(angle, prepend=angle[0])
+    if tau <= 0.0:
+        derivative = change / period
+    else:
+        count = min(len(angle), math.ceil(-math.log(CUT_OFF) * (tau + period) / period) + 1)
+        derivative = _filtered(change, (tau / (tau + period)) ** np.arange(count)) / (tau + period)
+    return np.asarray(controller.kp * angle + controller.kd * derivative)
 
 
-# ---- command and nozzle exchanged
+# ---- exchanged columns
 
 
-def command_follows(columns: Columns, period: float) -> bool:
-    """Whether changes of beta_cmd come after those of beta, which no relation without time tells."""
-    if not set(PARTS["nozzle"]) <= set(columns):
+def _better(found: Fit, now: Fit) -> bool:
+    """The exchanged columns fulfil a relation that they did not."""
+    return (near(found.gain[0], 1.0, GAIN_SLACK) and found.explained > VERY_CLEAR
+            and 1.0 - found.explained < MUCH_BETTER * (1.0 - now.explained))
+
+
+def _exchanged(columns: Columns, period: float, nominal: Nominal, rate: Fit, nozzle: Fit,
+               control: Fit) -> Change | None:
+    """Two columns under each other's names."""
+    known = "theta_dot" in columns
+    if known and _better(rate_fit(columns, "theta_dot", "theta", period), rate):
+        return Change("swapped", ("theta", "theta_dot"), 1.0, "theta is the slope of theta_dot")
+    as_angle = rate_fit(columns, "beta", "theta_dot", period) if known else NO_FIT
+    as_nozzle = nozzle_fit(columns, "beta_cmd", "theta", period, nominal)
+    if _better(as_angle, rate) and (as_nozzle is NO_FIT or as_nozzle.explained > nozzle.explained):
+        return Change("swapped", ("theta", "beta"), 1.0, "theta_dot is the slope of beta")
+    as_rate = rate_fit(columns, "theta", "beta", period)
+    as_nozzle = nozzle_fit(columns, "beta_cmd", "theta_dot", period, nominal)
+    if known and _better(as_rate, rate) and (as_nozzle is NO_FIT or as_nozzle.explained > nozzle.explained):
+        return Change("swapped", ("theta_dot", "beta"), 1.0, "beta is the slope of theta")
+    if _reference_is_attitude(columns, period, rate, nozzle, control):
+        return Change("swapped", ("theta", "theta_ref"), 1.0, "theta_ref moves as the measured attitude does")
+    if _command_follows(columns, period, nozzle):
+        return Change("swapped", ("beta", "beta_cmd"), 1.0, "beta_cmd follows beta, which no actuator does")
+    return None
+
+
+def _reference_is_attitude(columns: Columns, period: float, rate: Fit, nozzle: Fit, control: Fit) -> bool:
+    """theta_ref is the slope's integral or as rough as a measurement, and the controller sees both reversed."""
+    if "theta_ref" not in columns or "theta" not in columns:
+        return False
+    reversed_ = control.explained > VERY_CLEAR and all(near(gain, -1.0, GAIN_SLACK) for gain in control.gain[:2])
+    roughness = [float(np.mean(np.abs(np.diff(columns[name], 2)))) for name in ("theta_ref", "theta")]
+    rougher = roughness[0] > ROUGHER * roughness[1]
+    as_angle = rate_fit(columns, "theta_ref", "theta_dot", period)
+    if control is NO_FIT:
+        return rougher and _better(as_angle, rate)
+    moves = rougher if as_angle is NO_FIT else as_angle.explained > rate.explained
+    return reversed_ and moves and nozzle.explained > CLEAR and near(nozzle.gain[0], 1.0, GAIN_SLACK)
+
+
+def _command_follows(columns: Columns, period: float, nozzle: Fit) -> bool:
+    """Changes of beta_cmd come after those of beta."""
+    if "beta_cmd" not in columns or not near(nozzle.gain[0], 1.0, UNIT_SLACK * DEGREES):
         return False
     early, late = _unexplained(columns["beta_cmd"], columns["beta"], period)
     return early < 1.0 - LAG_CLEAR and early < FORWARD_SHARE * late
 
 
-def _moves(x: np.ndarray, rows: int) -> np.ndarray:
+def _changes(x: np.ndarray, rows: int) -> np.ndarray:
     """Mean of the next rows less mean of the last, at every row."""
     total = np.concatenate(([0.0], np.cumsum(x - x.mean())))
     means = (total[rows:] - total[:-rows]) / rows
@@ -222,7 +248,7 @@ def _moves(x: np.ndarray, rows: int) -> np.ndarray:
 def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tuple[float, float]:
     """Shares of the nozzle's changes that the command's do not explain, shifted to later and to earlier or equal."""
     lags = max(2, round(NOZZLE_LAG / period))
-    u, b = (_moves(x, max(1, round(LAG_SMOOTH / period))) for x in (command, nozzle))
+    u, b = (_changes(x, max(1, round(LAG_SMOOTH / period))) for x in (command, nozzle))
     n = len(u)
     norm = math.sqrt(square(u) * square(b))
     if n < 4 * lags or norm <= 0.0:
@@ -233,3 +259,60 @@ def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tupl
     reach = lags * LAG_PARTS
     left = 1.0 - np.maximum(correlation, 0.0) ** 2
     return float(np.min(left[-reach:])), float(np.min(left[:reach + 1]))
+
+
+# ---- units and signs
+
+
+def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
+    """One angle in degrees among radians."""
+    back = 1.0 / DEGREES
+
+    def seen(gain: float) -> str:
+        return f"{max(abs(gain), 1.0 / abs(gain)):.1f} times"
+
+    if rate.explained > CLEAR and near(abs(rate.gain[0]), back, SAME_UNIT):
+        return Change("unit", ("theta_dot",), back, f"it is {seen(rate.gain[0])} the slope of theta")
+    if rate.explained > CLEAR and near(abs(rate.gain[0]), DEGREES, SAME_UNIT):
+        return Change("unit", ("theta",), back, f"its slope is {seen(rate.gain[0])} theta_dot")
+    if nozzle.explained > CLEAR and near(abs(nozzle.gain[0]), DEGREES, UNIT_SLACK):
+        return Change("unit", ("beta",), back, f"it is {seen(nozzle.gain[0])} beta_cmd")
+    if nozzle.explained > CLEAR and near(abs(nozzle.gain[0]), back, UNIT_SLACK):
+        return Change("unit", ("beta_cmd",), back, f"it is {seen(nozzle.gain[0])} beta")
+    if control.explained > VERY_CLEAR:
+        for k, name in enumerate(("theta", "theta_ref")):
+            if control.partial[k] > PARTIAL and near(abs(control.gain[k]), back, UNIT_SLACK):
+                return Change("unit", (name,), back, f"it is {seen(control.gain[k])} what beta_cmd answers")
+    return None
+
+
+def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
+    """The change of a reference that is far from the guidance's, where theta does not follow it as it is and no
+    relation decides."""
+    reference = columns.get("theta_ref")
+    if reference is None or nominal.guidance is None:
+        return None
+    largest, known = float(np.max(np.abs(reference))), max(map(abs, nominal.guidance.theta_ref))
+    if not (largest > FAR_OUT and known > 0.0 and near(largest / known, DEGREES, UNIT_SLACK)):
+        return None
+    follows = regress(columns["theta"], [reference]) if "theta" in columns else NO_FIT
+    if follows.explained > VERY_CLEAR and near(follows.gain[0], 1.0, UNIT_SLACK):
+        return None  # both are
+    return Change("unit", ("theta_ref",), 1.0 / DEGREES, f"it reaches {largest:.3g}, the guidance {known:.3g} rad")
+
+
+def _reversed(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
+    """One channel with the opposite sign."""
+    clear = control.explained > VERY_CLEAR
+    attitude, reference = (
+        (1 if near(control.gain[k], 1.0, GAIN_SLACK) else -1 if near(control.gain[k], -1.0, GAIN_SLACK) else 0)
+        if clear and control.partial[k] > PARTIAL else 0 for k in (0, 1))
+    if rate.explained > CLEAR and near(rate.gain[0], -1.0, GAIN_SLACK):
+        name = "theta" if attitude < 0 < reference else "theta_dot"
+        return Change("sign", (name,), -1.0, "theta_dot is minus the slope of theta")
+    if nozzle.explained > CLEAR and near(nozzle.gain[0], -1.0, GAIN_SLACK):
+        name = "beta_cmd" if attitude < 0 and reference <= 0 else "beta"
+        return Change("sign", (name,), -1.0, "beta moves against beta_cmd")
+    if attitude > 0 > reference:
+        return Change("sign", ("theta_ref",), -1.0, "the controller's command moves with it, not against it")
+    return None
