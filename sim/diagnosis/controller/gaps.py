@@ -144,8 +144,9 @@ class Gaps:
                                 best.tau if other else None, best.over(believed))
         if self.late == 0 and found.evidence < CLEARLY and self.is_noise(believed.rest):
             return ControllerCheck(NONE, believed.rms, believed.rms)
-        return found.of_kind(SAME_PREDICTED, self.own.period) if self.is_noise(best.rest, EXPLAINS) else \
-            replace(found, kind=UNKNOWN)
+        at_an_end = min(abs(best.tau / (self.own.tau * end) - 1.0) for end in NEAR_FILTERS[[0, -1]]) < SAME_PREDICTED
+        return found.of_kind(SAME_PREDICTED, self.own.period) if self.is_noise(best.rest, EXPLAINS) and not at_an_end \
+            else replace(found, kind=UNKNOWN)
 
 
 def _surprises(seen: Seen) -> np.ndarray:
