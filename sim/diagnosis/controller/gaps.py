@@ -174,6 +174,18 @@ def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
     return min(others, key=lambda each: each.after, default=found)
 
 
+def told_by(checked: ControllerCheck, own: OnBoard) -> OnBoard:
+    """The controller with what a check found of it."""
+    return own._replace(kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd,
+                        tau=checked.time_constant or own.tau, late=own.late + checked.late(own.period))
+
+
+def is_believed(record: Record, seen: Seen) -> bool:
+    """Whether the nominal's controller leaves no more than noise in the gaps."""
+    gaps = Gaps(record, seen)
+    return gaps.is_noise(gaps.left(gaps.own.tau, ()).rest)
+
+
 def follows(own: OnBoard, ticks: int) -> bool:
     """Whether this controller's commands between rows, so many ticks apart, follow from those at them."""
     return own.kd != 0.0 and own.late % ticks == 0

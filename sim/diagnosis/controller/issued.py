@@ -6,17 +6,18 @@ there; the controller's room knows none, so the model is handed in.  Everywhere 
 lines of `command`.
 """
 
+import math
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from ...flight import packed
-from ..data.record import Record
+from ..data.record import BETA, Record
 from .check import check_controller
 from .command import unsure
 from .fill import filled, on_board
-from .gaps import Seen, check_gaps, follows
+from .gaps import CLEARLY, Seen, check_gaps, follows, is_believed, told_by
 from .kind import NONE, UNKNOWN, ControllerCheck
 from .rates import check_rate
 
@@ -42,22 +43,34 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
     if record.input == "controller" or not np.isfinite(record.reference).any() or \
             not follows(on_board(record), record.every // record.tick):
         return record, None
-    made, checked = record, None
+    made, checked, own = record, None, on_board(record)
     for _ in range(FILLINGS):
         seen = follower.seen(made)
         if seen is None:
             return record, None
-        checked, own = check_gaps(made, seen), on_board(record)
+        checked = check_gaps(made, seen)
         if checked is not None and checked.kind == UNKNOWN:
             return record, checked
-        if checked is not None and checked.kind != NONE:
-            own = own._replace(kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd,
-                               tau=checked.time_constant or own.tau, late=own.late + checked.late(own.period))
-        made = filled(made, seen.attitude, own)
+        made = filled(made, seen.attitude, own if checked is None else told_by(checked, own))
+    if checked is not None and checked.kind != NONE:
+        assert seen is not None
+        believed = filled(record, seen.attitude, own)
+        if not _confirms(follower.seen(made), follower.seen(believed)):
+            return believed, replace(checked, kind=NONE if is_believed(record, seen) else UNKNOWN)
     told = checked is not None and checked.kind != NONE
     if told or len(packed(record.nominal).controller):  # the nominal's are what some log told
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
+
+
+def _confirms(told: Seen | None, believed: Seen | None) -> bool:
+    """Whether the nozzle, where it is measured, has clearly more for the controller that the gaps tell than for the
+    nominal's: it sees every command's answer, and no sensor that is wrong moves it."""
+    if told is None or believed is None:
+        return False
+    (one, rows), (other, _) = ((np.nansum(each.innovations[:, BETA]**2), np.isfinite(each.innovations[:, BETA]).sum())
+                               for each in (told, believed))
+    return rows == 0 or bool(0.5 * rows * math.log(other / one) > CLEARLY)
 
 
 def is_slow(record: Record) -> bool:
