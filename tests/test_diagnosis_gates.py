@@ -121,6 +121,15 @@ def test_a_cause_that_leaves_a_line_of_an_eighth_is_not_even_dominant():
                           bounds=DOMINANT)) == doubted
 
 
+@pytest.mark.parametrize(("a6", "terms", "frequency", "doubted"), [
+    (-64.0, (), 7.84, 1), (0.0, (("sin(theta)", -64.0),), 7.84, 1), (-64.0, (), 12.0, 0), (2.0, (), 1.4, 0)])
+def test_what_a_body_does_by_itself_is_no_mode_of_it(a6, terms, frequency, doubted):
+    """A pendulum's friction was named at half its size, and slosh at the pendulum's own frequency for the rest."""
+    record = SimpleNamespace(a6=np.full(3, a6), nominal=SimpleNamespace(terms=terms), rows=1360, period=0.01)
+    assert len(measure.own_oscillation(cause("slosh", evidence=frequency), record)) == doubted
+    assert measure.own_oscillation(cause("gyro_bias"), record) == []
+
+
 def test_what_a_row_gains_is_too_little_to_explain():
     """A long log shows what no model has: a limit in nats would fail every one."""
     rows, many = 100_000, PER_ROW * 100_000

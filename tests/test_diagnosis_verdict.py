@@ -82,7 +82,8 @@ def judged(monkeypatch):
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
                                       tick=1, rows=ROWS, centre=0.5 * ENDED, fine=1, input="beta_cmd",
                                       thinned=1, unsure=unsure, command_is_known=True, channels=channels,
-                                      nominal=SimpleNamespace(controller=True, diagnosis=sections.Diagnosis(),
+                                      a6=np.full(2, 2.0),
+                                      nominal=SimpleNamespace(controller=True, terms=(), diagnosis=sections.Diagnosis(),
                                                               sensors=SimpleNamespace(period=period)))
 
         def measure(of):

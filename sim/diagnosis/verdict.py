@@ -33,6 +33,7 @@ from .judge.measure import (
     accused,
     doubts,
     of_gain,
+    own_oscillation,
     too_noisy,
     weather_words,
 )
@@ -249,7 +250,7 @@ def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -
     named, left, noise = named_causes(selection), tuple(leftovers(selection.model)), noise_of(selection.model)
     feigned, span = max(PER_ROW, record.unsure) * record.rows, _span(record)
     found = doubts(named, left, feigned, span, DOMINANT, same_place=False)
-    found += [words for each in named for words in aged(each, record)]
+    found += [words for each in named for words in (*aged(each, record), *own_oscillation(each, record))]
     strict = doubts(named, left, feigned, span, EXPLAINED, same_place=True)
     noisy = too_noisy(noise, _pushed_by_chance(record))
     weather = selection.weather

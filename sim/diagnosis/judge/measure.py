@@ -38,6 +38,8 @@ from typing import Any
 import numpy as np
 
 from ..causes import RECORDS
+from ..data.record import Record
+from ..data.used import SINE
 from ..search.selection import Selection
 from .constancy import CONSTANCY_LIMIT, Constancy
 from .gain import Gain
@@ -132,6 +134,20 @@ def _unresolved(named: tuple[Named, ...], span: tuple[float, float]) -> list[str
     return [f"{one}: two oscillations, of {low:.4g} and {high:.4g} rad/s, in a log that resolves {resolution:.2g} "
             "rad/s, stand for one that changes" for (one, low), (other, high) in itertools.pairwise(waves)
             if one == other and high - low < OWN_BINS * resolution]
+
+
+def own_oscillation(each: Named, record: Record) -> list[str]:
+    """The doubt that a mode or a line is what the vehicle does by itself: a6 or a damping is off then."""
+    if not (each.record.is_line or each.record.is_mode):
+        return []
+    stiffness = -float(np.mean(record.a6)) - sum(value for term, value in record.nominal.terms if term == SINE)
+    if stiffness <= 0.0:
+        return []
+    own, frequency = math.sqrt(stiffness), float(each.values["frequency"])
+    if abs(frequency - own) >= OWN_BINS * 2.0 * math.pi / (record.rows * record.period):
+        return []
+    return [f"{each.cause}: {frequency:.4g} rad/s is the vehicle's own oscillation, of {own:.4g} rad/s: an a6 or a "
+            "damping that is off looks like it"]
 
 
 def of_gain(gain: Gain, bounds: Bounds, is_part: bool = False) -> list[str]:
