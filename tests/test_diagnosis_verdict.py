@@ -34,10 +34,12 @@ class Found:
 
     shares  of the error that each cause takes away, and whether the causes are told;  fewer  what is found of fewer
     rival   words for what explains more than the strongest;  others  the same with one cause replaced
+    ratio   of the squared errors with the causes to those without, where noise may make all (share None)
     """
 
     def __init__(self, *named, left=(), nats=50.0, share=0.05, log_likelihood=0.0, noise=None, weather=None,
-                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=()):
+                 shares=(), fewer=None, is_told=False, rival=None, instead=None, others=(), ratio=0.5):
+        self.ratio = ratio
         self.named, self.nats, self.share, self.noise = named, nats, share, noise or {}
         self.weather, self.calm, self.fewer = weather, None, fewer
         self.shares, self.is_told = shares or (1.0,) * len(named), is_told
@@ -74,7 +76,7 @@ def judged(monkeypatch):
     monkeypatch.setattr(verdict, "user_gain", lambda *given: None)
 
     def judge(found, controller=None, terms=None, catalogue=True, slow=False, shift=0.0, unsure=0.0,
-              channels=("theta", "theta_dot", "beta"), period=1.0):
+              channels=("theta", "theta_dot", "beta"), period=1.0, a6=2.0):
         asked, measured = [], []
         monkeypatch.setattr(verdict, "propose", lambda *given: asked.append(1) or terms)
         made = Diagnosis(LOG, None, SimpleNamespace(usable=slice(None)), catalogue=catalogue, controller=controller,
@@ -82,13 +84,14 @@ def judged(monkeypatch):
         made.record = SimpleNamespace(t=np.array([BEGAN, ENDED]), shift=shift, age=0.0, every=2 if slow else 1,
                                       tick=1, rows=ROWS, centre=0.5 * ENDED, fine=1, input="beta_cmd",
                                       thinned=1, unsure=unsure, command_is_known=True, channels=channels,
-                                      a6=np.full(2, 2.0),
+                                      a6=np.full(2, a6), period=ENDED / ROWS,
                                       nominal=SimpleNamespace(controller=True, terms=(), diagnosis=sections.Diagnosis(),
                                                               sensors=SimpleNamespace(period=period)))
 
         def measure(of):
             measured.append(of)
-            return gained(of.nats, of.share)
+            hidden = {} if of.share is not None else {"squared": {"theta": (1.0, of.ratio, 2.0)}}   # all may be noise
+            return replace(gained(of.nats, of.share or 0.0), **hidden)
 
         verdict._judge(made, measure, lambda text: None)
         return SimpleNamespace(made=made, asked=len(asked), measured=measured)
@@ -261,6 +264,38 @@ def test_a_cause_that_rides_along_is_not_named_where_all_is_explained(judged):
     for share, names in ((INSIDE, (late,)), (OUTSIDE, (late, rider))):
         made = judged(Found(late, rider, shares=(0.9, share * verdict.LEAST_NAMED))).made
         assert (made.verdict, made.causes) == ("explained", names)
+
+
+def test_a_cause_that_stays_for_the_others_sake_is_not_named_for_it(judged):
+    """A delay leaves too much without a rate limit that takes 2 % of the error away."""
+    late, limit = cause("actuator_delay", 1100.0), cause("actuator_bias", 54.0)
+    needs = Found(late, left=[left(500.0)])
+    for share, names in ((INSIDE, ["actuator_delay"]), (OUTSIDE, ["actuator_delay", "actuator_bias"])):
+        made = judged(Found(late, limit, shares=(0.9, share * verdict.LEAST_NAMED), fewer=needs, is_told=True)).made
+        assert (made.verdict, [each.cause for each in made.causes]) == ("explained", names)
+
+
+def test_what_is_left_at_a_sensor_leaves_the_vehicles_cause(judged):
+    """An aircraft's roll was sampled by a jittering clock: its damping stands without what two sensors seemed to have,
+    though these are stronger."""
+    damping, scale, late = cause("aero_damping", 200.0), cause("gyro_bias", 500.0), cause("gyro_delay", 400.0)
+    made = judged(Found(damping, scale, late, left=[left(1000.0, "theta")])).made
+    assert (made.verdict, made.causes) == ("explained", (damping,))
+    made = judged(Found(damping, left=[left(1000.0, "theta")])).made
+    assert (made.verdict, made.causes, made.remainder.where) == ("dominant", (damping,), "sensor")
+
+
+def test_a_mode_at_the_vehicles_own_frequency_gives_way(judged):
+    friction, mode = cause("friction", 98.0), cause("slosh", 8.0)    # its frequency, too
+    assert judged(Found(friction, mode), a6=-64.0).made.causes == (friction,)
+    assert judged(Found(friction, mode), a6=2.0).made.causes == (friction, mode)
+
+
+@pytest.mark.parametrize(("ratio", "verdict_is"), [(INSIDE, "dominant"), (OUTSIDE, "unexplained")])
+def test_a_part_must_predict_better_where_noise_may_make_all_error(judged, ratio, verdict_is):
+    part = Found(cause("bending", 900.0), left=[left(30.0, "theta")], share=None, ratio=ratio)
+    assert judged(part).made.verdict == verdict_is
+    assert judged(Found(cause("bending", 900.0), share=None, ratio=ratio)).made.verdict == "explained"
 
 
 def test_a_cause_in_doubt_does_not_sink_those_beside_it(judged):

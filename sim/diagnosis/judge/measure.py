@@ -19,7 +19,7 @@ mean square of so many horizons (`Gain.is_left`).  Each threshold:
     DOMINANT.variation  more than half as different along the log is not one cause     meaning only
     DOMINANT.left       a tenth of what is explained: something small beside it        unlisted effects leave 0.14
     DOMINANT.share      a quarter of the error gone: the least that a main defect does real logs marked open: 0.31
-    command.UNSURE      nats a row that one command feigns which no row saw            clean flights: 0.012, steps 0.02
+    command.UNSURE      nats a row that one command feigns which no row saw            clean flights, trims: 0.027
     named.OLDEST        times the age of a sample, below which a delay may be that     meaning only
     weather.TWICE, FAR  of the weather's gain, where only it leaves the noise declared a foreign simulator's turbulence
     outdone.PARALLEL    share of a cause's evidence that its rival shape makes alone   meaning only: |cos| above 0.95
