@@ -101,6 +101,16 @@ def test_an_integral_part_in_every_other_command_is_no_other_gain(tmp_path):
     assert controller.is_foreign and not controller.is_named
 
 
+@pytest.mark.parametrize("seed", [31, 32])
+def test_a_bent_attitude_in_every_other_command_is_no_other_gain(tmp_path, seed):
+    """The nozzle does not confirm the gains that the errors between the rows, predicted by that sensor, ask for."""
+    columns, _ = fly(draw_spec(seed, cause="attitude_curve", factor=VISIBLE, variant=PLAIN, rate=50.0))
+    write_csv(tmp_path / "log.csv", columns)
+    log, nominal = read_log(tmp_path / "log.csv", ("t", "theta")), load_nominal("constant")
+    _, controller = with_commands(record(log, nominal, check(log, nominal)), NominalFollower())
+    assert not controller.is_named
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_an_integral_part_in_every_other_command_is_not_named(tmp_path, seed):
