@@ -5,7 +5,7 @@ from typing import Any
 
 from sim.errors import UsageError
 
-from ..cli.common import check_folders
+from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command
 from ..cli.terminal import Counter, answer, say
 
@@ -42,11 +42,9 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid campaign`."""
-    from sim.nominal import load_nominal
-
     from ..monte_carlo.requirement.executor import check_executor
     check_executor(args.executor)
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_folders(args.out)
     from ..results.of_campaigns import PICTURE, campaign, foreseen
     is_flown = not args.merge and (args.flights or 0) > 0
