@@ -8,7 +8,7 @@ INTERRUPTED = "launchid: interrupted; files already written are whole"
 INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
 EXTRAS = {  # module -> the extra that brings it
-    "matplotlib": "plots", "tqdm": "plots", "distributed": "cluster", "pandas": "frames",
+    "matplotlib": "plots", "distributed": "cluster", "pandas": "frames",
     "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs",
     "zstandard": "logs",
     "pymavlink": "ardupilot"}

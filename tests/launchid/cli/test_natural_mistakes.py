@@ -79,7 +79,7 @@ def test_percent_and_long_units_are_understood(folder):
     asked = requirement("lost<5%@90%")
     assert (asked.probability, asked.confidence) == (0.05, 0.9)
     assert from_text("control_loss:fraction=30%,time=40") == from_text("control_loss:fraction=0.3,time=40")
-    text = '[time]\nname = "x.t"\nunit = "s"\n[columns.theta]\nfrom = "x.a"\nunit = "{}"\n[columns.beta]\nfrom = "x.b"\n'
+    text = '[time]\nname = "x.t"\n[columns.theta]\nfrom = "x.a"\nunit = "{}"\n[columns.beta]\nfrom = "x.b"\n'
     maps = []  # of one path: equal but for the unit's name
     for unit in ("deg", "degrees", "degree"):
         (folder / "map.toml").write_text(text.format(unit))
