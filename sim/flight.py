@@ -71,6 +71,11 @@ class Flight:
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd, self.gamma)
         return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
+    def rows(self) -> np.ndarray:
+        """The same as an array (n, 7), for `Estimator.replay`."""
+        return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+                                self.gamma])
+
 
 def is_whole(value: float, unit: float) -> bool:
     """Whether value/unit is an integer >= 1."""
