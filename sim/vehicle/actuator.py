@@ -72,14 +72,8 @@ def nozzle_stages(v, free, stages, u, h):
 def stiff_stages(v, free, stages, u, h):
     """The same of a stiff servo: exact, and the stages are of the lines that the motion of the nozzle and of its rate
     are to the vehicle; the jolt of a command that jumps is in them."""
-    parts = 1
-    if v.rate_limit < math.inf:
-        parts = math.ceil(min(max(v.pole * h / RESOLVED, 1.0), MOST_PARTS))
-    if free.part != h / parts:
-        free.part = h / parts
-        free.xx, free.xr, free.rx, free.rr = free_servo(v.frequency, v.damping, v.first_order != 0, free.part)
     beta, rate = v.beta, limited(v.rate_limit, v.beta_dot)
-    once, twice = servo_motion(v, free, parts, h, u)
+    once, twice = servo_motion(v, free, h, u)
     after = servo_flow(v, u, v.beta, v.beta_dot)[0]
     first, middle, last = as_line(h, once, twice)
     swing, swung, still = as_line(h, after - rate, v.beta - beta - h * rate)
@@ -116,14 +110,21 @@ def free_servo(frequency, damping, is_lag, h):
 
 
 @inner
-def servo_motion(v, free, parts, h, u):
+def servo_motion(v, free, h, u):
     """Move the nozzle over h [s] of a held command u [rad]; the integral [rad s] of beta and its double integral
     [rad s^2] over h.
 
-    Exact without a rate limit, whatever the servo's poles; with one in parts of h, each exact or moved at the limit.
-    The integrals are those of the servo's equation, inertia x'' + drag x' + spring x = 0 of x = beta - u.
+    Exact without a rate limit, whatever the servo's poles; with one in parts of h, as many as its begin and end need,
+    each exact or moved at the limit.  The integrals are those of the servo's equation, inertia x'' + drag x' +
+    spring x = 0 of x = beta - u.
     """
-    w, rate, part = v.frequency, v.rate_limit, free.part
+    w, rate, parts = v.frequency, v.rate_limit, 1
+    if rate < math.inf:
+        parts = math.ceil(min(max(v.pole * h / RESOLVED, 1.0), MOST_PARTS))
+    part = h / parts
+    if free.part != part:
+        free.part = part
+        free.xx, free.xr, free.rx, free.rr = free_servo(w, v.damping, v.first_order != 0, part)
     inertia, drag, spring = (0.0, 1.0, w) if v.first_order != 0 else (1.0, 2.0 * v.damping * w, w * w)
     off, beta_dot, once, twice = v.beta - u, v.beta_dot, 0.0, 0.0
     for _ in range(parts):

@@ -8,7 +8,7 @@ have: it compiles, and runs, a step without them.
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ ROW = np.dtype([(name, np.float64) for name in (  # of a log
     "exact_beta", "exact_theta", "exact_theta_dot",  # as the sensor reads it without noise and quantisation
     "true_theta_ddot", "true_gamma", "wind",
     "true_theta", "true_theta_dot", "true_beta", "true_beta_dot")])  # of the rigid body and the nozzle
+Table = Any  # an array, or None in a plain flight
 
 
 class Vehicle(NamedTuple):
@@ -52,14 +53,14 @@ class Vehicle(NamedTuple):
     commands: np.ndarray  # (ticks,) rad, those issued, with noise
     filters: np.ndarray   # (n,) SECTION, of the controller
     stages: np.ndarray    # (4,) STAGE, scratch
-    free: np.ndarray | None     # (1,) FREE, of a servo that may be stiff; None: none
-    wind: np.ndarray | None     # (steps + 1,) rad at every step, without the effects'; -0.0, which changes no bit: calm
-    drift: np.ndarray | None    # z_alpha, z_beta (2, 2 steps + 1) 1/s at every half step, or (2, 0): none
-    modes: np.ndarray | None    # (n,) MODE
-    terms: np.ndarray | None    # (n,) TERM
-    timed: np.ndarray | None    # (n,) TIMED
-    inputs: np.ndarray | None   # (n,) INPUT
-    history: np.ndarray | None  # (2, steps) attitude and rate at the sensors, or (2, 0): no sensor is late
+    free: Table     # (1,) FREE, of a servo that may be stiff; None: none
+    wind: Table     # (steps + 1,) rad at every step, without the effects'; -0.0, which changes no bit: calm
+    drift: Table    # z_alpha, z_beta (2, 2 steps + 1) 1/s at every half step, or (2, 0): none
+    modes: Table    # (n,) MODE
+    terms: Table    # (n,) TERM
+    timed: Table    # (n,) TIMED
+    inputs: Table   # (n,) INPUT
+    history: Table  # (2, steps + 1) attitude and rate at the sensors, or (2, 0): no sensor is late
 
 
 def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarray, noise: np.ndarray, a6: np.ndarray,
@@ -97,4 +98,4 @@ def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarra
         wind=np.full(steps + 1, -0.0) if wind is None else wind, drift=np.zeros((2, 0)) if drift is None else drift,
         modes=np.array(changes.modes, MODE), terms=np.array(changes.terms, TERM),
         timed=np.array(changes.timed, TIMED), inputs=np.array(sorted(inputs, key=lambda row: row[0]), INPUT),
-        history=np.zeros((2, steps if is_late else 0)))
+        history=np.zeros((2, steps + 1 if is_late else 0)))

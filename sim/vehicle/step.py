@@ -16,6 +16,7 @@ from .actuator import RESOLVED, delayed_command, jolt, nozzle_stages, servo_flow
 from .controller import filtered, limited, pseudo_derivative
 from .kernels import apart, inner
 
+
 @inner
 def measure(truth, noise, step):
     """truth + noise, rounded to multiples of `step` (0: not quantised)."""

@@ -11,7 +11,7 @@ from ...effects import Effect, plant
 from ...effects.actuator import WASHOUT
 from ...flight import packed
 from ...sections import AT_REST
-from ...vehicle.record import SECTION, TICK, NOISE, Vehicle, assembled
+from ...vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
 from ..data.record import BETA, THETA, THETA_DOT, Record
 from ..data.used import SINE
 from .linear import Modes, slots_of
