@@ -231,21 +231,21 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     """
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     state = vehicle.flight[0]
-    every = int(state["log_every"])
+    every = int(state.log_every)
     rows = np.empty(-(-steps // every), ROW)
     advance(vehicle, steps, rows)
-    n = int(state["rows"])
+    n = int(state.rows)
     log = {name: rows[name][:n].copy() for name in ROW.names or ()}
     chosen = {name: log[column] for name, column in _columns(suite).items()}
     ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
     at = every * np.arange(n)
-    tick = vehicle.ticks[at // int(state["control_every"])]
+    tick = vehicle.ticks[at // int(state.control_every)]
     return Flight(t=np.round(log["t"], CLOCK_DIGITS), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"],
                   theta_ddot=ddot, a6=vehicle.a6[2 * at], k1=vehicle.k1[2 * at],
-                  period=every * float(state["step"]), lost=bool(state["lost"]),
+                  period=every * float(state.step), lost=bool(state.lost),
                   gamma=log["true_gamma"] + measured_gamma(nominal, seed, suite, steps)[at],
                   true_gamma=log["true_gamma"], wind=log["wind"],
-                  rate_ref=tick["rate_reference"].copy() if state["rate_law"] else np.full(n, np.nan),
+                  rate_ref=tick["rate_reference"].copy() if state.rate_law else np.full(n, np.nan),
                   offsets=drawn_offsets(nominal.offsets, seed), **chosen)
 
 
@@ -254,18 +254,18 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
     """The same flight, one Sample at a time: nothing is computed before it is asked for."""
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     state = vehicle.flight[0]
-    every = int(state["log_every"])
+    every = int(state.log_every)
     column = _columns(suite)
     gamma = measured_gamma(nominal, seed, suite, steps)
     rows = np.empty(1, ROW)
     for start in range(0, steps, every):
-        state["rows"] = 0
+        state.rows = 0
         advance(vehicle, min(every, steps - start), rows)
-        if state["rows"] == 0:
+        if state.rows == 0:
             return
         row = dict(zip(ROW.names or (), rows[0].tolist(), strict=True))
         yield Sample(round(row["t"], CLOCK_DIGITS), row[column["theta"]], row[column["theta_dot"]],
                      row[column["beta"]], row["true_theta_ddot"] if suite == "ideal" else math.nan, row["beta_cmd"],
                      row["true_gamma"] + float(gamma[start]))
-        if state["lost"]:
+        if state.lost:
             return

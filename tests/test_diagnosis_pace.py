@@ -33,7 +33,7 @@ def record():
 
 
 def frequency(record, later):
-    return vehicle(record, Point(deviations=(0.0, 0.0, 0.0, 0.0, later))).flight[0]["frequency"]
+    return vehicle(record, Point(deviations=(0.0, 0.0, 0.0, 0.0, later))).flight[0].frequency
 
 
 def test_a_quarter_of_a_row_at_most_is_integrated_at_once_whatever_the_servo(record):

@@ -52,13 +52,13 @@ SERVOS = st.one_of(POLES.map(first_order), st.builds(second_order, POLES, POLES)
 def moved(frequency, damping, is_lag, h, start, rate=NONE):
     """(beta, beta_dot, integral, double integral) after `servo_motion` from start: command, beta [rad], beta_dot."""
     command, beta, beta_dot = start
-    (own,) = flight = np.zeros(1, FLIGHT)
+    own = np.zeros(1, FLIGHT)[0]
     for name, value in (("frequency", frequency), ("damping", damping), ("pole", fastest_pole(frequency, damping)),
                         ("first_order", is_lag), ("rate_limit", rate), ("rate_reach", rate), ("beta", beta),
                         ("beta_dot", beta_dot)):
-        flight[name] = value
+        setattr(own, name, value)
     integrals = compiled(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
-    return own["beta"], own["beta_dot"], *integrals
+    return own.beta, own.beta_dot, *integrals
 
 
 @given(w=POLES, zeta=st.one_of(DAMPINGS, st.just(1.0), st.floats(1.0, 30.0)), is_lag=st.booleans(),

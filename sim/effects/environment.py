@@ -71,14 +71,14 @@ def air(v, timed, a6, t):
     if timed is not None:
         for each in timed:
             if each.kind == GUST:
-                angle = gust_angle(each.size, each.first, each.second, t)
+                angle = gust_angle(each.amount, each.first, each.second, t)
                 moment += a6 * angle
                 wind += angle
             elif each.kind == JUMP and t > each.first:
-                begun += each.size
+                begun += each.amount
     moment += a6 * v.steady_wind
     if timed is not None:
         for each in timed:
             if each.kind == SINE:
-                moment += each.size * math.sin(each.first * t + each.second)
+                moment += each.amount * math.sin(each.first * t + each.second)
     return moment, begun, wind + v.steady_wind

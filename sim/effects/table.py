@@ -10,14 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+
+def record(*numbers: str, counts: tuple[str, ...] = ()) -> np.dtype:
+    """A record of these numbers and integers: attributes in compiled code, and in Python where it is debugged."""
+    return np.dtype((np.record, [(name, np.float64) for name in numbers] + [(name, np.int64) for name in counts]))
+
+
 # an oscillator x'' = -drag x' - stiffness x + ..., with the scratch of Runge-Kutta: its state when the step began, its
 # weighted slopes
-MODE = np.dtype([(name, np.float64) for name in (
-    "bends", "stiffness", "drag", "gain", "x", "x_dot", "start", "start_dot", "total", "total_dot")])
-INPUT = np.dtype([(name, np.float64) for name in ("kind", "value", "x")])  # what remembers between command and servo
-TIMED = np.dtype([(name, np.float64) for name in ("kind", "size", "first", "second")])  # what the time decides
-TERM = np.dtype([(name, np.float64) for name in (
-    "coefficient", "theta", "theta_dot", "beta", "function", "argument")])  # exponents; function of which of the three
+MODE = record("bends", "stiffness", "drag", "gain", "x", "x_dot", "start", "start_dot", "total", "total_dot")
+TERM = record("coefficient", "theta", "theta_dot", "beta", "function", "argument")  # exponents; of which of the three
+TIMED = record("kind", "amount", "first", "second")  # what the time decides
+INPUT = record("kind", "value", "x")               # what remembers between command and servo
 
 CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
 

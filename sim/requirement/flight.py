@@ -80,7 +80,7 @@ class Flyer:
         fly_for_peaks(vehicle, steps, np.zeros(BLOCK, ROW), peaks)
         offsets = {f"{OFFSET}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
         state = vehicle.flight[0]
-        return {"lost": int(state["lost"]), "end": int(state["at"]) * simulation.step,
+        return {"lost": int(state.lost), "end": int(state.at) * simulation.step,
                 **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}
 
 

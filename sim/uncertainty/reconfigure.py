@@ -282,12 +282,12 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
     """The flight with the nominal's own gains."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
-    every = int(state["log_every"])
+    every = int(state.log_every)
     rows = np.empty(-(-steps // every), ROW)
     advance(vehicle, steps, rows)
-    rows = rows[:int(state["rows"])]
-    gains = np.tile([state["kp"], state["kd"]], (len(rows), 1))
-    return Flown(rows, gains, every * float(state["step"]), bool(state["lost"]))
+    rows = rows[:int(state.rows)]
+    gains = np.tile([state.kp, state.kd], (len(rows), 1))
+    return Flown(rows, gains, every * float(state.step), bool(state.lost))
 
 
 def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0,
@@ -298,7 +298,7 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
     """
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
-    supervisor = Supervisor(believed or nominal, int(state["log_every"]) * float(state["step"]))
+    supervisor = Supervisor(believed or nominal, int(state.log_every) * float(state.step))
     flown = _fly(vehicle, steps, supervisor)
     return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
 
@@ -312,34 +312,34 @@ def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fac
 def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
     """The whole flight, the scheduler beside it."""
     state = vehicle.flight[0]
-    h, every, tick = float(state["step"]), int(state["log_every"]), int(state["control_every"])
+    h, every, tick = float(state.step), int(state.log_every), int(state.control_every)
     rows = np.empty(-(-steps // every), ROW)
     gains = np.empty((len(rows), 2))
     turn = max(1, round(SUPERVISION / (tick * h))) * tick
     for start in range(0, steps, turn):
-        seen = int(state["rows"])
+        seen = int(state.rows)
         _fly_turn(vehicle, scheduler, range(start, min(start + turn, steps), tick), rows, gains)
-        if state["lost"]:
+        if state.lost:
             break
-        new = rows[seen:state["rows"]].tolist()
+        new = rows[seen:state.rows].tolist()
         if new:
             scheduler.take([_sample(row) for row in new])
-    n = int(state["rows"])
-    return Flown(rows[:n], gains[:n], every * h, bool(state["lost"]))
+    n = int(state.rows)
+    return Flown(rows[:n], gains[:n], every * h, bool(state.lost))
 
 
 def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
               gains: np.ndarray) -> None:
     """The controller's periods (as steps) until the supervisor looks again; in one go once the gains are there."""
     state = vehicle.flight[0]
-    target = scheduler.target(ticks.start * state["step"])
+    target = scheduler.target(ticks.start * state.step)
     for start in ticks:
-        state["kp"], state["kd"] = scheduler.move(target, state["period"])
+        state.kp, state.kd = scheduler.move(target, state.period)
         settled = scheduler.gains == target
-        first = int(state["rows"])
+        first = int(state.rows)
         advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
-        gains[first:state["rows"]] = scheduler.gains
-        if settled or state["lost"]:
+        gains[first:state.rows] = scheduler.gains
+        if settled or state.lost:
             return
 
 

@@ -10,8 +10,7 @@ weights what drives its stages such that the vehicle's rate and angle are then t
 
 import math
 
-import numpy as np
-
+from ..effects.table import record
 from .controller import limited
 from .kernels import asked, inner
 
@@ -21,7 +20,7 @@ MOST_PARTS = 16  # of a step, of a stiff servo at its rate limit: that begins an
 
 
 # of the last step of a stiff servo: the part [s] of it that was integrated at once, and what follows of that
-FREE = np.dtype([(name, np.float64) for name in ("part", "xx", "xr", "rx", "rr")])
+FREE = record("part", "xx", "xr", "rx", "rr")
 
 
 @inner

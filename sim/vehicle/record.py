@@ -14,30 +14,28 @@ import numpy as np
 
 from ..effects import Changes
 from ..effects.actuator import LAG, slowed
-from ..effects.table import INPUT, MODE, TERM, TIMED
+from ..effects.table import INPUT, MODE, TERM, TIMED, record
 from .actuator import FREE, RESOLVED, fastest_pole
 
 NUMBERS = tuple(each.name for each in dataclasses.fields(Changes) if each.type is float)  # of effects
-FLIGHT = np.dtype([(name, np.float64) for name in (
+FLIGHT = record(
     # of the vehicle: times [s], angles [rad]; pole [rad/s] the servo's fastest
     "step", "period", "frequency", "damping", "pole", "delay", "limit", "kp", "kd", "ki", "time_constant",
     "theta_step", "theta_dot_step", "beta_step", "lost_angle",
     *NUMBERS,
     # state; error and derivative, integral: of the control law
-    "theta", "theta_dot", "beta", "beta_dot", "gamma", "error", "derivative", "integral", "command")]
-    + [(name, np.int64) for name in (
-        "first_order", "rate_law",  # 1 yes, 0 no
-        "at", "control_every", "log_every", "at_once", "rows", "lost")])  # steps; rows written
-TICK = np.dtype([(name, np.float64) for name in (  # of a controller period; the noise is the command's
-    "reference", "rate_reference", "excitation", "noise", "acceleration")])
-NOISE = np.dtype([(name, np.float64) for name in ("theta", "theta_dot", "beta")])  # of the sensors, at a step
-STAGE = np.dtype([("beta", np.float64), ("beta_ddot", np.float64)])  # the nozzle at a stage of Runge-Kutta
-SECTION = np.dtype([(name, np.float64) for name in ("b0", "b1", "b2", "a1", "a2", "first", "second")])  # of a filter
-ROW = np.dtype([(name, np.float64) for name in (  # of a log
+    "theta", "theta_dot", "beta", "beta_dot", "gamma", "error", "derivative", "integral", "command",
+    # 1 yes, 0 no; steps; rows written
+    counts=("first_order", "rate_law", "at", "control_every", "log_every", "at_once", "rows", "lost"))
+TICK = record("reference", "rate_reference", "excitation", "noise", "acceleration")  # of a controller period
+NOISE = record("theta", "theta_dot", "beta")    # of the sensors, at a step
+STAGE = record("beta", "beta_ddot")             # the nozzle at a stage of Runge-Kutta
+SECTION = record("b0", "b1", "b2", "a1", "a2", "first", "second")  # of a filter, with what it remembers
+ROW = record(  # of a log
     "t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot",
     "exact_beta", "exact_theta", "exact_theta_dot",  # as the sensor reads it without noise and quantisation
     "true_theta_ddot", "true_gamma", "wind",
-    "true_theta", "true_theta_dot", "true_beta", "true_beta_dot")])  # of the rigid body and the nozzle
+    "true_theta", "true_theta_dot", "true_beta", "true_beta_dot")  # of the rigid body and the nozzle
 Table = Any  # an array, or None in a plain flight
 
 
@@ -74,18 +72,18 @@ def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarra
     flight = np.zeros(1, FLIGHT)
     v = flight[0]
     for name, value in constants.items():
-        v[name] = value
+        setattr(v, name, value)
     for name in NUMBERS:
-        v[name] = getattr(changes, name)
-    v["delay"] += changes.actuator_delay
-    v["kp"], v["kd"] = changes.kp_scale * v["kp"], changes.kd_scale * v["kd"]
+        setattr(v, name, getattr(changes, name))
+    v.delay += changes.actuator_delay
+    v.kp, v.kd = changes.kp_scale * v.kp, changes.kd_scale * v.kd
     inputs = list(changes.inputs)
     for scale, lag in changes.bandwidths:
-        v["frequency"], lag_time = slowed(scale, lag, v["frequency"], v["damping"])
+        v.frequency, lag_time = slowed(scale, lag, v.frequency, v.damping)
         if lag_time > 0.0:
             inputs.append((LAG, lag_time, 0.0))
-    v["pole"] = fastest_pole(v["frequency"], v["damping"])
-    free = np.full(1, math.nan, FREE) if not is_plain or v["pole"] * v["step"] > RESOLVED else None
+    v.pole = fastest_pole(v.frequency, v.damping)
+    free = np.full(1, math.nan, FREE) if not is_plain or v.pole * v.step > RESOLVED else None
     own = Vehicle(flight, ticks, noise, a6, k1, np.zeros(len(commands)), commands, filters, np.zeros(4, STAGE), free,
                   *[None] * 7)
     is_late = changes.attitude_delay > 0.0 or changes.gyro_delay > 0.0

@@ -23,7 +23,7 @@ Modes = tuple[Mode, ...]
 
 def modes_of(v: Vehicle) -> Modes:
     """The vehicle's oscillators in their order."""
-    return tuple(Mode(float(mode["bends"]), math.sqrt(mode["stiffness"])) for mode in v.modes)
+    return tuple(Mode(float(mode.bends), math.sqrt(mode.stiffness)) for mode in v.modes)
 
 
 def matched(known: Modes, modes: Modes) -> list[int]:
@@ -49,29 +49,29 @@ def state_matrices(v: Vehicle, a6: np.ndarray, k1: np.ndarray) -> tuple[np.ndarr
     """a (b, m, m): x' = a x of theta, theta_dot, beta, beta_dot, command, acceleration, modes, with a6, k1 (b,); and
     c (3, m): what the sensors see.  Linear effects only: damping, modes, the nozzle's inertia."""
     own, modes = v.flight[0], v.modes
-    m, w = N_RIGID + 2 * len(modes), own["frequency"]
+    m, w = N_RIGID + 2 * len(modes), own.frequency
     a, c = np.zeros((len(a6), m, m)), np.zeros((3, m))
     c[0, 0] = c[1, 1] = c[2, 2] = 1.0
     a[:, 0, 1] = 1.0
     swing = np.zeros(m)  # beta_ddot
-    if own["first_order"]:
+    if own.first_order:
         a[:, 2, 2], a[:, 2, 4] = -w, w
         swing[2], swing[4] = w * w, -w * w
     else:
-        swing[2], swing[3], swing[4] = -w * w, -2.0 * own["damping"] * w, w * w
+        swing[2], swing[3], swing[4] = -w * w, -2.0 * own.damping * w, w * w
         a[:, 2, 3], a[:, 3] = 1.0, swing
-    a[:, 1, 0], a[:, 1, 1], a[:, 1, 2], a[:, 1, 5] = a6, -own["aero_damping"], k1, 1.0
+    a[:, 1, 0], a[:, 1, 1], a[:, 1, 2], a[:, 1, 5] = a6, -own.aero_damping, k1, 1.0
     places = range(N_RIGID, m, 2)
     for k, mode in zip(places, modes, strict=True):
-        a[:, 1, k] = 0.0 if mode["bends"] else mode["gain"]
-    a[:, 1] += own["nozzle_inertia"] * swing
+        a[:, 1, k] = 0.0 if mode.bends else mode.gain
+    a[:, 1] += own.nozzle_inertia * swing
     for k, mode in zip(places, modes, strict=True):
         a[:, k, k + 1] = 1.0
-        if mode["bends"]:
-            a[:, k + 1, 2] = mode["stiffness"] * mode["gain"]
+        if mode.bends:
+            a[:, k + 1, 2] = mode.stiffness * mode.gain
             c[0, k] = c[1, k + 1] = 1.0
         else:
             a[:, k + 1] = -a[:, 1]
-        a[:, k + 1, k] -= mode["stiffness"]
-        a[:, k + 1, k + 1] -= mode["drag"]
+        a[:, k + 1, k] -= mode.stiffness
+        a[:, k + 1, k + 1] -= mode.drag
     return a, c

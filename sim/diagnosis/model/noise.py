@@ -120,7 +120,7 @@ def dynamics(record: Record, point: Point) -> Dynamics:
             q[2] = q[0]
         f[:, 4:6, :] = f[:, :, 4:6] = 0.0
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
-    scale = float(v.flight[0]["gyro_scale"])
+    scale = float(v.flight[0].gyro_scale)
     c[THETA_DOT] *= scale
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()

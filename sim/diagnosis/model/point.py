@@ -68,12 +68,12 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> Ve
         drift=None if drift is None else np.ascontiguousarray(drift.at(half + record.shift)), is_plain=False)
     state = made.flight[0]  # a bias is in the first row as in all: the vehicle is not where it seems to be
     if not begins_at_rest(record):
-        state["theta"] = _first(record.z[:, THETA]) - changes.attitude_bias
-        state["theta_dot"] = _first(record.z[:, THETA_DOT]) - changes.gyro_bias
-    state["beta"] = _first(record.z[:, BETA]) - changes.nozzle_sensor_bias if np.isfinite(record.z[:, BETA]).any() \
+        state.theta = _first(record.z[:, THETA]) - changes.attitude_bias
+        state.theta_dot = _first(record.z[:, THETA_DOT]) - changes.gyro_bias
+    state.beta = _first(record.z[:, BETA]) - changes.nozzle_sensor_bias if np.isfinite(record.z[:, BETA]).any() \
         else record.commands[0]
     if not begins_at_rest(record):
-        _settle(made, state["beta"])
+        _settle(made, state.beta)
     return made
 
 
@@ -104,7 +104,7 @@ class Gains(Protocol):
 def path_slope(v: Vehicle) -> float:
     """z_alpha [1/s] of the vehicle's flight path, its mean over the log."""
     own = float(np.mean(v.drift[0])) if v.drift.shape[1] else 0.0
-    return own + float(v.flight[0]["z_alpha"])
+    return own + float(v.flight[0].z_alpha)
 
 
 def world_of(record: Record, v: Vehicle) -> np.ndarray:
