@@ -23,6 +23,7 @@ TERM = record("coefficient", "theta", "theta_dot", "beta", "function", "argument
 TIMED = record("kind", "amount", "first", "second")  # what the time decides
 INPUT = record("kind", "value", "x")               # what remembers between command and servo
 
+LARGEST = 1.0e12   # of a parameter in its unit: beyond it sums of doubles lose what they are added to
 CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
 
 
@@ -66,7 +67,7 @@ class Parameter:
         """Finite (or the neutral value or default itself, as an infinite rate) and in range."""
         if not math.isfinite(value):
             return value in (self.neutral, self.default)
-        return self.low <= value <= self.high and not (self.above and value == self.low)
+        return self.low <= value <= self.high and not (self.above and value == self.low) and abs(value) < LARGEST
 
 
 @dataclass(frozen=True)
