@@ -26,7 +26,7 @@ from sim.vehicle.controller import limited, pseudo_derivative
 from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
 from sim.vehicle.step import measure, runge_kutta_4
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
 
