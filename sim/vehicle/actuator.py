@@ -17,8 +17,6 @@ from .kernels import asked, inner
 FIRST_ORDER_DAMPING = 0.5
 RESOLVED = 0.3   # rad a step, of the fastest pole: Runge-Kutta 4 is then exact to (sh)^4/120 = 7e-5 of what it moves
 MOST_PARTS = 16  # of a step, of a stiff servo at its rate limit: that begins and ends within such a part, unseen
-
-
 # of the last step of a stiff servo: the part [s] of it that was integrated at once, and what follows of that
 FREE = record("part", "xx", "xr", "rx", "rr")
 
@@ -55,16 +53,16 @@ def nozzle_stages(v, free, stages, u, h):
         if v.pole * h > RESOLVED:
             stiff_stages(v, free[0], stages, u, h)
             return
-    beta, beta_dot, moved, turned = v.beta, v.beta_dot, -0.0, -0.0
+    beta, beta_dot, beta_sum, beta_dot_sum = v.beta, v.beta_dot, -0.0, -0.0
     for s in range(4):
         slope, slope_dot, beta_ddot = servo_flow(v, u, beta, beta_dot)
         stages[s].beta, stages[s].beta_ddot = beta, beta_ddot
         weight, on = 1.0 if s == 0 or s == 3 else 2.0, 0.5 * h if s < 2 else h
-        moved += weight * slope
-        turned += weight * slope_dot
+        beta_sum += weight * slope
+        beta_dot_sum += weight * slope_dot
         beta, beta_dot = v.beta + on * slope, v.beta_dot + on * slope_dot
-    v.beta += h / 6.0 * moved
-    v.beta_dot = limited(v.rate_reach, v.beta_dot + h / 6.0 * turned)
+    v.beta += h / 6.0 * beta_sum
+    v.beta_dot = limited(v.rate_reach, v.beta_dot + h / 6.0 * beta_dot_sum)
 
 
 @inner

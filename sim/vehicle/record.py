@@ -18,15 +18,17 @@ from ..effects.table import INPUT, MODE, TERM, TIMED, record
 from .actuator import FREE, RESOLVED, fastest_pole
 
 NUMBERS = tuple(each.name for each in dataclasses.fields(Changes) if each.type is float)  # of effects
-FLIGHT = record(
-    # of the vehicle: times [s], angles [rad]; pole [rad/s] the servo's fastest
-    "step", "period", "frequency", "damping", "pole", "delay", "limit", "kp", "kd", "ki", "time_constant",
-    "theta_step", "theta_dot_step", "beta_step", "lost_angle",
+FLIGHT = record(  # SI units
+    "step", "lost_angle",
+    "frequency", "damping", "pole", "delay", "limit",  # of the servo, pole [rad/s] its fastest; of the command
+    "period", "kp", "kd", "ki", "time_constant",       # of the controller and its derivative
+    "theta_step", "theta_dot_step", "beta_step",       # of the sensors: quantisation
     *NUMBERS,
-    # state; error and derivative, integral: of the control law
-    "theta", "theta_dot", "beta", "beta_dot", "gamma", "error", "derivative", "integral", "command",
-    # 1 yes, 0 no; steps; rows written
-    counts=("first_order", "rate_law", "at", "control_every", "log_every", "at_once", "rows", "lost"))
+    "theta", "theta_dot", "beta", "beta_dot", "gamma",  # state of the vehicle
+    "error", "derivative", "integral", "command",       # state of the controller
+    counts=("first_order", "rate_law", "lost",         # 1 yes, 0 no
+            "control_every", "log_every", "at_once",   # steps; the last of the diagnosis, which takes several at once
+            "at", "rows"))                             # the next step; rows written
 TICK = record("reference", "rate_reference", "excitation", "noise", "acceleration")  # of a controller period
 NOISE = record("theta", "theta_dot", "beta")    # of the sensors, at a step
 STAGE = record("beta", "beta_ddot")             # the nozzle at a stage of Runge-Kutta

@@ -87,7 +87,7 @@ def runge_kutta_4(f, i, n, u, disturbance):
     """One step of the classical fourth-order scheme for theta, theta_dot, gamma and the plant's modes, n of the
     flight's steps long; the nozzle, which no vehicle moves, is moved first.
 
-    u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
+    f (`Vehicle`) inout;  u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
     over the step.
     """
     v = f.flight[0]
@@ -101,7 +101,7 @@ def runge_kutta_4(f, i, n, u, disturbance):
     wind_0, wind_2 = wind_at(f.wind, i), wind_at(f.wind, i + n)
     half, time, wind = 2 * i, t, wind_0
     theta, theta_dot, gamma = v.theta, v.theta_dot, v.gamma
-    turned, sped, drifted = -0.0, -0.0, -0.0
+    theta_sum, theta_dot_sum, gamma_sum = -0.0, -0.0, -0.0
     for s in range(4):
         beta, alpha = f.stages[s].beta, theta - gamma + wind
         theta_ddot, blown = acceleration(v, f.modes, f.terms, f.timed, f.a6[half], f.k1[half], time, disturbance,
@@ -109,18 +109,18 @@ def runge_kutta_4(f, i, n, u, disturbance):
         gamma_dot = drift_rate(v, f.drift, half, alpha + blown, beta)
         weight, on = 1.0 if s == 0 or s == 3 else 2.0, 0.5 * h if s < 2 else h
         plant.advance_modes(f.modes, weight, on, theta_ddot, beta)
-        turned += weight * theta_dot
-        sped += weight * theta_ddot
-        drifted += weight * gamma_dot
+        theta_sum += weight * theta_dot
+        theta_dot_sum += weight * theta_ddot
+        gamma_sum += weight * gamma_dot
         theta, theta_dot, gamma = v.theta + on * theta_dot, v.theta_dot + on * theta_ddot, v.gamma + on * gamma_dot
         if s < 2:
             half, time, wind = 2 * i + n, t + on, 0.5 * (wind_0 + wind_2)
         else:
             half, time, wind = 2 * (i + n), t + on, wind_2
     plant.end_modes(f.modes, h)
-    v.theta += h / 6.0 * turned
-    v.theta_dot += h / 6.0 * sped
-    v.gamma += h / 6.0 * drifted
+    v.theta += h / 6.0 * theta_sum
+    v.theta_dot += h / 6.0 * theta_dot_sum
+    v.gamma += h / 6.0 * gamma_sum
     if v.first_order != 0:
         v.beta_dot = servo_flow(v, u, v.beta, v.beta_dot)[0]
 
@@ -147,9 +147,9 @@ def write_row(f, i, tick, u, theta, theta_dot, row):
 def advance(f, steps, rows):
     """Fly `steps` steps and write the log rows that fall due.
 
-    f            inout
-    steps        in    how many steps, at most what is left
-    rows  (r,) ROW  out   from index `rows` of the flight on
+    f               inout  `Vehicle`
+    steps           in     how many steps, at most what is left
+    rows  (r,) ROW  out    from index `rows` of the flight on
     Stops early when the attitude leaves +-lost_angle (`lost` = 1).
     """
     v = f.flight[0]
