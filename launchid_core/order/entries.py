@@ -78,7 +78,7 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    given, news = {"words": memory.words, **memory.apart}, False
+    given = {"words": memory.words, **memory.apart}
     types = {"block": block_type(memory.struct), **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
@@ -86,12 +86,9 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
                 continue
             kinds = tuple(types.get(name) or NUMBERS.get(name, _numba.int64) for name in parameters_of(entry.py_func))
             if kinds not in entry.signatures:
-                news = True
                 entry.disable_compile(False)
                 entry.compile(kinds)
                 entry.disable_compile(True)
-        if news:
-            cache.finish()
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:

@@ -11,6 +11,6 @@ for what several kernels call that are not run often.  Their further choices, wi
 from launchid_core import compiled
 
 kernel = compiled()
-inner = compiled(kept=False, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = compiled(forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 asked = compiled(forceinline=True, _nrt=False)
 apart = compiled(_nrt=False)
