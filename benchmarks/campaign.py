@@ -18,8 +18,8 @@ from pathlib import Path
 
 from bar import bar
 
-from sim.campaign import draw_jobs, run_campaign
-from sim.uncertainty.montecarlo import identify
+from launchid.monte_carlo.campaign import draw_jobs, run_campaign
+from launchid.robustness.montecarlo import identify
 
 FLIGHTS, SECONDS, CORES = 10_000, 600.0, 2  # the demand
 WARM_SEED = 1_000_000  # of a flight that only compiles

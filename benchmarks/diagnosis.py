@@ -54,8 +54,8 @@ from diagnosis_cases import (
 )
 from diagnosis_tables import SHOWN, drawn, printed
 
-from sim.campaign import run_campaign
-from sim.journal import Row, read_lines
+from launchid.monte_carlo.campaign import run_campaign
+from launchid.monte_carlo.journal import Row, read_lines
 
 DECIDES = ("launchid_core", "sim", "tests/hidden")  # with the cases: decide the rows
 

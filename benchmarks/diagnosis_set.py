@@ -45,11 +45,11 @@ from bar import bar
 from diagnosis_labels import FAR, NORMAL_95, Case, Row, is_of_input, outcome, read_set, said, sizes, wrong_names
 from diagnosis_sources import ROOT, Absent, material
 
-from sim.diagnosis.report.answer import report
-from sim.diagnosis.verdict import diagnose
+from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import flown_log
 from sim.errors import InputError, UsageError
 from sim.flight import fly_whole
-from sim.log import flown_log
 from sim.nominal import load_nominal
 
 DECIDES = ("launchid_core", "sim", "tests/hidden", "tests/foreign", "tests/public")  # folders that decide an answer

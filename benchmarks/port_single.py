@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from launchid.c_export.program import c_files
+from launchid.c_export.single import ERROR, converted
+from launchid.identification.windows import onboard_model
 from launchid_core import Config, EstimateStatus
-from sim.export_c.program import c_files
-from sim.export_c.single import ERROR, converted
 from sim.flight import fly
-from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
