@@ -16,7 +16,7 @@ from ..config import Config
 from ..regression import equations, regression
 from ..sample import Sample
 from . import block, onboard
-from .assembly import Memory
+from .assembly import Memory, allocate
 from .memory import dtype_of
 from .table import FILTERED, Struct
 
@@ -89,6 +89,19 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
                 entry.disable_compile(False)
                 entry.compile(kinds)
                 entry.disable_compile(True)
+
+
+def precompile(config: Config, backwards: bool = False) -> None:
+    """Compile what an `Estimator` of this configuration needs, and keep it on disk.
+
+    Two processes, one of which goes backwards, compile half of it each: what the other has kept is loaded.
+
+    Example
+    -------
+    >>> precompile(Config(formulation="difference"))
+    """
+    memory = allocate(config)
+    compile_entries(entries_of(config, memory)[::-1 if backwards else 1], memory)
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:
