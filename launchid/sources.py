@@ -86,7 +86,10 @@ def load_nominal(source: NominalSource) -> Nominal:
     if not isinstance(source, (str, os.PathLike)):
         raise InputError("nominal: expected a path, a name such as 'constant', or what load_nominal returns; found "
                          f"{type(source).__name__}")
-    return nominals.load_nominal(as_path(source))
+    nominal = nominals.load_nominal(as_path(source))
+    if warning := nominals.wrong_feedback(nominal):
+        warnings.warn(warning, DataWarning, stacklevel=3)
+    return nominal
 
 
 def warned(answer: Made) -> Made:

@@ -91,8 +91,8 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
                 entry.disable_compile(True)
 
 
-def precompile(config: Config, backwards: bool = False) -> None:
-    """Compile what an `Estimator` of this configuration needs, and keep it on disk.
+def precompile(config: Config, backwards: bool = False) -> bool:
+    """Compile what an `Estimator` of this configuration needs; return whether it can be kept on disk, else do nothing.
 
     Two processes, one of which goes backwards, compile half of it each: what the other has kept is loaded.
 
@@ -100,8 +100,11 @@ def precompile(config: Config, backwards: bool = False) -> None:
     -------
     >>> precompile(Config(formulation="difference"))
     """
-    memory = allocate(config)
-    compile_entries(entries_of(config, memory)[::-1 if backwards else 1], memory)
+    is_kept = cache.folder_of(__name__) is not None
+    if is_kept:
+        memory = allocate(config)
+        compile_entries(entries_of(config, memory)[::-1 if backwards else 1], memory)
+    return is_kept
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:
