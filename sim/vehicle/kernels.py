@@ -12,6 +12,6 @@ for what several kernels call, or Python, that allocates nothing.  Their further
 from launchid_core import compiled
 
 kernel = compiled(no_cfunc_wrapper=True)
-inner = compiled(kept=False, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = compiled(forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 asked = compiled(forceinline=True, _nrt=False, no_cfunc_wrapper=True)
 apart = compiled(_nrt=False, no_cfunc_wrapper=True)
