@@ -87,8 +87,8 @@ def runge_kutta_4(f, i, n, u, disturbance):
     """One step of the classical fourth-order scheme for theta, theta_dot, gamma and the plant's modes, n of the
     flight's steps long; the nozzle, which no vehicle moves, is moved first.
 
-    f (`Vehicle`) inout;  u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both held; the wind is linear
-    over the step.
+    f (`Vehicle`) inout;  u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both
+    held; the wind is linear over the step.
     """
     v = f.flight[0]
     h, t = n * v.step, i * v.step
