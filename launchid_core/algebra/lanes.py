@@ -103,26 +103,16 @@ def standard(y, x, centre, scale, start, stop):
 @inner
 def reflect(v, tau, columns, first, last, start, stop):
     """Householder's reflection of rows first .. last-1 of `columns` (n, m), four at a time."""
-    fours = (last - first) // 4
-    for k in range(fours):
-        j = first + 4 * k
-        a, b, c, d = columns[j], columns[j + 1], columns[j + 2], columns[j + 3]
-        of_a, of_b, of_c, of_d = four_dots(v, a, b, c, d, start + 1, stop)
-        of_a, of_b = tau * (a[start] + of_a), tau * (b[start] + of_b)
-        of_c, of_d = tau * (c[start] + of_c), tau * (d[start] + of_d)
-        a[start] -= of_a
-        b[start] -= of_b
-        c[start] -= of_c
-        d[start] -= of_d
-        subtract(a, of_a, v, start + 1, stop)
-        subtract(b, of_b, v, start + 1, stop)
-        subtract(c, of_c, v, start + 1, stop)
-        subtract(d, of_d, v, start + 1, stop)
-    for j in range(first + 4 * fours, last):
-        column = columns[j]
-        s = tau * (column[start] + dot(v, column, start + 1, stop))
-        column[start] -= s
-        subtract(column, s, v, start + 1, stop)
+    for four in range((last - first + 3) // 4):
+        j = first + 4 * four
+        a, b = columns[j], columns[min(j + 1, last - 1)]
+        c, d = columns[min(j + 2, last - 1)], columns[min(j + 3, last - 1)]
+        shares = four_dots(v, a, b, c, d, start + 1, stop)
+        for k in range(min(4, last - j)):
+            column = columns[j + k]
+            s = tau * (column[start] + shares[k])
+            column[start] -= s
+            subtract(column, s, v, start + 1, stop)
 
 
 @inner

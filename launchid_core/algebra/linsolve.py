@@ -66,13 +66,14 @@ def swap_columns(at, order, j, k):
 def qr_factor(at, order, tau, tolerance):
     """A P = Q R in place; returns the numerical rank.
 
-    at        (n, m) inout  columns of A; out: R in at[j, :j+1], Householder vectors below (leading 1 implied)
+    at        (>=n, m) inout  columns of A; out: R in at[j, :j+1], Householder vectors below (leading 1 implied);
+                            columns behind the first n turn along, they become Q' times themselves
     order     (n,)   out    int64: column k of A P is column order[k] of A
     tau       (n,)   out    Householder factors
     tolerance              a pivot at most this times the first one ends the factorisation
     Returns the number of pivots above the tolerance, 0..min(m, n); a column that is not finite counts as dependent.
     """
-    n, m = at.shape
+    n, m = order.shape[0], at.shape[1]
     for j in range(n):
         order[j] = j
         tau[j] = dot(at[j], at[j], 0, m)  # square of what is left of a column, until it is one of R
@@ -97,7 +98,7 @@ def qr_factor(at, order, tau, tolerance):
         inverse = 1.0 / (v[k] - beta)
         scale(v, inverse, k + 1, m)
         v[k] = beta
-        reflect(v, tau[k], at, k + 1, n, k, m)
+        reflect(v, tau[k], at, k + 1, at.shape[0], k, m)
         for j in range(k + 1, n):
             tau[j] -= at[j, k] * at[j, k]
             if not tau[j] > LEFT * first * first:
@@ -126,13 +127,6 @@ def apply_q_transposed(at, tau, rank, y):
         s = tau[k] * (y[k] + dot(v, y, k + 1, m))
         y[k] -= s
         subtract(y, s, v, k + 1, m)
-
-
-@inner
-def rotate_transposed(at, tau, rank, columns):
-    """`apply_q_transposed` to several columns, one after the other in memory.  columns (n, m) inout."""
-    for k in range(rank):
-        reflect(at[k], tau[k], columns, 0, columns.shape[0], k, at.shape[1])
 
 
 @inner

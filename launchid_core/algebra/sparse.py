@@ -31,7 +31,7 @@ import numpy as np
 
 from ..kernels import inner
 from .lanes import add_squares, dot, subtract, turn
-from .linsolve import apply_q_transposed, place_of, qr_factor, rotate, scale_columns, solve_triangle
+from .linsolve import apply_q_transposed, place_of, qr_factor, scale_columns, solve_triangle
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -47,19 +47,17 @@ SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: r
 @inner
 def factor_whole(q, mt, whole, scratch):
     """Factor all q columns of M, with which every equation begins.  scratch (>=2*q*q,)"""
-    columns, basis = scratch[:q * q].reshape((q, q)), scratch[q * q:2 * q * q].reshape((q, q))
-    rows = whole.rows[:4 * q * q].reshape((q, 4 * q))
+    columns, rows = scratch[:2 * q * q].reshape((2 * q, q)), whole.rows[:4 * q * q].reshape((q, 4 * q))
     for j in range(q):
         for i in range(q):
             columns[j, i] = mt[j, i]
-            basis[j, i] = 1.0 if i == j else 0.0
-    scale_columns(columns, whole.norms[:])
-    qr_factor(columns, whole.order[:], whole.tau[:], 0.0)
-    rotate(columns, whole.tau[:], q, basis, 0, q)
+            columns[q + j, i] = 1.0 if i == j else 0.0
+    scale_columns(columns[:q], whole.norms[:])
+    qr_factor(columns, whole.order[:q], whole.tau[:], 0.0)
     for i in range(q):
         for j in range(q):
             rows[i, whole.order[j]] = columns[j, i] if j >= i else 0.0
-            rows[i, 2 * q + j] = basis[i, j]
+            rows[i, 2 * q + j] = columns[q + j, i]
     invert(q, q, whole.order[:], rows)
 
 
@@ -290,7 +288,7 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
         for i in range(q):
             stacked[j, i] = scaled[j, i]
             stacked[j, q + i] = root if i == j else 0.0
-    rank = qr_factor(stacked, work.order[:], work.tau[:], ACTIVE_TOLERANCE)
+    rank = qr_factor(stacked, work.order[:q], work.tau[:], ACTIVE_TOLERANCE)
     right = work.right[:2 * q]
     for _ in range(SR3_ITERATIONS):
         for i in range(q):

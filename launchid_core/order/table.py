@@ -48,7 +48,7 @@ class Size(NamedTuple):
     sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, tests
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
-    wider: int          # terms of a solution with the drifts of a6 and k1 beside its own
+    wider: int          # columns of a regression: terms, equations, drifts of a6 and k1
     learned: int        # columns of the structure's information, right-hand side last
     gust: int           # states of the gust after calm; 0 of a model without nuisances
     undeclared: int     # states of the undeclared wind; 0 of a model with nuisances, which knows better
@@ -66,7 +66,7 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **f
     is_known = levels > 0 and nuisances == 0
     responses = servo + 1 if servo else 0
     return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
-                columns=sensitivities + 1, pair=states + 3, wider=terms + PAIR, learned=terms + 1,
+                columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR, learned=terms + 1,
                 gust=states + 2 if nuisances else 0, undeclared=un.SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
@@ -82,7 +82,7 @@ class Grown(NamedTuple):
     window: int       # rows of a window
     kept: int         # of them that are kept
     terms: int        # of the library
-    wider: int        # terms, and the drifts of a6 and k1
+    wider: int        # columns of a regression
     columns: int      # of the filter's sensitivities and right-hand side
     innovations: int  # of a block of samples
     nodes: int        # of the profile
@@ -426,9 +426,8 @@ APART = {
         *GATE_APART,
         ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),
         ("marks", WORK, I8, (N_MARKS, "window"), "of its rows, as `plan` names them"),
-        ("phi", WORK, F8, (("terms", "kept"),), "library columns one after the other, and their factor"),
-        ("target", WORK, F8, ((EQUATIONS, "kept"),), "what the equations explain"),
-        ("drift", WORK, F8, ((PAIR, "kept"),), "drift columns, later in the coordinates of the factor"),
+        ("columns", WORK, F8, (("wider", "kept"),),
+         "one after the other: the library's, later its factor; what the equations explain; drifts"),
         ("series", WORK, F8, (("wider", "kept"),), "residual with the drifts and without; influences on each term")),
     "Filtered": (
         *GATE_APART,

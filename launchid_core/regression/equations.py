@@ -7,7 +7,7 @@ import numpy as np
 
 from ..algebra.lanes import dot
 from ..algebra.library import raw_from_standard
-from ..algebra.linsolve import pivot_ratio, qr_factor, rotate_transposed, scale_columns
+from ..algebra.linsolve import pivot_ratio, qr_factor, scale_columns
 from ..algebra.sparse import factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
@@ -58,23 +58,22 @@ def is_driven(codes, support):
 
 
 @inner
-def factor_library(fixed, state, work, phi, target, drift, count, pieces):
-    """Factor the library of `count` rows; returns OK, RANK, or GAP where each piece's own unknown beginning leaves too
-    few rows."""
+def factor_library(fixed, state, work, at, pieces):
+    """Factor the library; returns OK, RANK, or GAP where each piece's own unknown beginning leaves too few rows.
+
+    at (q + EQUATIONS + PAIR, count)  inout  library columns, targets and drifts, these into the factor's coordinates
+    """
     q = fixed.size.terms
-    if pieces > 0 and count - pieces <= q:
+    if pieces > 0 and at.shape[1] - pieces <= q:
         return wn.GAP
-    at = phi[:q * count].reshape((q, count))
-    scale_columns(at, work.norms[:])
-    rank = qr_factor(at, work.order[:], work.tau[:], RANK_TOLERANCE)
+    scale_columns(at[:q], work.norms[:])
+    rank = qr_factor(at, work.order[:q], work.tau[:], RANK_TOLERANCE)
     if rank < q:
         return wn.RANK
     state.outcome.number[wn.O_CONDITION] = pivot_ratio(at, rank)
     raw_from_standard(fixed.codes[:q], work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
     factor_whole(q, work.mt, work.whole, work.sparse.columns[:])
-    rotate_transposed(at, work.tau[:], q, drift[:PAIR * count].reshape((PAIR, count)))
-    rotate_transposed(at, work.tau[:], q, target[:wn.EQUATIONS * count].reshape((wn.EQUATIONS, count)))
     return wn.OK
 
 
@@ -96,39 +95,39 @@ def keep_equation(fixed, work, out, e, passes):
 
 
 @kernel
-def choose_by_threshold(block, target, count):
+def choose_by_threshold(block, columns, count):
     """Sequentially thresholded least squares of the three equations; returns OK, RANK or NUMERICS."""
     fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
     q = fixed.size.terms
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = target[ORDER[k] * count:ORDER[k] * count + q]
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
             passes = solve_stls(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
             status = keep_equation(fixed, work, out, ORDER[k], passes)
     return status
 
 
 @kernel
-def choose_stepwise(block, target, count):
+def choose_stepwise(block, columns, count):
     """Stepwise sparse regression; as `choose_by_threshold`."""
     fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
     q = fixed.size.terms
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = target[ORDER[k] * count:ORDER[k] * count + q]
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
             passes = solve_ssr(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
             status = keep_equation(fixed, work, out, ORDER[k], passes)
     return status
 
 
 @kernel
-def choose_by_share(block, target, count):
+def choose_by_share(block, columns, count):
     """Backward elimination by what a term explains by itself; as `choose_by_threshold`."""
     fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
     q = fixed.size.terms
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = target[ORDER[k] * count:(ORDER[k] + 1) * count]
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_own(q, work.whole, y, needed, work.xi[:], work.active[:], work.sparse)
             status = keep_equation(fixed, work, out, ORDER[k], passes)
@@ -136,13 +135,13 @@ def choose_by_share(block, target, count):
 
 
 @kernel
-def choose_by_lasso(block, target, count):
+def choose_by_lasso(block, columns, count):
     """The lasso's support, solved by least squares; as `choose_by_threshold`."""
     fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
     q, threshold = fixed.size.terms, fixed.threshold[RAW]
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = target[ORDER[k] * count:(ORDER[k] + 1) * count]
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_lasso(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:],
                                  work.sparse)
@@ -151,13 +150,13 @@ def choose_by_lasso(block, target, count):
 
 
 @kernel
-def choose_relaxed(block, target, count):
+def choose_relaxed(block, columns, count):
     """Sparse relaxed regularized regression; as `choose_by_threshold`."""
     fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
     q, threshold = fixed.size.terms, fixed.threshold[RAW]
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = target[ORDER[k] * count:(ORDER[k] + 1) * count]
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_sr3(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:], work.sparse)
             status = keep_equation(fixed, work, out, ORDER[k], passes)

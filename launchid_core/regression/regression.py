@@ -17,7 +17,7 @@ from ..gate.guard import CARRIED, are_rows_whole, close_control, fold_words, giv
 from ..gate.ring import BETA, THETA, THETA_DOT
 from ..gate.stuck import stands_still
 from ..algebra import sparse
-from ..gate.window import ATTITUDE, EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
+from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
 from ..kernels import inner, kernel
 from . import rows as rw
 from . import equations as eq
@@ -88,7 +88,7 @@ def take_window(fixed, state, ring, seals, words, rows, marks):
 
 
 @kernel
-def open_pointwise(block, words, ring, seals, rows, marks, phi, target, drift):
+def open_pointwise(block, words, ring, seals, rows, marks, columns):
     """A closed window to its factored library in the pointwise form; returns as `take_window`, and 0, the pieces whose
     means were taken."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
@@ -97,45 +97,41 @@ def open_pointwise(block, words, ring, seals, rows, marks, phi, target, drift):
         q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
         rw.fill_states(rows, n, t_centre)
         rw.standardise(work, rows, marks, fixed.centred, kept, n)
-        rw.pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
-                          target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), kept)
-        drift_pointwise(rows, marks, drift[:PAIR * kept].reshape((PAIR, kept)), kept, t_centre)
-        status = eq.factor_library(fixed, state, work, phi, target, drift, kept, 0)
+        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
+        rw.pointwise_rows(fixed.codes[:q], rows, marks, at, at[q:], kept)
+        drift_pointwise(rows, marks, at[q + EQUATIONS:], kept, t_centre)
+        status = eq.factor_library(fixed, state, work, at, 0)
     return code, status, n, kept, gaps, 0
 
 
 @kernel
-def open_integral(block, words, ring, seals, rows, marks, phi, target, drift):
+def open_integral(block, words, ring, seals, rows, marks, columns):
     """The same in the integral form, whose columns and targets are less their means over each gap-free piece."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
     pieces = 0
     if status == OK and code == rb.WINDOW_COMPLETE:
         q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
-        columns = phi[:q * kept].reshape((q, kept))
-        states = target[:EQUATIONS * kept].reshape((EQUATIONS, kept))
-        drifts = drift[:PAIR * kept].reshape((PAIR, kept))
         rw.fill_states(rows, n, t_centre)
         rw.standardise(work, rows, marks, fixed.centred, kept, n)
-        rw.integral_rows(fixed.codes[:q], rows, marks, columns, states, n, kept, held)
-        drift_integral(rows, marks, drifts, n, kept, t_centre, held)
-        rw.centre_segments(drifts, marks, kept)
-        rw.centre_segments(states, marks, kept)
-        pieces = rw.centre_segments(columns, marks, kept)
-        status = eq.factor_library(fixed, state, work, phi, target, drift, kept, pieces)
+        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
+        rw.integral_rows(fixed.codes[:q], rows, marks, at, at[q:], n, kept, held)
+        drift_integral(rows, marks, at[q + EQUATIONS:], n, kept, t_centre, held)
+        pieces = rw.centre_segments(at, marks, kept)
+        status = eq.factor_library(fixed, state, work, at, pieces)
     return code, status, n, kept, gaps, pieces
 
 
 @kernel
-def end_window(block, words, rows, marks, phi, target, drift, series, status, n, kept, gaps, pieces):
+def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
     """The outcome's standard deviations and flags; what is carried on stays as it is until the next close, clock and
     counts until the next sample.  A window that failed says only why."""
     fixed, state = block[0].fixed, block[0].state
     out, q = state.outcome, fixed.size.terms
     if status == OK:
         report_attitude(fixed.plan, fixed.codes[:q], block[0].work, out, rows, marks,
-                        phi[:q * kept].reshape((q, kept)), target[ATTITUDE * kept:(ATTITUDE + 1) * kept], drift,
-                        series[:(PAIR + q) * kept].reshape((PAIR + q, kept)), n, kept - pieces)
+                        columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept)),
+                        series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
         driven = eq.is_driven(fixed.codes[:q], out.support)
         status = eq.judge_separation(out.number) if driven else LOW_INFORMATION
     if status != OK:
@@ -147,29 +143,29 @@ def end_window(block, words, rows, marks, phi, target, drift, series, status, n,
     close_control(state)
 
 
-def close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, series):
+def close_window(size, block, words, ring, seals, rows, marks, columns, series):
     """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
     if size.integral == 1:
-        code, status, n, kept, gaps, pieces = open_integral(block, words, ring, seals, rows, marks, phi, target, drift)
+        code, status, n, kept, gaps, pieces = open_integral(block, words, ring, seals, rows, marks, columns)
     else:
-        code, status, n, kept, gaps, pieces = open_pointwise(block, words, ring, seals, rows, marks, phi, target, drift)
+        code, status, n, kept, gaps, pieces = open_pointwise(block, words, ring, seals, rows, marks, columns)
     if code == rb.WINDOW_COMPLETE:
         if status == OK:
             if size.solver == sparse.SR3:
-                status = eq.choose_relaxed(block, target, kept)
+                status = eq.choose_relaxed(block, columns, kept)
             elif size.solver == sparse.LASSO:
-                status = eq.choose_by_lasso(block, target, kept)
+                status = eq.choose_by_lasso(block, columns, kept)
             elif size.by_share == 1:
-                status = eq.choose_by_share(block, target, kept)
+                status = eq.choose_by_share(block, columns, kept)
             elif size.solver == sparse.SSR:
-                status = eq.choose_stepwise(block, target, kept)
+                status = eq.choose_stepwise(block, columns, kept)
             else:
-                status = eq.choose_by_threshold(block, target, kept)
-        end_window(block, words, rows, marks, phi, target, drift, series, status, n, kept, gaps, pieces)
+                status = eq.choose_by_threshold(block, columns, kept)
+        end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
     return code
 
 
-def update_regression(size, block, words, ring, seals, rows, marks, phi, target, drift, series, t, theta, theta_dot,
+def update_regression(size, block, words, ring, seals, rows, marks, columns, series, t, theta, theta_dot,
                       beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
@@ -178,7 +174,7 @@ def update_regression(size, block, words, ring, seals, rows, marks, phi, target,
     """
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
-        code = close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, series)
+        code = close_window(size, block, words, ring, seals, rows, marks, columns, series)
     return code
 
 

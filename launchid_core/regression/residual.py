@@ -31,7 +31,7 @@ from ..algebra.lanes import divide, dot, multiply, subtract, weigh
 from ..algebra.linsolve import EPS, apply_q_transposed, qr_factor, rotate, scale_columns, solve_triangle
 from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate.ring import ATTACK, BETA, T
-from ..gate.window import INTERVAL, O_A6_STD, O_CORRELATION
+from ..gate.window import ATTITUDE, EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION
 from ..kernels import inner
 from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
 from .rows import integral_error, integrate
@@ -133,7 +133,7 @@ def factor_drifts(plan, q, size, work, drift, count, free):
         for i in range(left):
             drift[d * left + i] = work.heads[d, size + i] if size + i < q else column[size + i]
     tails = drift[:drifts * left].reshape((drifts, left))
-    rank = qr_factor(tails, work.drift_order[:], work.drift_tau[:], ACTIVE_TOLERANCE)
+    rank = qr_factor(tails, work.drift_order[:drifts], work.drift_tau[:], ACTIVE_TOLERANCE)
     return drifts if rank == drifts and abs(tails[0, 0]) > ACTIVE_TOLERANCE else 0
 
 
@@ -242,17 +242,18 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
 
 
 @inner
-def report_attitude(plan, codes, work, out, rows, marks, at, y, drift, series, n, free):
+def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
     """Standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the others, a6 and k1 with
     their standard deviation; inf: the window cannot tell a term from the active ones.
 
-    at (q, count), y (count,), drift (>=2*count,)  in  the window's factor, theta_ddot and the drifts in its coordinates;
+    at (q + EQUATIONS + PAIR, count)  in  the window's factor, in its coordinates targets and drifts (lost);
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
     """
-    q, size = codes.shape[0], 0
+    q, count, size = codes.shape[0], at.shape[1], 0
+    y, drift = at[q + ATTITUDE], at[q + EQUATIONS:].reshape((PAIR * count,))
     for j in range(q):
         size += int(work.active[j] == 1)
-    known, drifts = free > size + 1, factor_drifts(plan, q, size, work, drift, y.shape[0], free)
+    known, drifts = free > size + 1, factor_drifts(plan, q, size, work, drift, count, free)
     fill_series(q, size, work, y, drift, series, drifts, known)
     turn_back(at, q, size, work, drift, series, drifts)
     if size > 0:
@@ -263,7 +264,7 @@ def report_attitude(plan, codes, work, out, rows, marks, at, y, drift, series, n
         if not work.active[j]:
             out.absent[j] = np.inf
             if known and work.length[j] > 0.0:
-                weigh(series[2 + j], series[1], work.lost[j], 0, y.shape[0])
+                weigh(series[2 + j], series[1], work.lost[j], 0, count)
                 std = math.sqrt(own_variance(series[2 + j], free - size - 1)) / work.length[j]
                 out.absent[j] = abs(work.lost[j] / work.length[j]) + INTERVAL * std
                 for p in range(PAIR):
