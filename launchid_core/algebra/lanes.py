@@ -107,7 +107,8 @@ def reflect(v, tau, columns, first, last, start, stop):
         j = first + 4 * four
         a, b = columns[j], columns[min(j + 1, last - 1)]
         c, d = columns[min(j + 2, last - 1)], columns[min(j + 3, last - 1)]
-        shares = four_dots(v, a, b, c, d, start + 1, stop)
+        of_a, of_b, of_c, of_d = four_dots(v, a, b, c, d, start + 1, stop)
+        shares = (of_a, of_b, of_c, of_d)
         for k in range(min(4, last - j)):
             column = columns[j + k]
             s = tau * (column[start] + shares[k])

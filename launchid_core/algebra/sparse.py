@@ -124,7 +124,8 @@ def solve(q, n, order, norms, rows, xi):
 @inner
 def variances(q, n, rows, variance):
     """Variance (q,) of each active coefficient, of scaled columns, for errors of unit variance."""
-    variance[:q] = 0.0
+    for j in range(q):
+        variance[j] = 0.0
     for i in range(n):
         add_squares(variance, rows[i][q:2 * q], 0, q)
 
