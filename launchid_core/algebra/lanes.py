@@ -34,6 +34,22 @@ def dot(a, b, start, stop):
 
 
 @inner
+def total(x, start, stop):
+    """The sum of x[i], i in start..stop-1, in four interleaved partial sums."""
+    s0 = s1 = s2 = s3 = 0.0
+    quads = (stop - start) // 4
+    for k in range(quads):
+        i = U(start + 4 * k)
+        s0 += x[i]
+        s1 += x[i + U(1)]
+        s2 += x[i + U(2)]
+        s3 += x[i + U(3)]
+    for k in range(start + 4 * quads, stop):
+        s0 += x[U(k)]
+    return (s0 + s1) + (s2 + s3)
+
+
+@inner
 def four_dots(v, a, b, c, d, start, stop):
     """The sums v[i]*a[i], .. v[i]*d[i], i in start..stop-1, side by side: none waits for another.
 

@@ -13,7 +13,7 @@ import numpy as np
 from .. import cache
 from ..algebra.compress import first_state
 from ..config import Config
-from ..regression import equations, regression
+from ..regression import regression
 from ..sample import Sample
 from . import block, onboard
 from .assembly import Memory
@@ -32,9 +32,9 @@ FILTERED_ENTRIES = (
 STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
 SERVO_ENTRIES = (block.set_servo, block.doubt_servo, block.weigh_servo, block.follow_servo)
-REGRESSION_ENTRIES = (regression.push_sample, regression.end_window, regression.restart_regression)
-SOLVER_ENTRIES = {"stls": equations.choose_by_threshold, "sr3": equations.choose_relaxed,
-                  "ssr": equations.choose_stepwise, "lasso": equations.choose_by_lasso}
+REGRESSION_ENTRIES = (regression.push_sample, regression.restart_regression)
+SOLVER_ENTRIES = {"stls": regression.end_by_threshold, "sr3": regression.end_relaxed,
+                  "ssr": regression.end_stepwise, "lasso": regression.end_by_lasso}
 
 
 class Calls(NamedTuple):
@@ -58,7 +58,7 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     form = regression.open_integral if memory.size.integral else regression.open_pointwise
     relaxed = config.solver in ("sr3", "lasso")
     by_share = memory.size.by_share and not relaxed
-    return (*REGRESSION_ENTRIES, form, equations.choose_by_share if by_share else SOLVER_ENTRIES[config.solver])
+    return (*REGRESSION_ENTRIES, form, regression.end_by_share if by_share else SOLVER_ENTRIES[config.solver])
 
 
 @functools.cache

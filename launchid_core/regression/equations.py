@@ -11,7 +11,7 @@ from ..algebra.linsolve import pivot_ratio, qr_factor, scale_columns
 from ..algebra.sparse import factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
-from ..kernels import inner, kernel
+from ..kernels import inner
 from .plan import OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
 
 ORDER = (0, 2, wn.ATTITUDE)  # of the equations: the last one's factor stays, for its standard deviations
@@ -94,11 +94,10 @@ def keep_equation(fixed, work, out, e, passes):
     return wn.OK
 
 
-@kernel
-def choose_by_threshold(block, columns, count):
+@inner
+def choose_by_threshold(fixed, work, out, columns, count):
     """Sequentially thresholded least squares of the three equations; returns OK, RANK or NUMERICS."""
-    fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
-    q = fixed.size.terms
+    q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
@@ -107,11 +106,10 @@ def choose_by_threshold(block, columns, count):
     return status
 
 
-@kernel
-def choose_stepwise(block, columns, count):
+@inner
+def choose_stepwise(fixed, work, out, columns, count):
     """Stepwise sparse regression; as `choose_by_threshold`."""
-    fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
-    q = fixed.size.terms
+    q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
@@ -120,11 +118,10 @@ def choose_stepwise(block, columns, count):
     return status
 
 
-@kernel
-def choose_by_share(block, columns, count):
+@inner
+def choose_by_share(fixed, work, out, columns, count):
     """Backward elimination by what a term explains by itself; as `choose_by_threshold`."""
-    fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
-    q = fixed.size.terms
+    q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
@@ -134,11 +131,10 @@ def choose_by_share(block, columns, count):
     return status
 
 
-@kernel
-def choose_by_lasso(block, columns, count):
+@inner
+def choose_by_lasso(fixed, work, out, columns, count):
     """The lasso's support, solved by least squares; as `choose_by_threshold`."""
-    fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
-    q, threshold = fixed.size.terms, fixed.threshold[RAW]
+    q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
@@ -149,11 +145,10 @@ def choose_by_lasso(block, columns, count):
     return status
 
 
-@kernel
-def choose_relaxed(block, columns, count):
+@inner
+def choose_relaxed(fixed, work, out, columns, count):
     """Sparse relaxed regularized regression; as `choose_by_threshold`."""
-    fixed, work, out, status = block[0].fixed, block[0].work, block[0].state.outcome, wn.OK
-    q, threshold = fixed.size.terms, fixed.threshold[RAW]
+    q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]

@@ -122,14 +122,13 @@ def open_integral(block, words, ring, seals, rows, marks, columns):
     return code, status, n, kept, gaps, pieces
 
 
-@kernel
-def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+@inner
+def end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
     """The outcome's standard deviations and flags; what is carried on stays as it is until the next close, clock and
     counts until the next sample.  A window that failed says only why."""
-    fixed, state = block[0].fixed, block[0].state
     out, q = state.outcome, fixed.size.terms
     if status == OK:
-        report_attitude(fixed.plan, fixed.codes[:q], block[0].work, out, rows, marks,
+        report_attitude(fixed.plan, fixed.codes[:q], work, out, rows, marks,
                         columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept)),
                         series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
         driven = eq.is_driven(fixed.codes[:q], out.support)
@@ -143,6 +142,51 @@ def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps
     close_control(state)
 
 
+@kernel
+def end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """The second half of a close, from the factored library on; status .. pieces  of the first."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_threshold(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by stepwise sparse regression."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_stepwise(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by what a term explains by itself."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_share(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by the lasso."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_lasso(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by sparse relaxed regularized regression."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_relaxed(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
 def close_window(size, block, words, ring, seals, rows, marks, columns, series):
     """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
     if size.integral == 1:
@@ -150,18 +194,16 @@ def close_window(size, block, words, ring, seals, rows, marks, columns, series):
     else:
         code, status, n, kept, gaps, pieces = open_pointwise(block, words, ring, seals, rows, marks, columns)
     if code == rb.WINDOW_COMPLETE:
-        if status == OK:
-            if size.solver == sparse.SR3:
-                status = eq.choose_relaxed(block, columns, kept)
-            elif size.solver == sparse.LASSO:
-                status = eq.choose_by_lasso(block, columns, kept)
-            elif size.by_share == 1:
-                status = eq.choose_by_share(block, columns, kept)
-            elif size.solver == sparse.SSR:
-                status = eq.choose_stepwise(block, columns, kept)
-            else:
-                status = eq.choose_by_threshold(block, columns, kept)
-        end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        if size.solver == sparse.SR3:
+            end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.solver == sparse.LASSO:
+            end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.by_share == 1:
+            end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.solver == sparse.SSR:
+            end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        else:
+            end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
     return code
 
 
