@@ -15,10 +15,10 @@ import sys
 import numpy as np
 from flights import AIRS, NOMINALS, draw, in_air, nominal, run_jobs, with_levels, with_noise
 
+from launchid.bound.flights import flight_bound
+from launchid.identification.windows import onboard_model, run
 from launchid_core import Config
-from sim.bound.flights import flight_bound
 from sim.flight import fly_whole, parameters
-from sim.identify import onboard_model, run
 
 WINDOWS = (1.0, 5.0, 10.0)
 USEFUL = 0.3       # windows with a larger relative bound are left out

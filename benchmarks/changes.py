@@ -24,12 +24,12 @@ import sys
 import numpy as np
 from flights import NOMINALS, in_air, nominal, run_jobs
 
+from launchid.bound.flights import known_state_information
+from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Status
 from launchid_core.watch.changes import THRESHOLD
-from sim.bound.flights import known_state_information
 from sim.effects import from_text
 from sim.flight import Factor, Flight, dispersion, fly_whole
-from sim.identify import onboard_model
 from sim.nominal import Nominal, constant_profile
 
 LOSS = 0.3

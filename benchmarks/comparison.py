@@ -19,9 +19,9 @@ import numpy as np
 from baselines import DRIFT, HALF_WIDTH, MANY, METHODS, Log, Method, walk
 from flights import NOMINALS, draw, nominal, run_jobs
 
-from sim.bound.flights import flight_bound
+from launchid.bound.flights import flight_bound
+from launchid.identification.windows import onboard_model
 from sim.flight import Flight, fly_whole, parameters
-from sim.identify import onboard_model
 
 WINDOWS = (1.0, 5.0, 10.0)
 USEFUL = 0.3   # windows with a larger relative bound are left out

@@ -24,13 +24,13 @@ from pathlib import Path
 import numpy as np
 from flights import NOMINALS, at_rate, run_jobs
 
+from launchid.diagnosis.verdict import diagnose
+from launchid.identification.window_validation import withdrawn
+from launchid.identification.windows import onboard_model, run
+from launchid.log.log import read_log, write_flight
 from launchid_core import Config, EstimateStatus
-from sim.diagnosis.verdict import diagnose
 from sim.effects import Effect, from_text
 from sim.flight import fly_whole, parameters
-from sim.identify import onboard_model, run
-from sim.identify_fit import withdrawn
-from sim.log import read_log, write_flight
 from sim.nominal import Nominal, load_nominal
 from sim.sections import Offsets, Wind
 

@@ -29,14 +29,14 @@ from hidden import LISTED, OTHER, PLAIN, UNLISTED, Hidden, Label, Weather, draw_
 from hidden.build import SUBSTEP  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
-from sim.diagnosis.data.record import Record  # noqa: E402
-from sim.diagnosis.judge.gain import held_out, long_folds  # noqa: E402
-from sim.diagnosis.model.nuisance import Problem  # noqa: E402
-from sim.diagnosis.report.answer import report  # noqa: E402
-from sim.diagnosis.search.fit import fit  # noqa: E402
-from sim.diagnosis.search.foresight import LONGEST, SPACING  # noqa: E402
-from sim.diagnosis.verdict import Diagnosis, diagnose  # noqa: E402
-from sim.log import OPTIONAL, REQUIRED, Log  # noqa: E402
+from launchid.diagnosis.data.record import Record  # noqa: E402
+from launchid.diagnosis.judge.gain import held_out, long_folds  # noqa: E402
+from launchid.diagnosis.model.nuisance import Problem  # noqa: E402
+from launchid.diagnosis.report.answer import report  # noqa: E402
+from launchid.diagnosis.search.fit import fit  # noqa: E402
+from launchid.diagnosis.search.foresight import LONGEST, SPACING  # noqa: E402
+from launchid.diagnosis.verdict import Diagnosis, diagnose  # noqa: E402
+from launchid.log.log import OPTIONAL, REQUIRED, Log  # noqa: E402
 from sim.nominal import Nominal, Wind, built_in, load_nominal  # noqa: E402
 
 NOMINALS = ("constant", "vega_like")

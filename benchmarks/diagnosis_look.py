@@ -15,14 +15,14 @@ from diagnosis_labels import read_set
 from diagnosis_sources import Absent, material
 from relations.look import Look, look
 
-from sim.diagnosis.controller.command import record
-from sim.diagnosis.controller.issued import with_commands
-from sim.diagnosis.data.check import check
-from sim.diagnosis.data.turns import unwrapped
-from sim.diagnosis.data.used import shortened, sparser, used
-from sim.diagnosis.model.follower import NominalFollower
+from launchid.diagnosis.controller.command import record
+from launchid.diagnosis.controller.issued import with_commands
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.data.turns import unwrapped
+from launchid.diagnosis.data.used import shortened, sparser, used
+from launchid.diagnosis.model.follower import NominalFollower
+from launchid.log.log import Log
 from sim.errors import InputError
-from sim.log import Log
 from sim.nominal import Nominal
 
 

@@ -32,9 +32,9 @@ from diagnosis_cases import CAUSES, WEATHER, WINDY, nominal_of  # noqa: E402
 from diagnosis_labels import Case  # noqa: E402
 from hidden import OTHER, PLAIN, draw_spec, fly  # noqa: E402
 
+from launchid.log.log import MEASURED, Log, flown_log, log_of_values, read_log  # noqa: E402
 from sim.effects import from_text  # noqa: E402
 from sim.flight import fly_whole  # noqa: E402
-from sim.log import MEASURED, Log, flown_log, log_of_values, read_log  # noqa: E402
 from sim.nominal import BUILT_IN, STANDS, Nominal, load_nominal  # noqa: E402
 from sim.nominal.reader import nominal_of as nominal_of_table  # noqa: E402
 from sim.nominal.table import Table  # noqa: E402

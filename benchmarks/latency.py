@@ -23,10 +23,10 @@ import numpy as np
 from flights import in_air, nominal
 from latency_c import above_empty, exported, long_run, plain_close
 
+from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core.algebra.library import LIBRARIES
 from sim.flight import fly_whole
-from sim.identify import onboard_model
 
 PLAIN = "plain C, the regression alone"
 EXPORTED = "exported C, bits of launchid"   # the same algorithm whole, with its intervals and limits

@@ -10,8 +10,8 @@ from typing import Any
 import numba
 import numpy as np
 
+from launchid.c_export.program import c_files
 from launchid_core import Config, Estimator, Sample
-from sim.export_c.program import c_files
 
 HERE = Path(__file__).parent
 CC = "gcc"

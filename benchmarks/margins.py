@@ -9,7 +9,7 @@ The servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about 
 coverage: `flight` suite, a6 and k1 within 20 % of the nominal's, servo frequency and damping ratio within 30 %, delay 0
 to 30 ms, all drawn uniformly.  The truth is the frozen loop of the true vehicle at the window's centre (tracked: at its
 end), whose margins `tests/test_flight_margins.py` holds against python-control.  Bound: that of the complete problem
-(`sim.bound`), window by window.  Lost vehicles are left out.
+(`launchid.bound`), window by window.  Lost vehicles are left out.
 
 warnings: `constant`, 30 s.  Half of the flights have a servo whose lag leaves less than 20 degrees of phase margin
 (frequency and delay drawn, within three of their declared standard deviations, until it does); the other half are the
@@ -29,14 +29,14 @@ import numpy as np
 from flights import NOMINALS, in_air, nominal, run_jobs
 
 import launchid
-from sim.bound.flights import flight_bound
-from sim.campaign import draw_jobs
+from launchid.bound.flights import flight_bound
+from launchid.monte_carlo.campaign import draw_jobs
+from launchid.robustness import reconfigure
+from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.margin_spread import NAMES, margin_table
+from launchid.robustness.montecarlo import SCENARIOS, factors
 from sim.flight import Factor, Flight, fly_whole, parameters
 from sim.nominal import Nominal
-from sim.uncertainty import reconfigure
-from sim.uncertainty.loops import loops, plants_of
-from sim.uncertainty.margin_spread import NAMES, margin_table
-from sim.uncertainty.montecarlo import SCENARIOS, factors
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}

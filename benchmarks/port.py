@@ -20,12 +20,12 @@ import numpy as np
 from port_operations import COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
 from port_stack import graph_of
 
+from launchid.c_export.kit import exported
+from launchid.c_export.program import c_files
+from launchid.c_export.vectors import flown
+from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
-from sim.export_c.kit import exported
-from sim.export_c.program import c_files
-from sim.export_c.vectors import flown
 from sim.flight import fly
-from sim.identify import onboard_model
 from sim.nominal import load_nominal
 
 HERE = Path(__file__).parent

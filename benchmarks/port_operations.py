@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from launchid.c_export.program import c_files
 from launchid_core import Config, Sample
-from sim.export_c.program import c_files
 
 HERE = Path(__file__).parent
 CXX = "g++"

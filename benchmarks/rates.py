@@ -15,12 +15,12 @@ import sys
 import numpy as np
 from flights import NOMINALS, at_rate, run_jobs
 
+from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, Estimator, Status, Tracked
 from launchid_core.filter import whiteness as wh
 from launchid_core.model import N_NOISES
 from launchid_core.watch import undeclared as un
 from sim.flight import fly_whole
-from sim.identify import onboard_model
 from sim.nominal import Nominal, load_nominal
 
 RATES = (25.0, 50.0, 100.0, 200.0, 400.0)  # Hz

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from launchid.identification.windows import run, whole_log
+from launchid.log.log import Log, read_log
 from launchid_core import Config, Estimate
-from sim.identify import run, whole_log
-from sim.log import Log, read_log
 
 LOGS = ("dfki_pendulum_dircol.csv", "dfki_pendulum_ddp.csv")
 LIBRARIES = {"linear in theta": "theta,beta,sign(theta_dot)", "sin(theta), no friction": "sin(theta),beta",
@@ -63,7 +63,7 @@ def plot(rows: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]], path: str) 
     """Measured and predicted change of theta_dot on the part that no coefficient was fitted to."""
     import matplotlib.pyplot as plt
 
-    from sim.plots import save
+    from launchid.figures.plots import save
     figure, axes = plt.subplots(len(rows), 1, figsize=(9, 2.6 * len(rows)))
     for axis, (title, t, measured, predicted) in zip(axes, rows, strict=True):
         axis.plot(t, measured, color="0.65", linewidth=2.5, label="measured")

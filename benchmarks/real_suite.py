@@ -18,9 +18,9 @@ import numpy as np
 from diagnosis_labels import FAR, Case, read_set
 from diagnosis_sources import Absent, material
 
+from launchid.identification.windows import identified, log_config, report_of
+from launchid.log.log import Log
 from sim.errors import InputError, UsageError
-from sim.identify import identified, log_config, report_of
-from sim.log import Log
 
 NUMBERS = ("a6", "k1")
 

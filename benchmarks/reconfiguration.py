@@ -3,8 +3,8 @@
     python benchmarks/reconfiguration.py [--flights 100] [--seed 0] [--air wind] [--quick] [--table FOLDER]
 
 Every flight is flown twice with the same vehicle and noise.  Delta is uniform in [-1, 1]^2 in every scenario; what a
-scenario adds is in `sim.uncertainty.montecarlo`.  lost: share of flights; only R: lost with the new gains and kept by
-the legacy ones.  The others are medians over the flights that both keep, the new gains' over the legacy's: root mean
+scenario adds is in `launchid.robustness.montecarlo`.  lost: share of flights; only R: lost with the new gains and kept
+by the legacy ones.  The others are medians over the flights that both keep, the new gains' over the legacy's: root mean
 square of theta - theta_ref, of the nozzle angle and of its rate; worst: the largest ratio of one flight's errors.
 
 Demands: in the box no flight is lost that the legacy gains keep, and the median error is at most 1.02 times theirs.
@@ -23,13 +23,13 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from bar import bar
 from flights import NOMINALS, WIND, in_air, nominal
 
-from sim.campaign import Job, draw_jobs, run_campaign
+from launchid.cli.terminal import ProgressBar
+from launchid.monte_carlo.campaign import Job, draw_jobs, run_campaign
+from launchid.robustness.montecarlo import SCENARIOS, compare_gains, compare_gains_of, factors
+from launchid.robustness.reconfigure import fly_knowing
 from sim.nominal import Nominal
-from sim.uncertainty.montecarlo import SCENARIOS, compare_gains, compare_gains_of, factors
-from sim.uncertainty.reconfigure import fly_knowing
 
 QUICK = 8         # flights
 MOST_ERROR = 1.02  # of legacy's median, in the box
@@ -94,7 +94,8 @@ def main() -> int:
     names, scenarios = args.nominal or NOMINALS, args.scenario or SCENARIOS
     work = compare_in_severe_wind if args.air == "wind" else compare_gains
     jobs = [job for name in names for scenario in scenarios for job in draw_jobs(name, scenario, seeds)]
-    with tempfile.TemporaryDirectory() as folder, bar(len(jobs)) as update:
+    update = ProgressBar(len(jobs), "flights")
+    with tempfile.TemporaryDirectory() as folder:
         path = Path(args.table or folder) / f"reconfiguration{'' if args.air == 'calm' else '_wind'}.csv"
         table = columns(run_campaign(jobs, work, path, progress=update).path)
     print(f"flights {flights} a nominal and scenario, seeds from {args.seed}, air {args.air}; lost in %, errors "

@@ -13,9 +13,9 @@ import sys
 import numpy as np
 from flights import FACTORS, NOMINALS, draw, nominal, run_jobs, with_noise
 
+from launchid.identification.windows import onboard_model, run
 from launchid_core import Config
 from sim.flight import fly_whole
-from sim.identify import onboard_model, run
 
 START = 10.0  # s
 

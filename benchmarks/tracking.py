@@ -25,13 +25,13 @@ import sys
 import numpy as np
 from flights import NOMINALS, OFFSETS, WIND, nominal, run_jobs
 
+from launchid.bound.flights import acting_command, noise_variances, servo_of
+from launchid.bound.information import window_information
+from launchid.bound.matrices import without_offset
+from launchid.bound.world import world_of
+from launchid.identification.windows import onboard_model, run
 from launchid_core import Config
-from sim.bound.flights import acting_command, noise_variances, servo_of
-from sim.bound.information import window_information
-from sim.bound.matrices import without_offset
-from sim.bound.world import world_of
 from sim.flight import Flight, fly_whole, parameters
-from sim.identify import onboard_model, run
 from sim.nominal import Nominal
 
 START = 20.0         # s

@@ -16,10 +16,10 @@ import sys
 import numpy as np
 from flights import NOMINALS, nominal, run_jobs
 
+from launchid.identification.windows import run
+from launchid.robustness.level import ranged_model
 from launchid_core import BANDS, EDGES, Config
 from sim.flight import dispersion, fly_whole
-from sim.identify import run
-from sim.uncertainty.level import ranged_model
 
 START = 30.0         # s
 WINDOW = 1.0         # s

@@ -12,9 +12,9 @@ from collections import Counter
 
 import numpy as np
 
+from launchid.identification.windows import run
 from launchid_core import Config
 from sim.flight import fly_whole, parameters
-from sim.identify import run
 from sim.nominal import load_nominal
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar, Union, runt
 
 import numpy.typing as npt
 
+from launchid.argument_checks import several
+from launchid.log.log import REQUIRED, Log, log_of
+from launchid.log.log import read_log as read_file
 from sim import nominal as nominals
-from sim.asked import several
 from sim.errors import InputError, UsageError
 from sim.files import as_path
-from sim.log import REQUIRED, Log, log_of
-from sim.log import read_log as read_file
 from sim.sections import Nominal
 
 if TYPE_CHECKING:
-    from sim.answers.answer import Answer
+    from launchid.results.answer import Answer
 
 
 class DataWarning(UserWarning):
@@ -61,15 +61,15 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     map       MAP.toml, of a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
     """
     if map is not None:
-        from sim.answers import of_files
-        from sim.convert.mapping import load_map
+        from launchid.convert.mapping import load_map
+        from launchid.results import of_files
         return warned(of_files.convert(str(as_path(source)), load_map(as_path(map)), required)).log
     if isinstance(source, Log):
         return log_of(source.measured(), source.path, required)
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
         return read_file(os.fspath(source), required)
-    if isinstance(source, WithLog) and not isinstance(source, type):
+    if isinstance(source, WithLog) and isinstance(source.log, Log):
         return source.log
     return log_of(source, required=required)
 
@@ -86,7 +86,10 @@ def load_nominal(source: NominalSource) -> Nominal:
     if not isinstance(source, (str, os.PathLike)):
         raise InputError("nominal: expected a path, a name such as 'constant', or what load_nominal returns; found "
                          f"{type(source).__name__}")
-    return nominals.load_nominal(as_path(source))
+    nominal = nominals.load_nominal(as_path(source))
+    if warning := nominals.wrong_feedback(nominal):
+        warnings.warn(warning, DataWarning, stacklevel=3)
+    return nominal
 
 
 def warned(answer: Made) -> Made:

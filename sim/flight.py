@@ -8,7 +8,7 @@ Effects on a sensor (bias, scale, delay) show in both.
 
 Noise: one independent stream a source, one draw per integration step or
 controller period, so a flight's noise does not depend on the rate of its log, nor
-on the world outside it: wind and offsets (`sim.outside`) have streams of their own.
+on the world outside it: wind and offsets (`sim.disturbance_draws`) have streams of their own.
 """
 
 import math
@@ -20,10 +20,10 @@ import numpy as np
 
 from launchid_core import Sample
 
+from .disturbance_draws import drawn_offsets, drawn_wind, moment_of, offset_effects
 from .effects import Effect, Table, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
-from .outside import drawn_offsets, drawn_wind, moment_of, offset_effects
 from .vehicle import step as st
 from .vehicle.actuator import FIRST_ORDER_DAMPING
 from .vehicle.controller import N_SECTION

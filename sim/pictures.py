@@ -10,7 +10,7 @@ from .canvas import UNIT, panels
 
 
 def log_figure(log: Any) -> Figure:
-    """A figure of a log's columns (`sim.log.Log`)."""
+    """A figure of a log's columns (`launchid.log.log.Log`)."""
     units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
     names = [name for name in log.columns if name != "t"]
     figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from launchid.c_export.program import c_files
+from launchid.identification.windows import onboard_model
+from launchid.robustness.level import ranged_model
 from launchid_core import Config, Sample
 from sim.effects import from_text
-from sim.export_c.program import c_files
 from sim.flight import fly
-from sim.identify import onboard_model
 from sim.nominal import Nominal, load_nominal
 from sim.sections import Drift, Offsets, Wind
-from sim.uncertainty.level import ranged_model
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler here")

@@ -6,12 +6,12 @@ Both of pytest's workers would else compile all of it at the same time.
 import sys
 from dataclasses import replace
 
+from launchid.bound.flights import flight_bound
+from launchid.diagnosis.verdict import diagnose
+from launchid.identification.windows import onboard_model
+from launchid.log.log import flown_log
 from launchid_core import Config, Estimator
-from sim.bound.flights import flight_bound
-from sim.diagnosis.verdict import diagnose
 from sim.flight import fly_whole
-from sim.identify import onboard_model
-from sim.log import flown_log
 from sim.nominal import Nominal, load_nominal
 
 

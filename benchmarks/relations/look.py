@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnosis.data.record import Record
-from sim.sums import square
-from sim.weak_form import column
+from launchid.diagnosis.data.record import Record
+from launchid.identification.weak_form import column
+from launchid.sums import square
 
 from .score import BLOCKS, Fitted, Rows, convolved, gain, left_out, rows_of, shortest, weights_of
 from .signals import Signals, Travel, signals_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.sums import inner, products, square
+from launchid.sums import inner, products, square
 
 FOLDS = 6        # each is predicted by the others
 PASSES = 3       # so often the folds go round the log: 18 stretches of it

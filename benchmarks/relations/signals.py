@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.diagnosis.data.record import BETA, THETA, THETA_DOT, Record
+from launchid.diagnosis.data.record import BETA, THETA, THETA_DOT, Record
 from sim.sections import Actuator
 from sim.vehicle.actuator import FIRST_ORDER_DAMPING, free_servo
 from sim.vehicle.kernels import kernel

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from launchid.identification.weak_form import column
 from sim.effects import CATALOGUE
-from sim.weak_form import column
 
 from .score import Rows
 from .signals import Signals, Travel, lagged, mode

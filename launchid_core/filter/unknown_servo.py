@@ -17,7 +17,7 @@ says of a6 and k1, the outliers' gate and the check of the model.
 
 Assumptions: one servo for the whole flight; the gains' derivatives for d are left out, as those for a6 and k1 are; what
 is left of d is independent from block to block where it widens the tracked a6 and k1, which it hardly moves: beside a
-nozzle sensor an unknown servo costs them less than 1 % (`sim.bound`).
+nozzle sensor an unknown servo costs them less than 1 % (`launchid.bound`).
 """
 
 import math

@@ -8,7 +8,7 @@ terms: the coefficient of `theta` times it); without [drift] wind turns the vehi
 and does not drift it.
 
 `turbulence` and `wind_walk` are chance, not functions of time: their rows stand here,
-`sim.outside` draws them with the nominal's [wind], by the same law.
+`sim.disturbance_draws` draws them with the nominal's [wind], by the same law.
 
 To add an effect: its kernel, its branch below, its row in EFFECTS.
 """

@@ -1,0 +1,121 @@
+"""The bound of the flights of a nominal."""
+
+import math
+
+import numpy as np
+
+from sim.flight import Factor, Flight, fly_whole, parameters
+from sim.nominal import Nominal
+
+from .information import N_UNKNOWN, WITH_SERVO, window_information
+from .matrices import Bound, bounds_of, with_prior, without_offset
+from .step import FIRST_ORDER
+from .world import world_of
+
+
+def noise_variances(nominal: Nominal, period: float) -> np.ndarray:
+    """Variances (5,) of theta, theta_dot, beta, command, acceleration; held noise keeps its density at `period`."""
+    nominal.require("actuator", "controller", "simulation")
+    sensors, actuator, simulation = nominal.sensors, nominal.actuator, nominal.simulation
+    assert actuator is not None and simulation is not None and nominal.controller is not None
+    held = nominal.controller.period / period
+    return np.array([sensors.theta_std**2, sensors.theta_dot_std**2, sensors.beta_std**2,
+                     actuator.command_noise_std**2 * held, simulation.acceleration_noise_std**2 * held])
+
+
+def servo_of(nominal: Nominal) -> np.ndarray:
+    """(2,) actuator of `window_information`."""
+    actuator = nominal.actuator
+    assert actuator is not None
+    if actuator.is_first_order:
+        return np.array([1.0 / actuator.time_constant, FIRST_ORDER])
+    return np.array([actuator.natural_frequency, actuator.damping_ratio])
+
+
+def servo_sigma(nominal: Nominal) -> np.ndarray:
+    """(3,) one sigma of what is not known before the flight: relative frequency, relative damping ratio, delay [s]."""
+    actuator = nominal.actuator
+    assert actuator is not None
+    return np.array([actuator.natural_frequency_sigma, actuator.damping_ratio_sigma, actuator.delay_sigma])
+
+
+def acting_command(nominal: Nominal, flight: Flight) -> np.ndarray:
+    """Command that acts over the step from each row [rad]: the actuator's delay old, 0 before the first."""
+    assert nominal.actuator is not None
+    if nominal.actuator.delay == 0.0:
+        return flight.beta_cmd
+    older, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    return newer + switch / flight.period * (older - newer)
+
+
+def switched(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """A held command (n,) [rad], 0 before its first row, `delay` [s] later: what acts from each row on, what acts then,
+    and from how long [s] after the row on."""
+    whole = math.floor(delay / period)
+    past = np.concatenate([np.zeros(whole + 1), command])
+    return past[:len(command)], past[1:len(command) + 1], delay - whole * period
+
+
+def flight_information(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
+                       a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
+                       levels_known: bool = False) -> np.ndarray:
+    """Information (w, 2, 2) about (relative a6, relative k1) in each window of one flight (`flight` suite); about more
+    where [actuator] declares that more is unknown, see `with_prior`.
+
+    nominal  what flies, how noisy it is, and in what air;  window [s];  period [s] of the log, None: sensors.period
+    a6_factor, k1_factor  true parameters over the nominal's
+    path_known   the log says the flight path of [drift]; else it follows from where it truly is at a window's start
+    levels_known  of the wind: how strongly the vehicle answers it tells of a6
+    """
+    flight = fly_whole(nominal, seed, "flight", period, a6_factor, k1_factor)
+    t = flight.t
+    middle_a6, middle_k1 = parameters(nominal, t + 0.5 * flight.period, a6_factor, k1_factor)
+    index = np.floor(t / window + 1e-9).astype(np.int64)
+    windows = math.floor((t[-1] + 1.5 * flight.period) / window)
+    index[index >= windows] = -1
+    assert nominal.actuator is not None
+    unknowns = N_UNKNOWN if nominal.actuator.is_known else WITH_SERVO
+    information = np.zeros((windows, unknowns, unknowns))
+    command, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
+    if nominal.actuator.is_known:
+        command = acting_command(nominal, flight)
+    window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), command, middle_a6, middle_k1,
+                       servo_of(nominal), noise_variances(nominal, flight.period), index, information, np.zeros(len(t)),
+                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), newer, switch)
+    left = without_offset(information)
+    return left if nominal.actuator.is_known else with_prior(left, servo_sigma(nominal))
+
+
+def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
+                 a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
+                 levels_known: bool = False) -> Bound:
+    """Bound of every window of one flight; arguments as `flight_information`."""
+    return bounds_of(flight_information(nominal, window, seed, period, a6_factor, k1_factor, path_known=path_known,
+                                        levels_known=levels_known), window)
+
+
+def known_state_information(nominal: Nominal, flight: Flight, onset: float, a6_factor: Factor = 1.0,
+                            k1_factor: Factor = 1.0, horizon: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
+    """Information about a relative change of k1 at `onset`, the state before it known, as it grows with time.
+
+    Wind and offsets are known as well as two seconds before tell.
+
+    Returns times [s] of the rows after the onset, up to `horizon` later, and the information (1/relative^2) by then.
+    The factors are those before the change; the flight may have any.
+    """
+    begin = int(np.searchsorted(flight.t, onset))
+    first = max(begin - 200, 0)  # 2 s at 100 Hz: the filter's covariance settles
+    end = min(len(flight.t), begin + round(horizon / flight.period))
+    rows = slice(first, end)
+    t = flight.t[rows]
+    a6, k1 = parameters(nominal, t + 0.5 * flight.period, a6_factor, k1_factor)
+    world = world_of(nominal, flight, restarts=False)
+    world = world._replace(start=world.start[:, rows], air=world.air[rows], drift=world.drift[:, rows],
+                           gamma=world.gamma[rows])
+    z = np.column_stack([flight.theta, flight.theta_dot, flight.beta])[rows]
+    variances = noise_variances(nominal, flight.period)
+    index = np.where(np.arange(first, end) >= begin, 0, -1).astype(np.int64)
+    grown = np.zeros(end - first)
+    window_information(t, z, acting_command(nominal, flight)[rows], a6, k1, servo_of(nominal), variances, index,
+                       np.zeros((1, N_UNKNOWN, N_UNKNOWN)), grown, world)
+    return flight.t[begin:end], grown[begin - first:]

@@ -1,0 +1,244 @@
+"""The filter about the true parameters, its sensitivities, and what the innovations of each window tell."""
+
+import numpy as np
+
+from sim.vehicle.kernels import kernel
+
+from .step import FIRST_ORDER, N_STATES, add_noise, fill, transition
+from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
+
+N_UNKNOWN = 6      # four initial states, relative a6, relative k1
+WITH_SERVO = 9     # and the servo's relative frequency, relative damping ratio, delay [s]
+DELAY = 8          # its place among them: it is in the command alone, and so in no covariance
+DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
+
+
+@kernel
+def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
+    """Time update of dp (p, n, n), the derivatives of the covariance p (n, n) for relative a6, k1 and servo.
+
+    Products are written out: numba's need scipy, which an installation need not have.
+    """
+    n = len(p)
+    for m in range(len(dp)):
+        slope, share, by = moved[m], value[m], slopes[m]
+        left, new = np.zeros((n, n)), np.zeros((n, n))
+        for i in range(n):
+            for k in range(n):
+                if full[i, k] == 0.0 and slope[i, k] == 0.0:
+                    continue
+                for j in range(n):
+                    left[i, j] += slope[i, k] * p[k, j] + 0.5 * full[i, k] * dp[m, k, j]
+        for i in range(n):
+            for k in range(n):
+                for j in range(n):
+                    new[i, j] += left[i, k] * full[j, k]
+        for i in range(N_STATES):
+            for j in range(N_STATES):
+                new[i, j] += share * (by[i, 4] * f[j, 4] * noises[3] + by[i, 5] * f[j, 5] * noises[4])
+        dp[m] = new + new.T
+
+
+@kernel
+def switch_command(s, x, jump, f, slopes, value, frequency, damping):
+    """Add what the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
+    to the state x (n,) and the sensitivities s (n, 9).
+
+    f (6, 6), slopes (p, 6, 6)   of `transition` over that part, which the delay shortens
+    """
+    for i in range(N_STATES):
+        x[i] += f[i, 4] * jump
+        for m in range(len(value)):
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * jump
+        s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
+
+
+@kernel
+def drive(s, i, u, known, slopes, value, air):
+    """Add what command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
+    for m in range(len(value)):
+        s[i, 4 + m] = air[1 + m, i] * known
+        if i < N_STATES:
+            s[i, 4 + m] += value[m] * slopes[m, i, 4] * u
+
+
+@kernel
+def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
+    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
+    beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
+
+    u [rad]  command;  known [rad]  angle of attack beside theta
+    """
+    n, unknowns = len(x), s.shape[1]
+    new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, unknowns)), np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        new_x[i] = air[0, i] * known
+        drive(new_s, i, u, known, slopes, value, air)
+        if i < N_STATES:
+            new_x[i] += f[i, 4] * u
+        for k in range(n):
+            if full[i, k] == 0.0:
+                continue
+            new_x[i] += full[i, k] * x[k]
+            for m in range(len(value)):
+                new_s[i, 4 + m] += moved[m, i, k] * x[k]
+            for j in range(unknowns):
+                new_s[i, j] += full[i, k] * s[k, j]
+            for j in range(n):
+                fp[i, j] += full[i, k] * p[k, j]
+    for i in range(n):
+        for j in range(n):
+            if i < N_STATES and j < N_STATES:
+                new_p[i, j] = f[i, 4] * f[j, 4] * noises[3] + f[i, 5] * f[j, 5] * noises[4]
+            for k in range(n):
+                new_p[i, j] += fp[i, k] * full[j, k]
+    if n > N_STATES:
+        new_p = 0.5 * (new_p + new_p.T)  # what is not symmetric no measurement sees, and it grows as the vehicle does
+        predict_slopes(p, dp, f, slopes, value, full, moved, noises)
+    x[:] = new_x
+    p[:, :] = new_p
+    s[:, :] = new_s
+
+
+@kernel
+def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
+    """Measurement update of dp (p, n, n), the gain's derivatives into s, and what the variance tells."""
+    n = len(gain)
+    share = np.zeros(len(dp))
+    for m in range(len(dp)):
+        slope = dp[m, channel].copy()
+        if partner >= 0:
+            slope += dp[m, partner]
+        by = slope[channel] + (slope[partner] if partner >= 0 else 0.0)
+        share[m] = by / variance
+        for i in range(n):
+            s[i, 4 + m] += (slope[i] - gain[i] * by) / variance * innovation
+            for j in range(n):
+                dp[m, i, j] += by * gain[i] * gain[j] - slope[i] * gain[j] - gain[i] * slope[j]
+    for i in range(len(dp)):
+        for j in range(len(dp)):
+            information[4 + i, 4 + j] += 0.5 * share[i] * share[j]
+
+
+@kernel
+def correct(x, p, s, dp, channel, partner, z, r, information, score):
+    """Scalar measurement update; adds the innovation's information about the unknowns, and its score (unknowns,).
+
+    partner  the state that is this sensor's offset, -1 for none
+    """
+    n = len(x)
+    column, row, expected = p[channel].copy(), s[channel].copy(), x[channel]
+    if partner >= 0:
+        column += p[partner]
+        row += s[partner]
+        expected += x[partner]
+    variance = column[channel] + r
+    if partner >= 0:
+        variance += column[partner]
+    innovation = z - expected
+    gain = column / variance
+    for i in range(len(row)):
+        score[i] += row[i] * innovation / variance
+        for j in range(len(row)):
+            information[i, j] += row[i] * row[j] / variance
+    if n > N_STATES:
+        correct_slopes(s, dp, channel, partner, gain, variance, innovation, information)
+    for i in range(n):
+        x[i] += gain[i] * innovation
+        for j in range(len(row)):
+            s[i, j] -= gain[i] * row[j]
+        for j in range(n):
+            p[i, j] -= gain[i] * column[j]
+
+
+@kernel
+def start_window(world, row, x, p, s, dp):
+    """The sensitivities afresh and, of a window that knows nothing of the data before it, the filter too."""
+    s[:, :] = 0.0
+    for i in range(N_STATES):
+        s[i, i] = 1.0
+    if not world.restarts:
+        return
+    p[:, :] = 0.0
+    dp[:, :, :] = 0.0
+    for i in range(N_STATES):
+        p[i, i] = DIFFUSE[i] * DIFFUSE[i]
+    for j in range(len(world.role)):
+        c = N_STATES + j
+        x[c] = world.gamma[row] if world.role[j] == PATH else 0.0
+        p[c, c] = world.start[j, row]
+
+
+@kernel
+def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, window_of, information, score,
+                   k1_information):
+    """`window_information` in a world."""
+    n, unknowns = N_STATES + len(world.role), information.shape[1]
+    moving = min(unknowns, DELAY) - N_STATES
+    x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
+    f, slopes, value = np.zeros((6, 6)), np.zeros((moving, 6, 6)), np.zeros(moving)
+    rest, rest_slopes = np.zeros((6, 6)), np.zeros((moving, 6, 6))
+    full, moved, air = np.zeros((n, n)), np.zeros((moving, n, n)), np.zeros((1 + moving, n))
+    unused, unscored = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    channels = (0, 1, 2)
+    partner = np.full(3, -1)
+    for j in range(len(world.role)):
+        if world.role[j] >= ATTITUDE_BIAS:
+            partner[world.role[j] - ATTITUDE_BIAS] = N_STATES + j
+        x[N_STATES + j] = world.gamma[0] if world.role[j] == PATH else 0.0
+        p[0, N_STATES + j, N_STATES + j] = world.start[j, 0]
+    for channel in channels:
+        x[channel] = z[0, channel]
+        p[0, channel, channel] = noises[channel]
+        if partner[channel] >= 0:
+            p[0, channel, channel] += p[0, partner[channel], partner[channel]]
+    current = -1
+    for k in range(len(t)):
+        if window_of[k] != current:
+            current = window_of[k]
+            start_window(world, k, x, p[0], s, dp)
+        for channel in channels:
+            if np.isfinite(z[k, channel]):
+                correct(x, p[0], s, dp, channel, partner[channel], z[k, channel], noises[channel],
+                        information[current] if current >= 0 else unused,
+                        score[current] if current >= 0 else unscored)
+        k1_information[k] = information[current, 5, 5] if current >= 0 else 0.0
+        if k + 1 < len(t):
+            h = t[k + 1] - t[k]
+            transition(a6[k], k1[k], actuator[0], actuator[1], h, f, slopes)
+            value[0], value[1] = a6[k], k1[k]
+            for m in range(2, moving):
+                value[m] = actuator[m - 2]
+            fill(world, f, slopes, value, h, k, full, moved, air)
+            predict(x, p[0], s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
+            if unknowns > DELAY and h > switch and newer[k] != u[k]:
+                transition(a6[k], k1[k], actuator[0], actuator[1], h - switch, rest, rest_slopes)
+                switch_command(s, x, newer[k] - u[k], rest, rest_slopes, value, actuator[0], actuator[1])
+            p[1] = 0.0
+            add_noise(world, f, a6[k], h, k, noises, p)
+            dp[0] += p[1]
+
+
+def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarray, k1: np.ndarray,
+                       actuator: np.ndarray, noises: np.ndarray, window_of: np.ndarray, information: np.ndarray,
+                       k1_information: np.ndarray, world: World | None = None,
+                       newer: np.ndarray | None = None, switch: float = 0.0, score: np.ndarray | None = None) -> None:
+    """Information of each window about (initial state, relative a6, relative k1) and, where the matrices have room for
+    them, the servo's (relative frequency, relative damping ratio, delay [s]).
+
+    t, u (n,)   [s, rad]  in
+    z (n, 3)              in   theta, theta_dot, beta
+    a6, k1 (n,) [1/s^2]   in   true, at the middle of the step from each row
+    actuator (2,)         in   natural frequency [rad/s], damping ratio; of first order 1/time constant, FIRST_ORDER
+    noises (5,)           in   variances: theta, theta_dot, beta, command, acceleration (held over a sample)
+    window_of (n,)        in   int64 window of each row, -1 for none
+    information (w, 6, 6) or (w, 9, 9) out
+    k1_information (n,)   out  that of relative k1, the state at the window's start known, by each row
+    world                 in   what else is not known; None: nothing
+    newer (n,) [rad]      in   with the servo: the command that acts from `switch` [s] after each row on, u until then
+    score (w, unknowns)   out  derivative of the log-likelihood, the gain held; 0 on average at the truth
+    """
+    newer = u if newer is None else newer
+    score = np.zeros(information.shape[:2]) if score is None else score
+    information_in(contiguous(calm(len(t)) if world is None else world), t, z, u, newer, switch, a6, k1, actuator,
+                   noises, window_of, information, score, k1_information)

@@ -1,0 +1,183 @@
+"""A step of the vehicle and its world: the transition, its derivatives for what is not known, the noise."""
+
+import math
+
+import numpy as np
+
+from sim.vehicle.actuator import fastest_pole
+from sim.vehicle.kernels import kernel
+
+from .world import MISALIGNMENT, MOMENT, PATH, TURBULENCE, WALK
+
+N_STATES = 4       # theta, theta_dot, beta, beta_dot
+N_AUGMENTED = 6    # and the held command and acceleration
+TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
+RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
+A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
+FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
+
+
+@kernel
+def generator_slope(which, frequency, damping, term, out):
+    """Add dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
+
+    term, out (6, 6)
+    """
+    for j in range(N_AUGMENTED):
+        if which == A6:
+            out[1, j] += term[0, j]
+        elif which == K1:
+            out[1, j] += term[2, j]
+        elif damping == FIRST_ORDER:
+            if which == FREQUENCY:
+                out[2, j] += term[4, j] - term[2, j]
+        elif which == FREQUENCY:
+            out[3, j] += 2.0 * (frequency * (term[4, j] - term[2, j]) - damping * term[3, j])
+        else:
+            out[3, j] -= 2.0 * frequency * term[3, j]
+
+
+@kernel
+def transition(a6, k1, frequency, damping, h, f, slopes):
+    """exp(A h) of the augmented system and its derivatives: of a part of h, squared up (Moler and Van Loan 2003, method
+    3).  f (6, 6), slopes (p, 6, 6) out, of the first p of a6, k1, frequency, damping."""
+    n = N_AUGMENTED
+    a = np.zeros((n, n))
+    a[0, 1] = 1.0
+    a[1, 0] = a6
+    a[1, 2] = k1
+    a[1, 5] = 1.0
+    if damping == FIRST_ORDER:
+        a[2, 2] = -frequency
+        a[2, 4] = frequency
+    else:
+        a[2, 3] = 1.0
+        a[3, 2] = -frequency * frequency
+        a[3, 3] = -2.0 * damping * frequency
+        a[3, 4] = frequency * frequency
+    squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / RESOLVED)))
+    h /= 2.0**squarings
+    term, moved = np.eye(n), np.zeros(slopes.shape)
+    f[:, :] = np.eye(n)
+    slopes[:, :, :] = 0.0
+    for order in range(1, TAYLOR_ORDER + 1):
+        new = product(a, term) * (h / order)
+        for m in range(len(slopes)):
+            slope = product(a, moved[m])
+            generator_slope(m, frequency, damping, term, slope)
+            moved[m] = slope * (h / order)
+            slopes[m] += moved[m]
+        term = new
+        f += term
+    for _ in range(squarings):
+        for m in range(len(slopes)):
+            slopes[m] = product(slopes[m], f) + product(f, slopes[m])
+        f[:, :] = product(f, f)
+
+
+@kernel
+def product(a, b):
+    """a b (n, n), written out: numba's needs scipy, which an installation need not have."""
+    n = len(a)
+    out = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            if a[i, k] != 0.0:
+                for j in range(n):
+                    out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@kernel
+def push_of(role, a6, k1, mean, levels_known):
+    """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
+    a6 and k1."""
+    if role == WALK or role == TURBULENCE:
+        return a6 * mean, (a6 * mean if levels_known else 0.0), 0.0
+    if role == PATH:
+        return -a6, -a6, 0.0
+    if role == MISALIGNMENT:
+        return k1, 0.0, k1
+    return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
+
+
+@kernel
+def fill(world, f, slopes, value, h, row, full, moved, air):
+    """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
+
+    f (6, 6), slopes (p, 6, 6) in   of `transition`;  value (p,) in   a6, k1, ...
+    full (n, n), moved (p, n, n) out
+    air (1 + p, n)   out    what the known angle of attack does, and its derivatives
+    """
+    a6, k1 = value[A6], value[K1]
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            full[i, j] = f[i, j]
+            for m in range(len(value)):
+                moved[m, i, j] = value[m] * slopes[m, i, j]
+        air[0, i] = a6 * f[i, 5]
+        for m in range(len(value)):
+            air[1 + m, i] = value[m] * a6 * slopes[m, i, 5]
+        air[1 + A6, i] += a6 * f[i, 5]
+    z_alpha, z_beta = world.drift[0, row], world.drift[1, row]
+    for j in range(len(world.role)):
+        role, c = world.role[j], N_STATES + j
+        keep = math.exp(-h / world.fade[j])
+        push, by_a6, by_k1 = push_of(role, a6, k1, 0.5 * (1.0 + keep), world.levels_known)
+        for i in range(N_STATES):
+            full[i, c] = push * f[i, 5]
+            for m in range(len(value)):
+                moved[m, i, c] = push * value[m] * slopes[m, i, 5]
+            moved[A6, i, c] += by_a6 * f[i, 5]
+            moved[K1, i, c] += by_k1 * f[i, 5]
+        full[c, c] = keep
+        if role == PATH:
+            full[c, 0], full[c, 1] = h * z_alpha, 0.5 * h * h * z_alpha
+            full[c, 2], full[c, 3] = h * z_beta, 0.5 * h * h * z_beta
+            full[c, c] = 1.0 - h * z_alpha
+            air[0, c] = h * z_alpha
+            for k in range(len(world.role)):
+                if world.role[k] == WALK or world.role[k] == TURBULENCE:
+                    full[c, N_STATES + k] = h * z_alpha
+                elif world.role[k] == MISALIGNMENT:
+                    full[c, N_STATES + k] = h * z_beta
+
+
+@kernel
+def add_noise(world, f, a6, h, row, noises, p):
+    """Add the process noise of a step to p (n, n), its derivative for relative a6 to the second (2, n, n) of p.
+
+    Of the wind to the leading order in h: theta_ddot = a6 w, w_dot white.
+    """
+    q, dq = p[0], p[1]
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            q[i, j] += a6 * a6 * world.gamma_variance * f[i, 5] * f[j, 5]
+            dq[i, j] += 2.0 * a6 * a6 * world.gamma_variance * f[i, 5] * f[j, 5]
+    for k in range(len(world.role)):
+        c = N_STATES + k
+        grown = world.fresh[k] * h
+        if world.role[k] == TURBULENCE:
+            grown = world.start[k, row] * (1.0 - math.exp(-2.0 * h / world.fade[k]))
+        if grown == 0.0:
+            continue
+        once, twice = a6 * a6 * grown * h * h, a6 * grown * h
+        q[0, 0] += once * h * h / 20.0
+        q[0, 1] += once * h / 8.0
+        q[1, 0] += once * h / 8.0
+        q[1, 1] += once / 3.0
+        q[0, c] += twice * h / 6.0
+        q[c, 0] += twice * h / 6.0
+        q[1, c] += twice / 2.0
+        q[c, 1] += twice / 2.0
+        q[c, c] += grown
+        if not world.levels_known:
+            continue
+        dq[0, 0] += once * h * h / 10.0
+        dq[0, 1] += once * h / 4.0
+        dq[1, 0] += once * h / 4.0
+        dq[1, 1] += once / 1.5
+        dq[0, c] += twice * h / 6.0
+        dq[c, 0] += twice * h / 6.0
+        dq[1, c] += twice / 2.0
+        dq[c, 1] += twice / 2.0

@@ -1,0 +1,194 @@
+"""The kinds of a kernel's values, and their C types.
+
+A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
+struct, handed on by its address) and, as results, plain tuples.  An integer of a named tuple is known before flight
+(how much of the memory is in use): it is written where it is used.
+"""
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from sim.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number or a truth value, by its C type."""
+
+    c: str
+
+
+FLOAT, INTEGER, TRUTH, NOTHING = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
+DIMENSIONS = "nmk"     # how the C structs call the extents of an array
+ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
+NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
+         TRUTH: ("Truths", "TruthMatrix", "TruthCube")}
+
+
+@dataclass(frozen=True)
+class Array:
+    """A contiguous array; one with extents is a struct's own, and `constant` if nothing may write to it."""
+
+    element: Scalar
+    dimensions: int
+    extents: tuple[int, ...] = ()
+    constant: bool = False
+
+    @property
+    def loose(self) -> "Array":
+        """The same, of any extents: what functions take."""
+        return Array(self.element, self.dimensions, constant=self.constant)
+
+    @property
+    def c(self) -> str:
+        return ("Const" if self.constant else "") + NAMES[self.element][self.dimensions - 1]
+
+
+def array_types(source: str) -> str:
+    """C types of the arrays that a source names."""
+    kinds = (Array(element, dimensions, constant=constant) for element in NAMES
+             for dimensions in range(1, len(DIMENSIONS) + 1) for constant in (False, True))
+    return "".join(
+        f"typedef struct {{ {'const ' if kind.constant else ''}{kind.element.c} *p; "
+        f"{' '.join(f'int64_t {d};' for d in DIMENSIONS[:kind.dimensions])} }} {kind.c};\n"
+        for kind in kinds if re.search(rf"\b{kind.c}\b", source))
+
+
+@dataclass(frozen=True)
+class Known:
+    """An integer whose value is known before flight."""
+
+    value: int
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A named tuple; `constant` if nothing may write to it, `placed` if its fields are addresses of structs."""
+
+    of: type
+    kinds: "tuple[Kind, ...]"
+    constant: bool = False
+    placed: bool = False
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        return self.of._fields  # type: ignore[attr-defined, no-any-return]
+
+    def field(self, name: str) -> "Kind":
+        kind = self.kinds[self.fields.index(name)]
+        if isinstance(kind, (Array, Struct)) and not self.placed:
+            return replace(kind, constant=self.constant or kind.constant)
+        return kind
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all of it is known before flight: then it is nowhere in C."""
+        return all(isinstance(kind, Known) for kind in self.kinds)
+
+
+@dataclass(frozen=True)
+class Several:
+    """A plain tuple."""
+
+    kinds: "tuple[Kind, ...]"
+
+
+Kind = Scalar | Known | Array | Struct | Several
+
+
+class Untranslatable(UsageError):
+    """A construct of a kernel that C has no word for here."""
+
+
+def kind_of(value: Any) -> Kind:
+    """The kind of a Python value."""
+    if isinstance(value, (bool, np.bool_)):
+        return TRUTH
+    if isinstance(value, (int, np.integer)):
+        return INTEGER
+    if isinstance(value, (float, np.floating)):
+        return FLOAT
+    if isinstance(value, np.ndarray) and value.dtype.kind in ELEMENTS and value.ndim <= len(DIMENSIONS):
+        return Array(ELEMENTS[value.dtype.kind], value.ndim, constant=True)  # of a module
+    if isinstance(value, tuple):
+        kinds = tuple(kind_of(each) for each in value)
+        return struct_of(value) if hasattr(value, "_fields") else Several(kinds)
+    raise Untranslatable(f"a {type(value).__name__} in a kernel: expected a number, an array or a tuple of these")
+
+
+def struct_of(value: Any, constant: bool = False) -> Struct:
+    """The struct of a named tuple whose arrays are the struct's own."""
+    kinds: list[Kind] = []
+    for each in value:
+        if isinstance(each, int):
+            kinds.append(Known(each))
+        elif isinstance(each, np.ndarray):
+            kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant))
+        else:
+            kinds.append(struct_of(each, constant))
+    return Struct(type(value), tuple(kinds), constant)
+
+
+def loosened(kind: Kind) -> Kind:
+    """The kind as functions and variables have it."""
+    if isinstance(kind, Array):
+        return kind.loose
+    return Several(tuple(map(loosened, kind.kinds))) if isinstance(kind, Several) else kind
+
+
+def join(a: Kind | None, b: Kind | None) -> Kind | None:
+    """The kind that holds both, as numba unifies them."""
+    if a is None or b is None or a == b:
+        return b if a is None else a
+    if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):
+        return FLOAT if FLOAT in (a, b) else INTEGER
+    if isinstance(a, Several) and isinstance(b, Several) and len(a.kinds) == len(b.kinds):
+        return Several(tuple(_must(join(x, y)) for x, y in zip(a.kinds, b.kinds, strict=True)))
+    raise Untranslatable(f"a variable that is {a} here and {b} there")
+
+
+def _must(kind: Kind | None) -> Kind:
+    assert kind is not None
+    return kind
+
+
+class Called(Protocol):
+    """A kernel that has been translated: its C name, and the kind of its result."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def result(self) -> Kind | None: ...
+
+
+class Whole(Protocol):
+    """The C file being made, as the translation of one kernel sees it (`unit.Unit`)."""
+
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Called:
+        """The translation of another kernel for arguments of these kinds."""
+
+    def c(self, kind: Kind) -> str:
+        """The C type of a kind."""
+
+    def constant(self, module: str, name: str, value: Any) -> str:
+        """The C name of a module's constant."""
+
+
+def literal(value: Any) -> str:
+    """A number as C writes it: the same bits."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value)) if abs(int(value)) < 2**31 else f"INT64_C({int(value)})"
+    number = float(value)
+    if math.isnan(number):
+        return "(double)NAN"      # C's own is a float
+    if math.isinf(number):
+        return "(double)INFINITY" if number > 0 else "-(double)INFINITY"
+    return repr(number)

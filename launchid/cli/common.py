@@ -1,0 +1,92 @@
+"""Parts that the commands share: reading a log aloud, refusing outputs early, printing an answer."""
+
+from typing import TYPE_CHECKING
+
+from sim.errors import InputError, UsageError
+from sim.files import check_folder, check_output, write_text
+
+from .terminal import answer, say
+
+if TYPE_CHECKING:
+    from sim.nominal import Nominal
+
+    from ..log.log import Log
+    from ..results.answer import Answer
+
+
+def warn(result: "Answer") -> None:
+    """Print the warnings of an answer on stderr."""
+    for line in result.warnings:
+        say(line)
+
+
+def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
+    """An answer where it is wanted: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
+    warn(result)
+    if plot_path:
+        result.plot(plot_path)
+    if json_path == "-":
+        answer(result.to_json())
+        return
+    if json_path:
+        write_text(json_path, [result.to_json(), "\n"])
+    answer(result.summary())
+
+
+def check_outputs(*paths: str | None) -> None:
+    """Refuse an output that cannot be written before anything is computed; after the inputs are read."""
+    for path in paths:
+        if path and path != "-":
+            check_output(path)
+
+
+def check_folders(*paths: str | None) -> None:
+    """The same of a folder."""
+    for path in paths:
+        if path:
+            check_folder(path)
+
+
+def at_least(name: str, value: int, low: int) -> None:
+    """UsageError unless value >= low."""
+    if value < low:
+        raise UsageError(f"{name} {value}: expected an integer of at least {low}")
+
+
+def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
+    """Read a log, of another format with the map `of`, and say which columns were ignored."""
+    from ..log.log import REQUIRED, read_log
+    if map_path:
+        from ..convert.mapping import load_map
+        from ..results.of_files import convert
+        converted = convert(path, load_map(map_path), required or REQUIRED)
+        warn(converted)
+        return converted.log
+    refuse_foreign(path)
+    log = read_log(path, required or REQUIRED)
+    if log.ignored:
+        say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
+    return log
+
+
+def read_nominal(path: str) -> "Nominal":
+    """Read a nominal, and say at once what can only be a mistake in it."""
+    from sim.nominal import load_nominal, wrong_feedback
+    nominal = load_nominal(path)
+    if warning := wrong_feedback(nominal):
+        say(warning)
+    return nominal
+
+
+def refuse_foreign(path: str) -> None:
+    """Refuse a file of another format than a log's."""
+    from ..convert.readers import foreign_format
+    if foreign := foreign_format(path):
+        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
+
+
+def check_plot(path: str | None) -> None:
+    """Refuse a plot that cannot be drawn before anything is computed."""
+    if path:
+        from sim.canvas import check_suffix
+        check_suffix(path)

@@ -1,0 +1,69 @@
+"""The command `launchid` (`python -m sim` is the same).
+
+Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a
+traceback.  stdout is data, stderr is talk.
+
+What a command needs is imported when it runs, its files are read before anything
+is that compiles: help, wrong words and missing files answer at once.
+"""
+
+import contextlib
+import os
+from collections.abc import Sequence
+
+from launchid_core import __version__
+from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extras_named
+from sim.files import inputs_spared
+
+from ..commands import COMMANDS
+from .options import Parser
+from .terminal import answer, leave_stdout, open_streams, say
+
+USAGE_STATUS, INPUT_STATUS = 2, 3
+
+
+def parser() -> Parser:
+    """The command's words."""
+    top = Parser(prog="launchid", description="Identify a launch vehicle's a6 and k1, in flight and from logs.",
+                 epilog="launchid COMMAND --help lists the options of one command. Files and units: docs/formats.md. "
+                        "Exit status: 0 done, 2 wrong usage, 3 bad input.")
+    top.add_argument("--version", action="version", version=f"launchid {__version__}", help="print the version")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in COMMANDS:
+        command.add(commands)
+    return top
+
+
+def complete(top: Parser) -> None:
+    """A shell that asks what could come next is answered, and that is all (argcomplete, where it is installed)."""
+    if "_ARGCOMPLETE" in os.environ:
+        with contextlib.suppress(ModuleNotFoundError):
+            import argcomplete
+            argcomplete.autocomplete(top)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    open_streams()
+    try:
+        try:
+            top = parser()
+            complete(top)
+            args = top.parse_args(argv)
+        except SystemExit:  # help and version, on stdout
+            answer(end="")
+            raise
+        with inputs_spared(), extras_named():
+            args.run(args)
+    except UsageError as error:
+        say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))
+        return USAGE_STATUS
+    except InputError as error:
+        say(f"launchid: {error}")
+        return INPUT_STATUS
+    except KeyboardInterrupt:
+        say(INTERRUPTED)
+        return INTERRUPTED_STATUS
+    except BrokenPipeError:
+        leave_stdout()  # the reader has gone (as `| head` does)
+    return 0

@@ -1,0 +1,107 @@
+"""Words that several commands share: their help, their options."""
+
+import argparse
+import re
+from typing import Any, NoReturn
+
+from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
+from sim.errors import UsageError, did_you_mean
+
+WITHIN = ("bounded", "declared", "free")   # how far a diagnosis lets noise levels be from the declared
+NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826"
+LOG_HELP = ("read this CSV log: columns t, theta, beta [s, rad, rad] and what else was measured; a file, a pipe, - for "
+            "standard input, or the name of a measured log of the package such as dfki_pendulum_dircol")
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one line per error."""
+
+    def error(self, message: str) -> NoReturn:
+        if wrong := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message):
+            words = [word.strip("' ") for word in wrong[2].split(",")]
+            message = f"{message[:wrong.start()]}{wrong[1]!r}: " + did_you_mean(
+                wrong[1], words, f"expected one of {', '.join(words)}")
+        raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what is left over here, where the options are known among which it may be meant."""
+        parsed, left = super().parse_known_args(args, namespace)
+        if left:
+            hint = did_you_mean(left[0].partition("=")[0], self._option_string_actions) if left[0][:1] == "-" else ""
+            self.error(f"unrecognized arguments: {' '.join(left)}" + (f"; {hint}" if hint else ""))
+        return parsed, left
+
+
+def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
+    """Add a command with its help and one example; returns its parser."""
+    sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
+                                      epilog=f"example: {example}")
+    return sub
+
+
+def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False) -> None:
+    """Add the nominal after the log, or as --nominal; `nominal_of` reads either."""
+    sub.add_argument("nominal", metavar="NOMINAL.toml", nargs="?", help=help)
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option", help="the same as an option")
+    sub.set_defaults(nominal_required=required)
+
+
+def nominal_of(args: argparse.Namespace) -> str | None:
+    """Return the nominal's path or name; UsageError where it is given twice, or is needed and not given."""
+    if args.nominal and args.nominal_option:
+        raise UsageError(f"{args.nominal} and --nominal {args.nominal_option}: expected one nominal")
+    given: str | None = args.nominal or args.nominal_option
+    if given is None and args.nominal_required:
+        raise UsageError(f"{args.command}: no nominal; expected {args.command} LOG NOMINAL.toml")
+    return given
+
+
+def add_map(sub: argparse.ArgumentParser) -> None:
+    """Add --map, which makes other people's files logs."""
+    sub.add_argument("--map", metavar="MAP.toml",
+                     help="read the log with this map of names and units: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet "
+                          "or other text file; see docs/convert.md (default: none, the log is CSV in SI units)")
+
+
+def add_strict(sub: argparse.ArgumentParser) -> None:
+    """Add --strict, which makes the data check's warning a refusal."""
+    sub.add_argument("--strict", action="store_true",
+                     help="refuse a log in which the data check finds something (units, signs, stamps): exit status 3 "
+                          "instead of a warning")
+
+
+def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
+    """Add --json and, with `plot`, --plot: where the answer goes beside the terminal."""
+    sub.add_argument("--json", metavar="PATH|-", help="also write the answer as JSON to this file; -: print the "
+                                                      "JSON alone, on stdout (default: none)")
+    if plot:
+        sub.add_argument("--plot", metavar="PATH", help="draw the answer into this .png, .svg or .pdf; needs "
+                                                        "launchid[plots] (default: none)")
+
+
+def add_choices(sub: argparse.ArgumentParser) -> None:
+    """Add the options of an estimator that neither a log nor a nominal decides."""
+    sub.add_argument("--compression", type=int, default=1, metavar="N",
+                     help="use one of N rows of a window, drawn at random (default %(default)s: all)")
+    sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
+                     help="choose the candidate terms of the equation: rigid-body | linear | quadratic | quadratic+sin "
+                          "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default %(default)s)")
+    sub.add_argument("--formulation", choices=FORMULATIONS,
+                     help="choose how theta_ddot is obtained: from its column, by differencing theta_dot, by "
+                          "integrating the equation, or by a Kalman filter with the nominal (default: filtered with a "
+                          "nominal, else measured if the log has theta_ddot, else integral)")
+    sub.add_argument("--solver", default="stls", choices=SOLVERS,
+                     help="choose the solver of the sparse regression (default %(default)s)")
+    sub.add_argument("--threshold", type=float, metavar="X",
+                     help="leave out a term whose coefficient is smaller than this, in its own unit (default: leave "
+                          "out one that explains less than 0.5 %% of the acceleration by itself; inside lpv none)")
+    sub.add_argument("--seed", type=int, default=0, metavar="N",
+                     help="seed the draw of the rows that --compression uses, 0 or above (default %(default)s)")
+    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+                     help="filtered: estimate the noise levels, from the nominal's on (estimated), or keep them as the "
+                          "nominal has them (declared) (default %(default)s)")
+
+
+def choices(args: argparse.Namespace) -> dict[str, Any]:
+    """Config fields of these words."""
+    return {name: getattr(args, name) for name in ("compression", "seed", "library", "solver", "threshold", "noise")}

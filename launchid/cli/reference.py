@@ -1,0 +1,121 @@
+"""The reference of what there is: the catalogue of effects, and every command with its options.
+
+`docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
+of `launchid.cli.main.parser`.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from sim.effects import CATALOGUE, Parameter
+from sim.effects.words import MEANING
+from sim.files import write_text
+from sim.result import Columns
+
+from ..diagnosis.causes import RECORDS
+from ..results.answer import Answer, flat
+
+HEAD = """# Commands
+
+Every command with all its options, as `launchid COMMAND --help` says them; this page is made from the same words.
+Files, units and exit status are in [formats](formats.md), the same from Python in [python](python.md).
+
+Completion in the shell: `pip install 'launchid[completion]'`, then in the profile of bash or zsh
+`eval "$(register-python-argcomplete launchid)"`.
+"""
+
+
+# ---- effects
+
+
+def effects_report() -> dict[str, Any]:
+    """The catalogue as JSON."""
+    return {"effects": [{
+        "effect": name, "where": cause.where, "diagnosed": name in RECORDS, "meaning": MEANING.get(name, ""),
+        "parameters": [_parameter_json(parameter) for parameter in cause.parameters]}
+        for name, cause in CATALOGUE.items()]}
+
+
+def _parameter_json(parameter: Parameter) -> dict[str, Any]:
+    left_out = parameter.default if parameter.neutral is None else parameter.neutral
+    limits = {name: value if math.isfinite(value) else None
+              for name, value in (("low", parameter.low), ("high", parameter.high))}
+    return {"name": parameter.name, "unit": parameter.unit, "required": parameter.is_required,
+            "default": left_out if left_out is None or math.isfinite(left_out) else None, **limits,
+            "expected": parameter.expected}
+
+
+def effects_table() -> str:
+    """The catalogue for a terminal."""
+    lines = ["Causes that `simulate --effect NAME:PARAMETER=VALUE,...` and [[effects]] fly and `diagnose` looks for.",
+             "u is the command on its way to the actuator, b the true nozzle angle, z_ the measured signals."]
+    for name, cause in CATALOGUE.items():
+        sought = "" if name in RECORDS else " (not diagnosed)"
+        lines += ["", f"{name}  [{cause.where}]{sought}", f"    {MEANING.get(name, '')}"]
+        lines += [f"    {parameter.name}: {_in_words(parameter)}" for parameter in cause.parameters]
+    return "\n".join(lines)
+
+
+def _in_words(parameter: Parameter) -> str:
+    if parameter.is_required:
+        return f"{parameter.expected}; required"
+    return f"{parameter.expected}; default {parameter.default if parameter.neutral is None else parameter.neutral:g}"
+
+
+class Effects(Answer):
+    """The catalogue as an answer."""
+
+    def __init__(self) -> None:
+        self.report = effects_report()
+
+    def summary(self) -> str:
+        return effects_table()
+
+    def columns(self) -> Columns:
+        rows = [{"effect": row["effect"], "where": row["where"], "parameter": each["name"], "unit": each["unit"],
+                 "default": each["default"], "expected": each["expected"], "meaning": row["meaning"]}
+                for row in self.report["effects"] for each in row["parameters"]]
+        return flat(rows)
+
+
+# ---- commands
+
+
+def commands_page(parser: argparse.ArgumentParser) -> str:
+    """Every command of the parser as a page of Markdown."""
+    (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    parts = [HEAD]
+    for name, sub in commands.choices.items():
+        needed = [_word(action) for action in sub._actions if action.required]
+        rows = [f"| {_words(action)} | {_cell(_help(action, sub))} |" for action in sub._actions
+                if not isinstance(action, argparse._HelpAction)]
+        parts.append("\n".join([f"## {name}", "", (sub.description or "").removeprefix(f"{name}: "), "",
+                                "```sh", " ".join([sub.prog, *needed, "[OPTION...]"]), "```", "",
+                                "| word | meaning |", "|---|---|", *rows, "",
+                                (sub.epilog or "").replace("example: ", "Example: `", 1) + "`", ""]))
+    return "\n".join(parts)
+
+
+def _word(action: argparse.Action) -> str:
+    """`--option VALUE` or the argument's name."""
+    value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
+    return " ".join([*action.option_strings[-1:], value]).strip()
+
+
+def _words(action: argparse.Action) -> str:
+    return f"`{_cell(_word(action))}`" + (" (required)" if action.required and action.option_strings else "")
+
+
+def _help(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
+    return (action.help or "") % {**vars(action), "prog": parser.prog}
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def write_page(parser: argparse.ArgumentParser, path: str | Path) -> None:
+    """Write `docs/commands.md` anew."""
+    write_text(path, [commands_page(parser)])

@@ -1,0 +1,22 @@
+"""The command `launchid effects`: its options, and its run."""
+
+import argparse
+from typing import Any
+
+from ..cli.common import check_outputs, tell
+from ..cli.options import add_command, add_outputs
+
+
+def add(commands: Any) -> None:
+    """Add the command and its options to the parser."""
+    sub = add_command(commands, "effects", "list the effects that can be flown and diagnosed, with their parameters",
+                      "launchid effects --json -")
+    add_outputs(sub)
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run `launchid effects`."""
+    check_outputs(args.json)
+    from ..cli.reference import Effects
+    tell(Effects(), args.json)

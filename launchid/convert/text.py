@@ -1,0 +1,364 @@
+"""Tables of text, as channels: where the table is, what stands between its cells; numpy reads it.
+
+`numpy.loadtxt` is the reader: it is wherever launchid is, knows quotes and runs of blanks, and refuses a row of another
+width, which readers of data frames fill up.  What it does not know is where a table begins; that is here.
+"""
+
+import csv
+import itertools
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from sim.csv_text import AS_TEXT, Lines, rows
+from sim.errors import InputError
+from sim.log_table import number, shown
+
+from .channels import NOT_ASKED, Channels, Wanted
+
+HEAD_LINES, HEAD_CHARACTERS = 1000, 1 << 18   # in which a table begins
+BLANKS = " "          # as a delimiter: any run of blanks and tabs
+DELIMITERS = (",", ";", "\t", "|", BLANKS)
+POINTS = (".", ",")
+COMMENT = "#%"        # before a header, as numpy.savetxt and MATLAB write it
+EPOCH = datetime(1970, 1, 1)
+MICROSECOND = 1000    # ns, the resolution of a date in text
+PLAIN = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
+NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The place and form of a table in a text.
+
+    names   of its columns
+    header  the place of its header among the file's lines; None: it has none
+    first   the place of its first row
+    """
+
+    names: list[str]
+    header: int | None
+    first: int
+    delimiter: str
+    decimal: str
+
+
+def read_text(path: str, options: dict[str, Any], wanted: Wanted) -> Channels:
+    """Columns of a table by the names of its header, or 0, 1, 2, ... if it has none.
+
+    A cell that is no number is NaN, a date a datetime64[ns]; a column with neither is no channel.
+
+    options  `delimiter`, `decimal` (left out: told by the text), `header` (its line, 0: none; left out: the first line
+             with the names that are asked for), `format` of the dates in the columns `stamps` (left out: ISO 8601)
+    """
+    with open(path, **AS_TEXT) as file:
+        lines = Lines(path, file)
+        head = list(_head(lines))
+        layout = _layout(path, head, options, wanted)
+        channels = Channels()
+        channels.notes += _left_out(path, head, layout, options)
+        asked = _asked(path, layout, wanted)
+        channels.unread.update({name: NOT_ASKED for k, name in enumerate(layout.names) if k not in asked})
+        first = [cells_of(line, layout.delimiter) for line in head[layout.first:]]
+        readers = {k: _reader([row[k] for row in first if len(row) > k and row[k]], layout, options, name)
+                   for k, name in asked.items()}
+        table = _table(path, layout, _numbered(lines, head, layout.first), readers)
+    for k, name in asked.items():
+        if readers[k].count:
+            channels.take(name, table[f"f{k}"], None)
+            channels.notes += readers[k].note(path, name, len(table))
+        else:
+            channels.unread[name] = f"holds no numbers ({readers[k].odd})" if readers[k].odd else "is empty"
+    return channels
+
+
+def _head(lines: Lines) -> Iterator[str]:
+    characters = 0
+    for line in itertools.islice(lines, HEAD_LINES):
+        yield line
+        characters += len(line)
+        if characters > HEAD_CHARACTERS:
+            return
+
+
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """The cells of one line, stripped."""
+    if delimiter == BLANKS:
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:
+        return [line]
+
+
+def _split(head: list[str], delimiter: str) -> list[list[str]]:
+    """The cells of the row that begins on each line; of a line within a quoted cell none."""
+    if delimiter == BLANKS or not any('"' in line for line in head):
+        return [cells_of(line, delimiter) for line in head]
+    cells: list[list[str]] = [[] for _ in head]
+    reader, begins = csv.reader(head, delimiter=delimiter), 0
+    try:
+        for row in reader:
+            cells[begins] = [cell.strip() for cell in row]
+            begins = reader.line_num
+    except csv.Error:  # a cell that is far too long: a quote, most likely
+        cells[begins:] = [cells_of(line, delimiter) for line in head[begins:]]
+    return cells
+
+
+def decimal_number(cell: str, decimal: str) -> float:
+    """A cell with this decimal point; NaN for what is no number."""
+    value = number(cell.replace(decimal, ".") if decimal != "." else cell)
+    return np.nan if value is None else value
+
+
+# ---- where the table is
+
+
+class _Rows:
+    """The head's lines as cells.
+
+    cells, numbers  of each line, and how many of them are numbers
+    width           of the lines that hold the most numbers; `score` how well they do
+    """
+
+    def __init__(self, head: list[str], delimiter: str, decimal: str) -> None:
+        self.delimiter, self.decimal, self._head = delimiter, decimal, head
+        self.cells = _split(head, delimiter)
+        point = str.maketrans({decimal: "."})
+        self.numbers = [sum(1 for cell in row if cell and number(cell.translate(point)) is not None)
+                        for row in self.cells]
+        held: Counter[int] = Counter()
+        filled: Counter[int] = Counter()
+        for row, count in zip(self.cells, self.numbers, strict=True):
+            held[len(row)] += count
+            filled[len(row)] += sum(1 for cell in row if cell)
+        self._lines = Counter(len(row) for row in self.cells)
+        self.score, self.width = max((((held[w] ** 2 / max(filled[w], 1), self._lines[w]), w) for w in held),
+                                     default=((0.0, 0), 0))
+        self._usual = held[self.width] / max(self._lines[self.width], 1)
+
+    def is_row(self, k: int) -> bool:
+        """Whether a line holds about as many numbers as the others of its width."""
+        return len(self.cells[k]) == self.width and 2.0 * self.numbers[k] >= self._usual
+
+    def names(self, k: int) -> list[str]:
+        """The names in a line, if it is a header; a column without one has its place."""
+        bare = self._head[k].lstrip()
+        cells = cells_of(bare.lstrip(COMMENT), self.delimiter) if bare[:1] in COMMENT else self.cells[k]
+        return [cell or str(place) for place, cell in enumerate(cells)]
+
+
+def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted) -> Layout:
+    """The layout of the text's table; InputError if there is none, or it cannot be found."""
+    if not head:
+        raise InputError(f"{path}: an empty file; expected a table of numbers")
+    line: int | None = options.get("header")
+    if line is not None and line > len(head):
+        raise InputError(f"{path}: line {line}, the map's [file] header, is not among the first {len(head)}")
+    text = "".join(head)
+    delimiters = options.get("delimiter") or [each for each in DELIMITERS[:-1] if each in text] + [BLANKS]
+    rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in options.get("decimal", POINTS)
+                for delimiter in delimiters if delimiter != decimal), key=lambda each: each.score)
+    if not any(rows.numbers):
+        between = f" with {options['delimiter']!r} between cells" if "delimiter" in options else ""
+        raise InputError(f"{path}: no row of numbers{between} in its first {len(head)} lines; expected text with a "
+                         "table of numbers, ULog, ArduPilot's DataFlash, MCAP, MAT, HDF5 or Parquet")
+    if line:
+        rows = _Rows(head, rows.delimiter, rows.decimal)
+    header = line - 1 if line else None if line == 0 else _named(rows, head, wanted)
+    first = next(k for k in range(len(head)) if rows.is_row(k)) if header is None else header + 1
+    if header is None and line is None:
+        header = _before(path, rows, head, first)
+    names = [str(k) for k in range(rows.width)] if header is None else rows.names(header)
+    if header is not None:  # units, say, stand between
+        first = next((k for k in range(header + 1, len(head)) if rows.numbers[k] or len(rows.cells[k]) not in
+                      (0, len(names))), header + 1)
+    return Layout(names, header, first, rows.delimiter, rows.decimal)
+
+
+def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
+    """The place of the line with the most of the names that are asked for; None if none has one."""
+    if wanted is None:
+        return None
+    shares = [0 if rows.is_row(k) else len(wanted.intersection(rows.names(k))) for k in range(len(head))]
+    return shares.index(max(shares)) if max(shares) else None
+
+
+def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
+    """The place of the header of a table that begins at `first`, None if it has none; InputError if that cannot be
+    told."""
+    above = [k for k in range(first) if rows.cells[k]]
+    header = None
+    while above and len(rows.cells[above[-1]]) == rows.width:
+        header = above.pop()
+    if header is not None:
+        return header
+    if above and head[above[-1]].lstrip()[0] in COMMENT and len(rows.names(above[-1])) == rows.width:
+        return above[-1]
+    above = [k for k in above if head[k].lstrip()[0] not in COMMENT]
+    if above:
+        k = above[-1]
+        raise InputError(f"{path}: line {first + 1}: {rows.width} cells, expected {len(rows.cells[k])} as in line "
+                         f"{k + 1}; [file] header = N in a map says which line is the header (0: none)")
+    return None
+
+
+def _left_out(path: str, head: list[str], layout: Layout, options: dict[str, Any]) -> Iterator[str]:
+    """Lines of what is not in the table, and of what was taken for granted."""
+    end = layout.first if layout.header is None else layout.header
+    before = [k + 1 for k in range(end) if head[k].strip()]
+    if before:
+        what = "the first row of numbers" if layout.header is None else "the header"
+        yield f"{path}: lines {before[0]} to {before[-1]} stand before {what} in line {end + 1} and are left out"
+    between = [k + 1 for k in range(end + 1, layout.first) if head[k].strip() and layout.header is not None]
+    if between:
+        yield f"{path}: line {between[0]}, between the header and the first row of numbers, is left out"
+    if layout.header is None and options.get("header") is None:
+        yield f"{path}: the first row is numbers and no header: the columns are called 0 to {len(layout.names) - 1}"
+    if layout.decimal != "." and "decimal" not in options:
+        yield f"{path}: its numbers seem to have decimal commas and are read so"
+
+
+def _asked(path: str, layout: Layout, wanted: Wanted) -> dict[int, str]:
+    """Place -> name of the columns that are asked for; InputError if there is none, or one of them is not the only one
+    of its name."""
+    asked = {k: name for k, name in enumerate(layout.names) if wanted is None or name in wanted}
+    if not asked and layout.header is None:
+        raise InputError(f"{path}: line {layout.first + 1}: the first row is numbers and no header, so the columns are "
+                         f"called 0 to {len(layout.names) - 1}; the map names none of them")
+    for name, times in Counter(asked.values()).items():
+        if times > 1:
+            raise InputError(f"{path}: {times} columns are called {shown(name)}; expected one ([file] header = 0 in a "
+                             "map calls the columns 0, 1, 2, ...)")
+    return asked
+
+
+# ---- its rows
+
+
+class _Numbers:
+    """A column's cells as numbers, float64; `count` of them are some, `odd` is the first cell that is none."""
+
+    kind = "f8"
+    what = "numbers"
+
+    def __init__(self, decimal: str) -> None:
+        self.count, self.decimal, self.odds, self.odd = 0, decimal, 0, ""
+
+    def __call__(self, cell: str) -> float:
+        if PLAIN(cell):  # as nearly all are: what `number` does, quickly
+            self.count += 1
+            return float(cell)
+        value = decimal_number(cell, self.decimal)
+        if math.isnan(value):
+            self._count_odd(cell)
+        else:
+            self.count += 1
+        return value
+
+    def _count_odd(self, cell: str) -> None:
+        if number(cell) is None:  # and not a cell that says: not measured
+            self.odds += 1
+            self.odd = self.odd or shown(cell.strip())
+
+    def note(self, path: str, name: str, rows: int) -> list[str]:
+        """One line if cells are not what the column holds."""
+        return [f"{path}: column {shown(name)[1:-1]}: {self.odds} of {rows} cells are no {self.what} ({self.odd}) and "
+                "count as not measured"] if self.odds else []
+
+
+class _Dates(_Numbers):
+    """A column's cells as dates, nanoseconds since 1970 in UTC, which a date without a zone is taken for."""
+
+    kind = "i8"
+    what = "dates"
+
+    def __init__(self, form: str | None) -> None:
+        super().__init__(".")
+        self.form = form
+
+    def __call__(self, cell: str) -> int:
+        stamp = _date(cell.strip(), self.form)
+        if stamp is None:
+            self._count_odd(cell)
+            return NO_DATE
+        self.count += 1
+        return stamp
+
+
+def _date(cell: str, form: str | None) -> int | None:
+    """Nanoseconds since 1970 of a date; None if it is none."""
+    try:
+        date = datetime.strptime(cell, form) if form else datetime.fromisoformat(cell)
+        if date.tzinfo is not None:
+            date = date.astimezone(UTC).replace(tzinfo=None)
+    except (ValueError, OverflowError):
+        return None
+    since = date - EPOCH
+    stamp = ((since.days * 86400 + since.seconds) * 10**6 + since.microseconds) * MICROSECOND
+    return stamp if abs(stamp) < -NO_DATE else None
+
+
+def _reader(cells: Iterable[str], layout: Layout, options: dict[str, Any], name: str) -> _Numbers:
+    """The reader of a column, chosen by its first cells."""
+    form = options.get("format")
+    if form and name in options.get("stamps", ()):
+        return _Dates(form)
+    first = next(iter(cells), "")
+    is_date = np.isnan(decimal_number(first, layout.decimal)) and _date(first, None) is not None
+    return _Dates(None) if is_date else _Numbers(layout.decimal)
+
+
+def _check_quotes(path: str, delimiter: str) -> None:
+    """InputError for a quote that is not closed: all behind it is one cell."""
+    with open(path, **AS_TEXT) as file:
+        for _ in rows(path, file, delimiter):
+            pass
+
+
+def _numbered(lines: Lines, head: list[str], first: int) -> Iterator[tuple[int, str]]:
+    """The lines from `first` on, with their numbers."""
+    yield from enumerate(head[first:], first + 1)
+    for line in lines:
+        yield lines.number, line
+
+
+def _table(path: str, layout: Layout, lines: Iterator[tuple[int, str]], readers: dict[int, _Numbers]) -> np.ndarray:
+    """The rows as a structured array with the field f0 of column 0, and so on; InputError naming the line."""
+    last, quotes = (layout.first, ""), 0
+
+    def text() -> Iterator[str]:
+        nonlocal last, quotes
+        for last in lines:
+            quotes += last[1].count('"')
+            yield last[1]
+    kinds = [(f"f{k}", readers[k].kind if k in readers else "U1") for k in range(len(layout.names))]
+    blanks = layout.delimiter == BLANKS
+    converters: dict[int | str, Any] = dict(readers.items())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that there is no row, which the columns say
+            table = np.loadtxt(text(), np.dtype(kinds), comments=None, delimiter=None if blanks else layout.delimiter,
+                               converters=converters, ndmin=1, quotechar=None if blanks else '"')
+    except ValueError as error:
+        if not blanks:
+            _check_quotes(path, layout.delimiter)
+        cells = len(cells_of(last[1], layout.delimiter))
+        reason = str(error).splitlines()[0] if cells == len(layout.names) else \
+            f"{cells} cell{'s' * (cells != 1)}, expected {len(layout.names)} as in the " + (
+                "first row" if layout.header is None else "header")
+        raise InputError(f"{path}: line {last[0]}: {reason}") from None
+    if quotes % 2 and not blanks:
+        _check_quotes(path, layout.delimiter)
+    for k, reader in readers.items():
+        if reader.kind == "i8":
+            kinds[k] = (f"f{k}", "M8[ns]")
+    return table.view(np.dtype(kinds))

@@ -1,0 +1,318 @@
+"""The command of every tick: the log's, or the nominal controller's recomputed, or the measured nozzle angle.
+
+With the reference the controller's errors are known, so what it must have commanded is, too.  Commands that no row saw,
+of a log slower than the controller or of rows between its ticks, lie on lines between those that are logged, off by
+noise as large as such lines are off in this log (`Record.between`); `issued` has the exact ones where they follow.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from sim.effects import controller as controller_effects
+from sim.errors import InputError
+from sim.flight import excitation, packed, sections
+from sim.nominal import Nominal
+from sim.vehicle.controller import filtered, limited, pd_law, pseudo_derivative
+from sim.vehicle.kernels import kernel
+
+from ...log.log import Log
+from ..data.check import DataCheck
+from ..data.record import BETA, THETA, Record, no_servo, on_grid
+from .ticks import (
+    SLOWER,
+    Ticks,
+    between,
+    carried,
+    falls_between,
+    issued_at,
+    lined,
+    noise_std,
+    over_grid,
+    ticks_of,
+)
+
+LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
+LONGEST_HELD = 10  # rows of one command: over more nobody commands
+UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
+HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
+
+
+def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
+    """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
+    controller, nor nozzle).
+
+    log, nominal  as read;  data  its check: rows and values that may be used
+    """
+    draft, command = on_grid(log, nominal, data)
+    if draft.fine == 1 and draft.every <= draft.tick and falls_between(_held(draft, command), command):
+        draft, command = on_grid(log, nominal, data, between=True)
+    if not np.isfinite(draft.z[:, :BETA]).any():
+        raise InputError(f"{log.path}: no theta and no theta_dot that can be used; expected one of them")
+    return _with_commands(draft, command, log.path)
+
+
+def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
+    """The command of every tick."""
+    nominal = draft.nominal
+    known = np.isfinite(command)
+    is_slow = draft.fine > 1 or draft.every > draft.tick
+    recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
+        and np.isfinite(draft.z[:, THETA]).any() and not (is_slow and np.isfinite(draft.z[:, BETA]).any())
+    draft = _held(draft, command)
+    direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
+    if direct:
+        known = np.zeros(draft.rows, bool)
+    elif not known.any() and recomputable:
+        return _answered(draft)
+    source = "beta_cmd"
+    if not known.any():
+        command, source = draft.z[:, BETA], "beta"
+        known = np.isfinite(command)
+        if not known.any():
+            raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
+                             "command from; expected one of them")
+    if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
+        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
+                        actuator=no_servo(draft.period))
+    else:
+        command = _shared(command, draft.held, draft.held_phase)
+        known = np.isfinite(command)
+        draft = replace(draft, logged=known)
+    lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
+    rows = np.arange(draft.rows)
+    if lost.any():
+        draft = replace(draft, lost=lost, unknown=off_by(command, lost, draft.every * draft.step))
+        command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
+        known = known | lost
+    issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
+    issued[~np.isfinite(issued)] = command[known][0]
+    if source == "beta_cmd":
+        logged = np.where(lost, math.nan, command)
+        own = ticks_of(draft, logged)
+        if own is not None:
+            return _between_rows(draft, own, logged)
+    elif nominal.controller is not None and draft.period > SLOWER * nominal.controller.period:
+        unseen = draft.period / nominal.controller.period - 1.0
+        draft = replace(draft, unsure=unsure(unseen))  # it moved between its rows
+    if draft.fine > 1:
+        return replace(draft, commands=_placed(draft, command, known, source), input=source)
+    if source == "beta":  # its mean between rows, early by the lag of the servo that stands for none
+        early = 0.5 + draft.actuator.lag / draft.period
+        issued = issued + early * np.diff(issued, append=issued[-1])
+    m = draft.every // draft.tick
+    ticks = issued if m == 1 else np.interp(np.arange(draft.rows * m) / m, rows, issued)
+    return replace(draft, commands=ticks, input=source)
+
+
+def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
+    """The record of a log that did not see every command; of the rows logged (n,) [rad], NaN where there is none: the
+    others lie on the lines between them."""
+    commands = issued_at(ticks, draft, logged)
+    line, off, jumps = carried(logged)
+    unseen = np.flatnonzero(~np.isfinite(commands))
+    commands[unseen] = np.interp(unseen, ticks.of(draft.at), line)
+    a_row = len(unseen) / draft.rows
+    draft = in_doubt(between(draft, ticks, logged), _rms(off[~jumps]), a_row)
+    if jumps.any() and (draft.fine > 1 or not np.isfinite(draft.reference).any()):
+        draft = _with_jumps(draft, jumps, _rms(off[jumps]) * a_row / (1.0 + a_row))
+    return replace(draft, commands=over_grid(ticks, draft, commands), input="beta_cmd")
+
+
+def _with_jumps(draft: Record, jumps: np.ndarray, off: float) -> Record:
+    """The record with the rows beside jumps (n,) bool of its command lost, too: when it jumped decides what the nozzle
+    did, off by so much [rad]."""
+    beside = jumps | np.append(jumps[1:], False)
+    lost = beside if draft.lost is None else beside | draft.lost
+    before = 0 if draft.lost is None else np.count_nonzero(draft.lost)
+    total = before * draft.unknown**2 + np.count_nonzero(beside) * off**2
+    return replace(draft, lost=lost, unknown=math.sqrt(total / np.count_nonzero(lost)))
+
+
+def _rms(x: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _held(draft: Record, command: np.ndarray) -> Record:
+    """The record with the rows that share a command, where the log is faster than the controller."""
+    if draft.tick <= draft.every:
+        return draft
+    held = draft.tick // draft.every
+    return replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+
+
+def in_doubt(draft: Record, off: float, unseen: float) -> Record:
+    """The record whose commands that no row saw, so many a row, are off by so much [rad] each: between ticks, where a
+    command of the grid is a mean over a row, by their mean."""
+    mean = math.sqrt(unseen) / (1.0 + unseen) if draft.fine > 1 else 1.0
+    return replace(draft, between=off * mean, unsure=unsure(unseen))
+
+
+def unsure(unseen: float) -> float:
+    """[nats] a row that commands may feign of which no row saw so many a row."""
+    return UNSURE * math.sqrt(unseen)
+
+
+def _answered(draft: Record) -> Record:
+    """The record of a log without commands: those that the controller makes of the measured attitude; what it makes of
+    noise that no row saw is not among them."""
+    none = np.full(draft.rows, math.nan)
+    own = ticks_of(draft, none)
+    if own is None:
+        return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
+    commands = _recomputed_at(own, draft)
+    draft = in_doubt(between(draft, own, none), of_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
+    return _with_lost(replace(draft, commands=over_grid(own, draft, commands), input="controller"))
+
+
+def of_noise(r: Record) -> float:
+    """The command [rad] that the controller makes at once of the attitude's noise."""
+    kp, kd, tau, period, _ = controller_gains(r.nominal)
+    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp, kd)
+    return float(abs(kp + kd / (tau + period))) * noise_std(r)
+
+
+def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
+    """The commands (n,) [rad], with that of rows that do not have it from another row at which the same one was
+    held."""
+    made, rows = command.copy(), np.arange(len(command))
+    for by in range(1, held):
+        for other in (rows - by, rows + by):
+            inside = (other >= 0) & (other < len(rows))
+            same = inside & ((rows - phase) // held == (other - phase) // held) & ~np.isfinite(made)
+            made[same] = command[other[same]]
+    return made
+
+
+def off_by(command: np.ndarray, lost: np.ndarray, period: float) -> float:
+    """[rad] RMS a lost row by which its command is off the line over its gap, such that independent errors of so much
+    move the vehicle as far by the gap's end as the true ones: as they would in gaps as long where nothing was lost.
+
+    command (n,) [rad], NaN where there is none;  lost (n,) bool;  period [s] of the rows
+    """
+    there = np.isfinite(command)
+    total = np.concatenate([[0.0], np.cumsum(np.where(there, command, 0.0))])
+    count = np.concatenate([[0], np.cumsum(there)])
+    edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
+    longest = min(max(1, round(LONGEST_LOST / period)), len(command) // 4)
+    lengths = np.minimum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1), longest)
+    square = 0.0
+    for length, gaps in zip(*np.unique(lengths, return_counts=True), strict=True):
+        whole = count[length + 2:] - count[:-length - 2] == length + 2
+        inner = total[length + 1:-1] - total[1:-length - 1]
+        line = 0.5 * length * (command[:-length - 1] + command[length + 1:])
+        square += gaps * float(np.mean((inner - line)[whole]**2)) if whole.any() else gaps * np.nanvar(command)
+    return float(math.sqrt(square / lengths.sum()))
+
+
+def _with_lost(r: Record) -> Record:
+    """The record with its rows without an attitude, which the controller saw, where commands are recomputed."""
+    lost = ~np.isfinite(r.z[:, THETA])
+    issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
+    return replace(r, lost=lost, unknown=off_by(issued, lost, r.every * r.step)) if lost.any() else r
+
+
+def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
+    """The commands (ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over
+    rows, from the middle between the rows that it changed between; the measured nozzle linear between them."""
+    ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
+    at, values = draft.at[known].astype(np.float64), command[known]
+    changed = np.diff(values) != 0.0
+    if source != "beta" and _is_held(changed):
+        at[1:] = np.where(changed, 0.5 * (at[1:] + at[:-1]), at[1:])
+    if source == "beta":
+        return np.interp(ticks + draft.actuator.lag / draft.step, at, values)
+    return np.asarray(values[np.maximum(np.searchsorted(at, ticks, side="right") - 1, 0)])
+
+
+def _is_held(changed: np.ndarray) -> bool:
+    """Whether commands, which changed (n - 1,) bool from one to the next, are held over rows: they change less often
+    than the rows come, where they change at all."""
+    apart = np.diff(np.flatnonzero(changed))
+    apart = apart[apart <= LONGEST_HELD]
+    return len(apart) > 0 and float(np.mean(apart)) * (1.0 - HELD) > 1.0
+
+
+def _phase(command: np.ndarray, held: int) -> int:
+    """Rows from the first to the first at which the controller issues, in a log faster than the controller."""
+    changes = np.flatnonzero(np.abs(np.diff(command)) > 0.0) + 1
+    return int(np.bincount(changes % held, minlength=held).argmax()) if len(changes) else 0
+
+
+# ---- recomputed
+
+
+@kernel
+def run_controller(gains, fx, filters, error, excitation, commands, derivative):
+    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0, filters at rest.
+
+    gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
+    fx (n, N_COLUMNS)     in   controller effects
+    filters (s, N_SECTION)  inout  of the controller
+    error, excitation (ticks,) [rad] in
+    commands, derivative (ticks,) out  before the computing time
+    """
+    kp, kd = controller_effects.gains(fx, gains[0], gains[1])
+    d, before = 0.0, error[0]
+    for k in range(len(error)):
+        d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
+        before = error[k]
+        derivative[k] = d
+        commands[k] = limited(gains[4], filtered(filters, pd_law(kp, kd, error[k], d)) + excitation[k])
+
+
+def controller_gains(nominal: Nominal) -> np.ndarray:
+    """The gains (5,) as `run_controller` reads them."""
+    c = nominal.controller
+    assert c is not None
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
+
+
+def without_limit(r: Record) -> Record:
+    """The record of a nozzle that is sent anywhere: what is recomputed then is linear."""
+    if r.nominal.actuator is None:
+        return r
+    wide = replace(r.nominal.actuator, deflection_limit=math.inf)
+    return replace(r, nominal=replace(r.nominal, actuator=wide))
+
+
+def later(x: np.ndarray, lag: float) -> np.ndarray:
+    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
+    (`sim.effects.controller`); before the first the command was 0."""
+    whole, part = int(lag), lag - int(lag)
+    shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
+    return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
+
+
+def recomputed(r: Record) -> np.ndarray:
+    """The nominal controller's command [rad] of every row of a log as fast as it from the measured attitude and the
+    reference, linear over rows without one."""
+    rows = np.arange(r.rows)
+    error = lined(r.z[:, THETA]) - lined(r.reference)
+    first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
+    commands = np.repeat(_answer(r, error[r.held_phase::r.held], first), r.held)
+    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(rows)]
+
+
+def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
+    """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
+    count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
+    at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, THETA])
+    theta = np.interp(at, r.at, carried(r.z[:, THETA]).line)
+    rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
+    theta[index] = r.z[rows, THETA]
+    return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),
+                   round((r.first_step + ticks.phase) / ticks.period))
+
+
+def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
+    """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
+    commands, derivative = np.empty_like(error), np.empty_like(error)
+    gains = controller_gains(r.nominal)
+    test = excitation(r.nominal, first + len(error), gains[3])[first:]
+    fx = packed(r.nominal).controller
+    run_controller(gains, fx, sections(r.nominal), error, test, commands, derivative)
+    return later(commands, controller_effects.latency(fx) / gains[3])

@@ -1,0 +1,96 @@
+"""The data check: is the log what its columns say, before anything is concluded from it.
+
+Time stamps, infinite values, dropouts, stale runs, end stops, spikes, units, signs, exchanged
+columns, columns of a slower channel.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
+may do passes.  What is wrong is named and masked.
+
+Limitations: a sign or a unit shows only against another column (see `relations`);
+stale values of a coarsely quantised channel show only by their length or the jump
+at their end; a fault for a part of the log only is not a sign or unit fault.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.sections import Nominal
+
+from ...log.log import SHORTEST, Log
+from . import channels, relations, stamps
+from .fault import Fault
+from .rates import rate_of, slower
+from .slope import Columns, unit_of_time
+from .vehicle import guided_faults
+
+__all__ = ["DataCheck", "Fault", "check"]
+
+VALUES = (*channels.MEASURED, "theta_ddot", "beta_cmd", "theta_ref")
+FEWEST_RELATED = 60   # usable rows: less do not tell units and signs
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """The faults of a log of n rows, and what of it can be used.
+
+    faults  in the order stamps, single channels, between channels
+    usable  (n,) bool: the row's stamp is finite and after all usable ones before
+    masks   channel -> (n,) bool: the value may be used (measured, no fault; a channel whose unit, sign or place is
+            wrong has none).  Where the stamp is unusable so is the value
+    """
+
+    faults: tuple[Fault, ...]
+    usable: np.ndarray
+    masks: dict[str, np.ndarray]
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether there is any fault."""
+        return len(self.faults) > 0
+
+
+def check(log: Log, nominal: Nominal) -> DataCheck:
+    """Judge a log of any content; never raises for what a readable log may hold.
+
+    nominal  for the sample period (unit of time), the actuator's and the controller's equations
+    """
+    usable = stamps.usable_rows(log.t)
+    faults = stamps.stamp_faults(log.t, usable)
+    rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.MEASURED}
+    masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
+                                    {name: rate.own for name, rate in rates.items()})
+    faults += single
+    if not any(fault.kind == "order" for fault in faults):
+        faults += _between(log, nominal, usable, masks)
+    for name, rate in rates.items():  # last, since between the channels every row counts
+        faults += slower(name, log.t, rate, masks[name])
+    return DataCheck(tuple(faults), usable, masks)
+
+
+def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """Faults of t and between the channels; the channels they concern lose their masks."""
+    times, columns = related(log, usable, masks)
+    by_slope = unit_of_time(columns, float(times[1] - times[0])) if columns else None
+    faults, factor = stamps.unit_fault(log.t[usable], nominal, by_slope)
+    faults += stamps.origin_fault(log.t[usable] / factor, nominal)
+    times = times / factor
+    if not columns or not times[1] - times[0] >= SHORTEST:
+        return faults
+    changes = list(relations.relation_faults(columns, float(times[1] - times[0]), nominal, times))
+    faults += [fault for _, fault in changes] if changes else guided_faults(log, nominal, masks)
+    for change, _ in changes:
+        for name in change.channels:
+            masks[name][:] = False
+    return faults
+
+
+def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple[np.ndarray, Columns]:
+    """(uniform times (n,) in the log's own unit, the columns there that are measured in most rows); none of a log too
+    short to tell units and signs."""
+    t = log.t[usable]
+    grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
+    columns: Columns = {}
+    for name in relations.RELATED if len(grid) >= FEWEST_RELATED else ():
+        good = masks[name][usable]
+        if 2 * np.count_nonzero(good) > len(t):
+            columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
+    return grid, columns

@@ -1,0 +1,137 @@
+"""Channels of another rate than the log's, between whose values a logger wrote others, which nobody measured.
+
+A logger repeats the last value of a slower channel, to the bit, for a regular number of rows, in steps larger than a
+quantum: a quantised channel repeats where it moves slowly.  A resampling draws straight lines between the values, with
+corners a regular number of rows apart: a motion of a few constant rates has lines of few slopes.  Taken for
+measurements the rows between are a late sensor, or a slow servo.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...log.log import Log
+from .fault import Fault
+from .stamps import usable_rows
+
+OWN, HELD, INTERPOLATED = "own", "held", "interpolated"
+FEWEST_VALUES = 20     # less tell no rate
+REGULAR = 0.9          # of the values stay for the usual number of rows, or one more or less
+QUANTA = 3.5           # times the smallest step the usual one is at least
+SMALLEST = 0.2         # of the steps may be about the smallest: of a quantised motion most are
+LEVELS = tuple(10.0 ** (-0.5 * k) for k in range(1, 21))  # of the largest bend: corners are above one, rounding below
+STRAIGHT = 0.1         # of a corner's bend, at most of a line's
+CORNER = 2             # rows at most: one that falls between two rows bends both
+EXACT = 1.0e-15        # of the largest value, and of the longest line over the stamps: the computer's own rounding
+FEWEST_SLOPES = 10     # of lines: a triangular or rate-limited motion has two or three
+SAME_SLOPE = 1.0e-3    # of their root mean square
+
+
+@dataclass(frozen=True, eq=False)
+class Rate:
+    """The rate at which a column of n rows was sampled.
+
+    kind    `own`: the log's, or too little to tell; `held`, `interpolated` between its own values
+    period  [s] between these;  own  (n,) bool: the rows of them, at the log's own rate all
+    """
+
+    kind: str
+    period: float
+    own: np.ndarray
+
+    @property
+    def words(self) -> str:
+        """The words for a column of this rate."""
+        between = "each value repeated in the rows up to the next" if self.kind == HELD else \
+            "interpolated: what it did between is not in the log"
+        return f"of {1.0 / self.period:.3g} Hz, {between}"
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that no log holds
+def rate_of(t: np.ndarray, x: np.ndarray) -> Rate:
+    """The rate of a column x (n,) with stamps t (n,) [s]; what is no number, or has no usable stamp, is left out."""
+    rows = np.flatnonzero(usable_rows(t) & np.isfinite(x))
+    for kind, find in ((HELD, _values), (INTERPOLATED, _corners)):
+        begins = find(t[rows], x[rows])
+        if len(begins):
+            own = np.zeros(len(x), bool)
+            own[rows[begins]] = True
+            return Rate(kind, float(np.median(np.diff(t[rows[begins]]))), own)
+    return Rate(OWN, math.nan, np.ones(len(x), bool))
+
+
+def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The rows at which the values of a held column begin; none if it is not held."""
+    begins = np.flatnonzero(np.diff(x, prepend=math.nan) != 0.0)
+    if len(begins) < FEWEST_VALUES:
+        return begins[:0]
+    lengths, moves = np.diff(begins), np.abs(np.diff(x[begins]))
+    inside = (x[begins] > np.min(x)) & (x[begins] < np.max(x))  # at a limit one value follows another unseen
+    usual = _usual(lengths[inside[:-1]])
+    if usual < 2 or np.median(moves) < QUANTA * np.min(moves) or np.mean(moves < 1.5 * np.min(moves)) > SMALLEST:
+        return begins[:0]
+    return begins
+
+
+def _corners(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The rows at which the lines of an interpolated column begin; none if it has no lines.
+
+    A corner between two rows bends both: the first of them counts.
+    """
+    none = np.zeros(0, int)
+    if len(x) < FEWEST_VALUES:
+        return none
+    h, step = np.diff(t), np.diff(x)
+    bends = np.abs(step[1:] * h[:-1] - step[:-1] * h[1:]) / (h[1:] + h[:-1])
+    exact = EXACT * (np.max(np.abs(x)) + np.max(np.abs(step)) * np.max(np.abs(t)) / np.median(h))
+    largest = np.max(bends)
+    if not np.isfinite(largest):
+        return none
+    most = none
+    for level in LEVELS:
+        if not level * largest > exact:
+            break
+        bent = np.concatenate([[False], bends > level * largest, [False]])
+        corners, ends = (np.flatnonzero(each) + 1 for each in (bent[1:] & ~bent[:-1], bent[:-1] & ~bent[1:]))
+        if len(corners) < max(FEWEST_VALUES, len(most)) or np.mean(ends - corners <= CORNER) < REGULAR:
+            continue
+        sharp = bends[corners - 1]
+        straight = np.quantile(bends[bends <= level * largest], REGULAR) < STRAIGHT * np.median(sharp)
+        if straight and _are_lines(t, x, corners):
+            most = corners
+    return most
+
+
+def _are_lines(t: np.ndarray, x: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether these corners are a regular number of rows apart and their lines of many slopes, not to and fro alone: so
+    is an oscillation of four rows."""
+    slopes = np.diff(x[corners]) / np.diff(t[corners])
+    size = math.sqrt(float(np.mean(slopes**2)))
+    if _usual(np.diff(corners)[slopes != 0.0]) < 2 or np.mean(slopes[1:] * slopes[:-1] < 0.0) > REGULAR:
+        return False
+    return len(np.unique(np.round(slopes / (SAME_SLOPE * size)))) >= FEWEST_SLOPES
+
+
+def _usual(lengths: np.ndarray) -> int:
+    """The number of rows that most values stay for; 0 if there is none."""
+    usual = int(np.median(lengths)) if len(lengths) else 0
+    return usual if usual and np.mean(np.abs(lengths - usual) <= (1 if usual > 2 else 0)) >= REGULAR else 0
+
+
+def slower(name: str, t: np.ndarray, rate: Rate, mask: np.ndarray) -> Iterator[Fault]:
+    """The fault of a channel of a lower rate than the log; clears what stands between its own values in mask (n,)
+    inout."""
+    between = np.flatnonzero(mask & ~rate.own)
+    if len(between):
+        mask[between] = False
+        yield Fault("stale", name, float(t[between[0]]), float(t[between[-1]]), len(between),
+                    f"{name} is {rate.words}; these rows are left out")
+
+
+def as_held(log: Log) -> Log:
+    """A log whose beta acts from each of its values to the next: at a row where it changes it is the mean of both, so
+    that the integral over any two rows that are not this one is that of the steps."""
+    before = np.concatenate([log.beta[:1], log.beta[:-1]])
+    return replace(log, beta=np.where(np.isfinite(before), 0.5 * (log.beta + before), log.beta))

@@ -1,0 +1,161 @@
+"""theta_dot against the slope of theta: one regression that tells the unit of t, the unit of either, a sign, a scale,
+and a body that turns about other axes than the one of theta.
+
+    change of theta between blocks = gain * integral of theta_dot + bias
+
+The gain is 1 where all is well, whatever the vehicle does.  Degrees make it 57.3 or its inverse, a t in another unit
+that unit in seconds.  As long as the unit of t is not known nor is the length of a block: the one is taken, of lengths
+that double, at which theta_dot explains most.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.shown import SLOW
+
+from ...sums import combined, least_squares, square
+
+DEGREES = 180.0 / math.pi  # in a radian
+RATE_BLOCK = 0.2         # s: long enough to average the noise, short beside the motion
+FEWEST_BLOCKS = 15
+CLEAR = 0.5              # share of variance a relation must explain to tell unit or sign
+SAME_UNIT = 1.6          # a gain of a unit within this factor: milliseconds and degrees are 3.3 from degrees alone
+ENOUGH_BLOCKS = 30       # of the longest length: the best of several by chance explains less than CLEAR
+ONE_MOTION = 0.98        # share of the variance of theta's changes that theta_dot must explain to tell a scale
+SAME_SCALE = 0.01        # relative: nobody calibrates a gyro better in a vehicle
+SURE = 5.0               # standard deviations
+NEIGHBOURS = 2.0         # times the variance of independent residuals: those of neighbouring blocks share one
+NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
+TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
+
+Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: not measured
+
+
+class Fit(NamedTuple):
+    """One regression: gains of its parts, share of variance explained, share of the rest each part explains."""
+
+    gain: tuple[float, ...]
+    explained: float
+    partial: tuple[float, ...]
+
+
+NO_FIT = Fit((math.nan, math.nan), 0.0, (0.0, 0.0))
+
+
+def near(gain: float, target: float, slack: float) -> bool:
+    """Whether gain has target's sign and is within a factor `slack` of it."""
+    return math.isfinite(gain) and gain * target > 0.0 and 1.0 / slack <= gain / target <= slack
+
+
+def regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
+    """y (n,) = sum of gain*part + constant, least squares."""
+    if len(y) < FEWEST_BLOCKS:
+        return NO_FIT
+    y = y - y.mean()
+    matrix = np.stack([part - part.mean() for part in parts], axis=1)
+    total = square(y)
+    size = np.sqrt(np.sum(matrix * matrix, axis=0))
+    if total <= 0.0 or not np.all(np.isfinite(size)) or size[0] <= 0.0:
+        return NO_FIT
+
+    def solved(keep: list[int]) -> tuple[np.ndarray, float]:
+        kept = [k for k in keep if size[k] > 0.0]
+        scaled = matrix[:, kept] / size[kept]
+        weights = np.zeros(len(parts))
+        weights[kept] = least_squares(scaled, y, 1e-10) / size[kept]
+        rest = y - combined(matrix, weights)
+        return weights, square(rest)
+
+    gains, left = solved(list(range(len(parts))))
+    without = [solved([j for j in range(len(parts)) if j != k])[1] for k in range(len(parts))]
+    partial = tuple(1.0 - left / rest if rest > 0.0 else 0.0 for rest in without)
+    return Fit(tuple(float(g) for g in gains), 1.0 - left / total, partial)
+
+
+def block_means(x: np.ndarray, rows: int) -> np.ndarray:
+    """Means of x (n,) over whole blocks of so many rows."""
+    return np.asarray(x[:len(x) // rows * rows].reshape(-1, rows).mean(axis=1))
+
+
+def integral(x: np.ndarray, period: float) -> np.ndarray:
+    """The integral (n,) from 0 at the first row, by the trapezium."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * period)))
+
+
+def rate_fit(columns: Columns, angle: str, rate: str, period: float) -> Fit:
+    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias."""
+    if angle not in columns or rate not in columns:
+        return NO_FIT
+    rows = max(2, round(RATE_BLOCK / period))
+    return regress(np.diff(block_means(columns[angle], rows)),
+                   [np.diff(block_means(integral(columns[rate], period), rows))])
+
+
+def lengths(rows: int) -> Iterator[int]:
+    """The lengths [rows] of blocks of which a log of so many rows has enough."""
+    length = 2
+    while rows >= ENOUGH_BLOCKS * length:
+        yield length
+        length *= 2
+
+
+def slope_fit(columns: Columns, period: float) -> tuple[Fit, bool]:
+    """(theta = gain * integral of theta_dot at the length of blocks at which it explains most; whether what it leaves
+    of theta's changes is motion, at any length more than the noise of both).
+
+    period  between rows, in any unit of time
+    """
+    theta, theta_dot = columns["theta"], columns["theta_dot"]
+    turned, best, moves = integral(theta_dot, period), NO_FIT, False
+    noise = [0.5 * float(np.var(np.diff(x))) for x in (theta, theta_dot)]  # of a row, the motion's steps in it
+    for rows in lengths(len(theta)):
+        change = np.diff(block_means(theta, rows))
+        fit = regress(change, [np.diff(block_means(turned, rows))])
+        best = fit if fit.explained > best.explained else best
+        by_noise = 2.0 * noise[0] / rows + 2.0 / 3.0 * rows * period**2 * noise[1]
+        moves = moves or by_noise < NOISE_SHARE * float(np.var(change))
+    return best, moves
+
+
+def is_other_motion(columns: Columns, period: float) -> bool:
+    """Whether theta moves, and theta_dot is not its slope over any time: a body that turns about other axes too."""
+    if not {"theta", "theta_dot"} <= set(columns):
+        return False
+    fit, moves = slope_fit(columns, period)
+    return moves and fit.explained < CLEAR
+
+
+def foreign_scale(columns: Columns, period: float) -> tuple[float, float] | None:
+    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1."""
+    fit = rate_fit(columns, "theta", "theta_dot", period)
+    gain, blocks = fit.gain[0], len(columns["theta"]) * period / RATE_BLOCK if "theta" in columns else 0.0
+    if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
+        return None
+    std = abs(gain) * math.sqrt(NEIGHBOURS * (1.0 / fit.explained - 1.0) / blocks)
+    return (1.0 / gain, std / gain**2) if abs(gain - 1.0) > max(SURE * std, SAME_SCALE) else None
+
+
+def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | None:
+    """(unit, how many are a second, why) of stamps `period` apart, by the slope; ("", 1, ""): seconds; None: it does
+    not tell.
+
+    Rows of a log are less than SLOW apart: where they are not, a gain that is not that of degrees is that of t.
+    """
+    if not {"theta", "theta_dot"} <= set(columns):
+        return None
+    fit, _ = slope_fit(columns, period)
+    gain = abs(fit.gain[0])
+    if not (fit.explained > CLEAR and 0.0 < gain < math.inf):
+        return None
+    if not period > SLOW or near(gain, 1.0, SAME_UNIT):
+        return "", 1.0, ""
+    why = f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
+    if period == 1.0:
+        return "row numbers", 1.0 / gain, f"its step is 1, {why}"
+    for name, factor in TIME_UNITS:
+        if any(near(gain * factor, angle, SAME_UNIT) for angle in (1.0, DEGREES, 1.0 / DEGREES)):
+            return name, factor, f"its step is {period:.4g}, {why}" if name else ""
+    return f"units of {gain:.3g} s", 1.0 / gain, f"its step is {period:.4g}, {why}"

@@ -1,0 +1,152 @@
+"""Time stamps: which rows have one that can be used, and what is wrong with the others.
+
+Jitter and single odd periods are no fault: a stamp is missing only where the step
+exceeds the local period by what no jitter of this log explains.
+"""
+
+import math
+
+import numpy as np
+
+from sim.sections import Nominal
+
+from .fault import Fault
+from .slope import TIME_UNITS
+
+GAP = 1.75                 # local periods: a longer step has lost a stamp (one lost: 2)
+GAP_JITTERED = 1.5         # local periods, where the log jitters by 20 %: at most 1.4 without a loss, at least 1.6 with
+NEIGHBOURS = 15            # steps on either side that give the local period: a log may change its rate
+SAME_RATE = 0.2            # relative difference of periods that jitter alone makes
+JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single steps are not jitter
+RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
+MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a count of rows no integer
+COARSE = 0.5               # of the stamps repeat the one before: rows were not written twice, a clock was printed short
+OUT_OF_ORDER = 0.25        # of the steps go back: no clock is reset as often
+LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
+
+
+def usable_rows(t: np.ndarray) -> np.ndarray:
+    """Rows (n,) whose stamps [s] are finite and strictly increase; a single stamp far ahead does not hide the rest."""
+    usable = np.isfinite(t)
+    rows = np.flatnonzero(usable)
+    if len(rows) < 2:
+        return usable
+    stamps = t[rows]
+    ahead = np.zeros(len(rows), bool)
+    # a stamp above its successor that the successor's neighbours go on without: it alone is wrong
+    ahead[1:-1] = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2]) & (stamps[1:-1] > stamps[:-2])
+    ahead[0] = len(rows) > 2 and stamps[0] > stamps[1] and stamps[2] > stamps[1] and stamps[0] > stamps[2]
+    stamps = np.where(ahead, -math.inf, stamps)
+    before = np.maximum.accumulate(np.concatenate(([-math.inf], stamps[:-1])))
+    usable[rows] = stamps > before
+    return usable
+
+
+def local_periods(steps: np.ndarray) -> np.ndarray:
+    """Median [s] of the steps (n,) around each of them."""
+    padded = np.pad(steps, NEIGHBOURS, mode="symmetric") if len(steps) > NEIGHBOURS else None
+    if padded is None:
+        return np.full(len(steps), np.median(steps))
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of stamps that are no times: what is infinite is beyond a limit too
+def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
+    """(last stamp before, first after, rows lost) of each gap in strictly increasing stamps t (n,) [s].
+
+    row (n,): their rows in the log; a row that stands between them with an unusable stamp is not lost
+    """
+    steps = np.diff(t)
+    if len(steps) < 3:
+        return []
+    period = float(np.median(steps))
+    jitter = float(np.quantile(np.abs(steps / period - 1.0), JITTER_QUANTILE))
+    limit = GAP_JITTERED if 0.1 < jitter < GAP_JITTERED - 1.0 else GAP
+    if np.max(steps) <= limit * np.min(steps):
+        return []
+    local = local_periods(steps)
+    # the median of all is the better one where the rate is the same
+    relative = steps / np.where(np.abs(local / period - 1.0) < SAME_RATE, period, local) - (np.diff(row) - 1)
+    return [(float(t[k]), float(t[k + 1]), max(1, round(min(float(relative[k]), MOST_LOST)) - 1))
+            for k in np.flatnonzero(relative > limit)]
+
+
+def _rows(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
+    """One fault a sort: non-finite, out of order, repeated, backward, missing."""
+    found = []
+    finite = np.isfinite(t)
+    if not finite.all():
+        none = np.flatnonzero(~finite)
+        found.append(Fault("stamps", "t", math.nan, math.nan, len(none),
+                           f"the stamp is no number in {_rows(len(none))}, first in row {none[0] + 1}: "
+                           "drop these rows or restore their times"))
+    rows = np.flatnonzero(finite)
+    stamps, good = t[rows], usable[rows]
+    back = int(np.count_nonzero(np.diff(stamps) < 0.0))
+    if back > OUT_OF_ORDER * len(stamps):
+        found.append(Fault("order", "t", float(stamps[0]), float(stamps[-1]), back,
+                           f"t is out of order: in {back} of {len(t)} rows it is before the row before; sort the rows "
+                           "by t"))
+        return found
+    again = np.zeros(len(rows), bool)
+    again[1:] = stamps[1:] == stamps[:-1]
+    for sort, bad, repair in (("repeated", ~good & again, "rows written twice; drop the second of each"),
+                              ("backward", ~good & ~again, "a clock reset or rows out of order; cut or sort the log")):
+        where = stamps[bad]
+        if len(where) > 0:
+            coarse = sort == "repeated" and len(where) > COARSE * len(stamps)
+            asked = "they have too few digits for these rows; print them with more" if coarse else repair
+            found.append(Fault("stamps", "t", float(where[0]), float(where[-1]), len(where),
+                               f"{sort} stamps in {_rows(len(where))}, first at t = {where[0]:.6g} s: {asked}"))
+    lost = gaps(t[usable], np.flatnonzero(usable))
+    if lost:
+        count = sum(rows for _, _, rows in lost)
+        found.append(Fault("stamps", "t", lost[0][0], lost[-1][1], count,
+                           f"about {_rows(count)} missing in {len(lost)} gap{'s' if len(lost) > 1 else ''}, first "
+                           f"after t = {lost[0][0]:.6g} s: samples were lost; nothing is made up for them"))
+    return found
+
+
+def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str] | None) -> tuple[list[Fault], float]:
+    """(what the unit of increasing stamps t (n,) is, how many are a second) where that is not 1.
+
+    by_slope  as `slope.unit_of_time` tells it; None: the nominal's sample period does
+    """
+    unit, factor, why = by_slope or time_unit(t, nominal.sensors.period)
+    if not unit:
+        return [], 1.0
+    return [Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
+                  f"t looks like {unit} over the whole log: {why}; "
+                  + (f"divide it by {factor:g}" if (unit, factor) in TIME_UNITS else
+                     f"multiply it by about {1.0 / factor:.3g} s"))], factor
+
+
+def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
+    """(unit, how many are a second, why) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1, ""):
+    seconds."""
+    step = float(np.median(np.diff(t))) if len(t) > 2 else period
+    for name, factor in TIME_UNITS[:-1]:
+        if factor / RATE_SLACK <= step / period <= factor * RATE_SLACK:
+            return name, factor, f"its step is {step:.4g}, the nominal's {period:.4g} s"
+    return "", 1.0, ""
+
+
+def origin_fault(t: np.ndarray, nominal: Nominal) -> list[Fault]:
+    """The fault of increasing stamps t (n,) [s] that have no time in common with the nominal's profile."""
+    profile = nominal.vehicle.t
+    if len(profile) < 2 or len(t) == 0 or (t[0] <= profile[-1] and t[-1] >= profile[0]):
+        return []
+    return [Fault("origin", "t", float(t[0]), float(t[-1]), len(t),
+                  f"t is {t[0]:.10g} to {t[-1]:.10g} s over the whole log, the nominal's profile is of {profile[0]:g} "
+                  f"to {profile[-1]:g} s: subtract the time of lift-off from t")]
+
+
+def uniform_times(t: np.ndarray) -> np.ndarray:
+    """Times (m,) [s], one median period apart, over increasing stamps t (n,), m at most LONGEST_GRID n."""
+    period = float(np.median(np.diff(t)))
+    count = int(min((t[-1] - t[0]) / period + 1.5, LONGEST_GRID * len(t)))
+    return np.asarray(t[0] + period * np.arange(count))

@@ -1,0 +1,148 @@
+"""The rows of a log that are fitted: all of an ordinary log, of a larger one so many that an answer comes in time.
+
+A log that is fast for its vehicle is thinned: every k-th row keeps its measurements, all commands stay, and nothing is
+averaged or late.  What is longer still is cut to the stretch in which the commands move most.  Both lose information
+and nothing else: deviations and limits are those of the rows that are used.  Where no servo is between command and
+motion, the input between two rows that are kept is the line between them.
+"""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.nominal import Nominal
+
+from .check import DataCheck
+from .record import LONGEST_STEP, Record
+
+MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
+SINE = "sin(theta)"    # the term of a body that swings, beside a6
+NEARLY = 1.0 + 1e-9    # of the longest step: rounding
+SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
+RESOLVED = 0.3         # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
+
+
+class Used(NamedTuple):
+    """The part of a log that is fitted: every `every`-th row, `rows` of them, from `begin` to `end` [s, the log's
+    clock]."""
+
+    rows: int
+    every: int
+    begin: float
+    end: float
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        return f"{self.rows} rows are fitted, one in {self.every} from {self.begin:.6g} to {self.end:.6g} s"
+
+
+def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) -> DataCheck:
+    """The check with so many of the usable rows, for a log of a test stand without servo, stamps t (n,) [s]; for others
+    with all."""
+    rows = np.flatnonzero(data.usable)
+    if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
+        return data
+    usual = float(np.median(np.diff(t[rows])))
+    every = _every(len(rows), usual, slowest(nominal, nominal.vehicle.at(t[rows])[0]), most)
+    kept = np.zeros_like(data.usable)
+    kept[rows[::every]] = True
+    return replace(data, usable=kept)
+
+
+def slowest(nominal: Nominal, a6: np.ndarray) -> float:
+    """Longest time [s] between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
+    stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SINE)
+    return min(SLOWEST, RESOLVED / math.sqrt(stiffness)) if stiffness > 0.0 else SLOWEST
+
+
+def _every(rows: int, period: float, longest: float, most: int) -> int:
+    return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
+
+
+def shortened(record: Record, most: int = MOST) -> Record:
+    """The record, as long as one may be that will be thinned, so that nothing is computed for rows that are not
+    used."""
+    if record.rows <= most:
+        return record
+    longest = most * _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
+    return cut(record, longest) if record.rows > longest else record
+
+
+def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
+    """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
+    all of them."""
+    every = _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
+    made = coarser(thinned(record, record.held * max(1, round(every / record.held)))) if every > 1 else record
+    made = cut(made, most) if made.rows > most else made
+    times = round(made.period / float(np.median(np.diff(t))))
+    if made is record and times <= 1:
+        return record, None
+    return made, Used(made.rows, times, float(made.t[0]) + made.shift,
+                      float(made.t[-1]) + made.shift)
+
+
+def thinned(record: Record, every: int) -> Record:
+    """Every so many rows, a multiple of `held`, from the first on at which a command is issued.  Of a jittered log so
+    many parts of a command become one: its place is as exact for the rows that are left as it was for all."""
+    first, held = record.held_phase, record.held
+    begin = int(record.at[first])
+    kept = slice(first, None, every)
+    commands = record.commands[begin // record.tick:]
+    merged = every if record.fine > 1 else held
+    if held > 1:  # one tick a command then
+        commands = commands[::held]
+    elif merged > 1:
+        whole = np.append(commands, np.full(-len(commands) % merged, commands[-1]))
+        commands = np.ascontiguousarray(whole.reshape(-1, merged).mean(axis=1))
+    at = record.at[kept] - begin
+    ticks = len(at) * (record.every * every // (record.tick * merged))  # as many as the last row would hold, too
+    commands = np.append(commands[:ticks], np.full(max(0, ticks - len(commands)), commands[-1]))
+
+    def some(column: np.ndarray) -> np.ndarray:  # in one piece, for which alone the kernels are compiled
+        return np.ascontiguousarray(column[kept])
+
+    return replace(record, z=some(record.z), reference=some(record.reference), at=at,
+                   first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
+                   commands=commands, logged=None if record.logged is None else some(record.logged),
+                   held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
+                   held_phase=0, thinned=record.thinned * every)
+
+
+def _lost(record: Record, every: int) -> np.ndarray | None:
+    """Whether one of so many rows each is lost."""
+    if record.lost is None:
+        return None
+    rest = record.lost[record.held_phase:]
+    return np.logical_or.reduceat(rest, np.arange(0, len(rest), every))
+
+
+def coarser(record: Record) -> Record:
+    """The longest integration step that meets every row and tick."""
+    whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
+    times = max(m for m in range(1, whole + 1)
+                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * NEARLY))
+    return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
+                   first_step=record.first_step // times, at=record.at // times,
+                   a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),
+                   wind=np.ascontiguousarray(record.wind[::times]))
+
+
+def cut(record: Record, most: int) -> Record:
+    """The stretch of so many rows in which the commands move most."""
+    ticks = record.every // record.tick
+    moved = np.concatenate([[0.0], np.abs(np.diff(record.commands))])
+    by_row = np.add.reduceat(moved, np.arange(0, len(moved), ticks))[:record.rows]
+    total = np.concatenate([[0.0], np.cumsum(by_row)])
+    first = int(np.argmax(total[most:] - total[:-most]))
+    first -= (first - record.held_phase) % record.held
+    first = max(first, record.held_phase if record.held > 1 else 0)
+    part = slice(first, first + most)
+    begin = first * record.every
+    at = np.maximum(record.at[part] - begin, 0)  # its first stamp may be early
+    return replace(record, z=record.z[part], reference=record.reference[part], at=at,
+                   first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
+                   logged=None if record.logged is None else record.logged[part],
+                   lost=None if record.lost is None else record.lost[part], held_phase=0)

@@ -1,0 +1,123 @@
+"""Units and signs that only the vehicle tells: beta and its command both reversed, or the whole log in degrees.
+
+theta_dot between blocks changes by the integral of a6 alpha + k1 beta: a regression on both, with the nominal's a6 and
+k1, gives k1 over the nominal's.  In a flight it is 0.8 to 1.3; a wind that nobody measured, which the loop answers,
+draws it to 0 and leaves little explained; a bending mode that the loop excites has made it 22 at most.  A reversed sign
+or degrees are beyond that.  A log all in degrees obeys the equation as before: its noise is 57 times the declared, and
+theta 57 times what the guidance asks for.
+
+Before an estimate this is a warning; in a diagnosis, which asks the vehicle, a doubt more about what nothing explains.
+"""
+
+import math
+
+import numpy as np
+
+from sim.nominal import Nominal
+
+from ...log.log import Log
+from ...sums import combined, inner, least_squares, square
+from .fault import Fault
+from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means, near, regress
+
+SIGN_LEAST = 0.4     # a ratio of -1 within this and its inverse
+EXPLAINED = 0.5      # share of the variance without it that beta must explain
+FOLLOWS = 0.8        # share of theta's variance that the guidance explains: in strong wind 0.93
+NOISE_CHANNELS = (("theta", "theta_std", "theta_step"), ("theta_dot", "theta_dot_std", "theta_dot_step"),
+                  ("beta", "beta_std", "beta_step"))
+NOISE_SLACK = 2.2    # noise is declared less well than a parameter, and a loop follows its guidance as well
+
+
+def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """The fault of beta, theta or all angles, by the nominal's k1 and noise; one at most.
+
+    masks  channel -> (n,) bool: the values that may be used
+    """
+    rows = masks["theta"] & masks["beta"]
+    if np.count_nonzero(rows) < ENOUGH_BLOCKS:
+        return []
+    t = log.t[rows]
+    message = None if nominal.terms else _of_ratio(*_ratio(log, nominal, masks, rows))
+    if message is not None:
+        return [Fault(message[0], message[1], float(t[0]), float(t[-1]), len(t), message[2])]
+    return [_of_all(t, "their noise is about 57 times the nominal's")] if _all_noise_in_degrees(log, nominal, masks) \
+        else []
+
+
+def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
+    """The fault of angles that are all in degrees: theta follows the guidance times 57, and k1 does not contradict it.
+
+    masks  as in `plant_faults`
+    """
+    rows = masks["theta"] & masks["beta"]
+    if nominal.guidance is None or np.count_nonzero(rows) < ENOUGH_BLOCKS:
+        return []
+    t = log.t[rows]
+    fit = regress(log.theta[rows], [nominal.guidance.attitude_at(t)])
+    if not (fit.explained > FOLLOWS and near(fit.gain[0], DEGREES, NOISE_SLACK)):
+        return []
+    if not nominal.terms and _of_ratio(*_ratio(log, nominal, masks, rows)) is not None:
+        return []  # beta is not of the unit of theta, and `plant_faults` says of which of the two that is
+    return [_of_all(t, f"theta is {fit.gain[0]:.1f} times what the guidance asks for")]
+
+
+def _of_all(t: np.ndarray, why: str) -> Fault:
+    return Fault("unit", None, float(t[0]), float(t[-1]), len(t),
+                 f"all angles look like degrees over the whole log: {why}; multiply them by pi/180")
+
+
+def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
+    """(kind, channel, message) of k1 over the nominal's, nothing if it may be true."""
+    if not (explained > EXPLAINED and abs(ratio) > SURE * std):
+        return None
+    said = f"k1 comes out {ratio:.2g} times the nominal's"
+    for factor, column in ((DEGREES, "theta"), (1.0 / DEGREES, "beta")):
+        if 1.0 / SAME_UNIT < abs(ratio) / factor < SAME_UNIT:
+            sign = ", and of the opposite sign," if ratio < 0.0 else ""
+            return "unit", column, (f"{column} looks like degrees{sign} over the whole log: {said}; "
+                                    "multiply it by pi/180")
+    if -1.0 / SIGN_LEAST < ratio < -SIGN_LEAST:
+        return "sign", "beta", (f"beta, or theta and its rate, has the opposite sign over the whole log: {said}; "
+                                "multiply it by -1")
+    return None
+
+
+def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.ndarray) -> tuple[float, float, float]:
+    """k1 over the nominal's, its standard deviation, and the share of the variance that beta explains."""
+    with_rate = np.count_nonzero(masks["theta_dot"] & rows) > 0.5 * np.count_nonzero(rows)
+    rows = rows & masks["theta_dot"] if with_rate else rows
+    t, theta, size = log.t[rows], log.theta[rows], max(2, round(RATE_BLOCK / log.period))
+    if len(t) // size < ENOUGH_BLOCKS:
+        return math.nan, math.nan, 0.0
+    gamma = log.flight_path[rows]
+    alpha = theta - np.where(np.isfinite(gamma), gamma, 0.0)
+    a6, k1 = nominal.vehicle.at(t)
+
+    def integral(x: np.ndarray) -> np.ndarray:
+        return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))))
+
+    def change(x: np.ndarray) -> np.ndarray:
+        once = integral(x)
+        return np.diff(block_means(once, size)) if with_rate else np.diff(block_means(integral(once), size), n=2)
+
+    y = np.diff(block_means(log.theta_dot[rows], size)) if with_rate else np.diff(block_means(theta, size), n=2)
+    beta, others = change(k1 * log.beta[rows]), np.stack([change(a6 * alpha), np.ones(len(y))], axis=1)
+    beta, y = (x - combined(others, least_squares(others, x, 1e-10)) for x in (beta, y))
+    power, total = square(beta), square(y)
+    if not (power > 0.0 and total > 0.0 and math.isfinite(power + total)):
+        return math.nan, math.nan, 0.0
+    ratio = inner(beta, y) / power
+    left = float(np.sum((y - ratio * beta) ** 2))
+    return ratio, math.sqrt(NEIGHBOURS * left / (len(y) - 3) / power), 1.0 - left / total
+
+
+def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> bool:
+    """The noise of every channel whose noise is declared, of two at least, is 57 times that."""
+    ratios = []
+    for name, std, step in NOISE_CHANNELS:
+        declared = math.hypot(getattr(nominal.sensors, std), getattr(nominal.sensors, step) / math.sqrt(12.0))
+        x = getattr(log, name)[masks[name]]
+        if declared > 0.0 and len(x) >= ENOUGH_BLOCKS:
+            third = np.diff(x, n=3)   # of white noise its variance is 20 times the noise's; motion has none
+            ratios.append(1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0) / declared)
+    return len(ratios) > 1 and all(1.0 / NOISE_SLACK < ratio / DEGREES < NOISE_SLACK for ratio in ratios)

@@ -1,0 +1,198 @@
+"""`launchid reproduce`: campaign, verdict table, figures, everything into one folder."""
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from launchid_core import polynomial
+from sim.files import make_folder, write_text
+from sim.nominal import built_in, load_nominal
+
+from ..bound.flights import flight_bound
+from ..cli.terminal import ProgressBar
+from ..identification.windows import number
+from ..monte_carlo.campaign import run_jobs
+from . import confidence
+from .cases import CASES, CONFIDENCE, Case
+from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, case_jobs, fly_job
+
+BOUND_SEEDS = 3  # the bound varies by a percent between flights
+
+
+def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
+    """Worst and median errors of one variant over all windows of all flights, and the share inside the tolerance."""
+    table = np.concatenate([result.tables[variant] for result in results])
+    # a window over a node is judged apart only on clean data: under sensor noise the node is not what shows
+    node = (table[:, NODE] == 1) & (case.variants[variant].suite == "ideal")
+    errors = np.abs(table[:, [A6, K1]] - table[:, [TRUE_A6, TRUE_K1]])
+    truth = np.abs(table[:, [TRUE_A6, TRUE_K1]])
+    tolerance = np.maximum(case.relative * truth, case.absolute)
+    inside = (errors <= tolerance).all(axis=1) & (table[:, VALID] == 1)
+    relative = errors / np.maximum(truth, case.absolute / case.relative if case.absolute else 0.0)
+    clear = ~node
+
+    def worst(values: np.ndarray) -> float | None:
+        return number(float(np.max(values))) if len(values) and np.isfinite(values).all() else None
+
+    return {
+        "windows": len(table), "valid": int(np.sum(table[:, VALID] == 1)), "inside": int(np.sum(inside & clear)),
+        "counted": int(np.sum(clear)), "over_node": int(np.sum(node)), "over_node_inside": int(np.sum(inside & node)),
+        "over_node_worst": worst(relative[node]), "exact_support": int(np.sum(table[:, EXACT])),
+        "worst_a6": worst(relative[clear, 0]), "worst_k1": worst(relative[clear, 1]),
+        "median_a6": number(float(np.nanmedian(relative[clear, 0]))),
+        "median_k1": number(float(np.nanmedian(relative[clear, 1]))),
+        "lost": sum(result.lost for result in results), "flights": len(results)}
+
+
+def holds(case: Case, scores: dict[str, Any]) -> bool:
+    """The paper's claim: every window off the nodes inside the tolerance, no flight lost, support exact where asked."""
+    exact = not case.support or scores["exact_support"] == scores["windows"]
+    return bool(scores["inside"] == scores["counted"] and scores["lost"] == 0 and exact)
+
+
+def percent(x: float | None) -> str:
+    """A share as a percentage for a table."""
+    return "-" if x is None else f"{100 * x:.2g} %"
+
+
+@functools.cache
+def noise_floor(nominal: str, window: float) -> float:
+    """Median Cramer-Rao bound of a6 in windows [s] of a built-in nominal's flights, relative."""
+    loaded = load_nominal(built_in(nominal))
+    return float(np.median(np.concatenate([flight_bound(loaded, window, seed).a6 for seed in range(BOUND_SEEDS)])))
+
+
+def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
+    """The last cell of a table's row: the claim is judged for the paper's variant, companions inform."""
+    if case.name == "tuning":
+        return ""
+    if k == 0:
+        return "holds" if holds(case, scores) else "FAILS"
+    return "companion"
+
+
+def table_lines(all_scores: dict[str, list[dict[str, Any]]]) -> list[str]:
+    """The table as Markdown."""
+    lines = [
+        "| case | paper | variant | inside | worst a6 | worst k1 | median a6 | median k1 | exact support | bound a6 "
+        "| verdict |", "|---|---|---|---|---|---|---|---|---|---|---|"]
+    for name, rows in all_scores.items():
+        case = CASES[name]
+        for variant, s in zip(case.variants, rows, strict=True):
+            exact = f"{s['exact_support']}/{s['windows']}" if variant.library == "quadratic" else "-"
+            node = f" (+{s['over_node_inside']}/{s['over_node']} over nodes)" if s["over_node"] else ""
+            lines.append(
+                f"| {name} | {case.paper} | {variant.name} | {s['inside']}/{s['counted']}{node} "
+                f"| {percent(s['worst_a6'])} | {percent(s['worst_k1'])} | {percent(s['median_a6'])} "
+                f"| {percent(s['median_k1'])} | {exact} | {percent(s['bound_a6'])} | {s['verdict']} |")
+    return lines
+
+
+def xi_lines(results: list[Result]) -> list[str]:
+    """Xi of the whole constant flight, printed as the paper's matrix."""
+    result = min(results, key=lambda r: r.seed)
+    lines = [f"{'Xi':>16} {'theta_dot':>12} {'theta_ddot':>12} {'beta_dot':>12}"]
+    for term, row in zip(polynomial(2), result.xi, strict=True):
+        lines.append(f"{term:>16} " + " ".join(f"{x:>12.6g}" for x in row))
+    return lines
+
+
+def flown(jobs: list[Any], work: Callable[[Any], Any], what: str) -> list[Any]:
+    """Return the outcome of every job; the first is done here, which compiles what the workers then share."""
+    progress = ProgressBar(len(jobs), f"flights of {what}")
+    first = work(jobs[0])
+    progress(1)
+    rest = run_jobs(jobs[1:], work, progress=progress)
+    progress.clear()
+    return [first, *rest]
+
+
+def rows_of(case: Case, results: list[Result]) -> list[dict[str, Any]]:
+    """Return the scores of a case, one a variant."""
+    rows = [score(case, k, results) for k in range(len(case.variants))]
+    for k, (variant, row) in enumerate(zip(case.variants, rows, strict=True)):
+        is_noisy = variant.suite == "flight"
+        row.update(variant=variant.name, bound_a6=noise_floor(case.nominal, variant.window) if is_noisy else None,
+                   verdict=verdict(case, k, row))
+    return rows
+
+
+def reproduce(case: str, seeds: int, out: str, say: Callable[[str], None] = lambda line: None) -> str:
+    """Run one experiment or all, one after the other, the paper's own first; return the text to print.
+
+    Figures, `table.md` and `results.json` are in the folder `out` as soon as an experiment is done, and `say` prints a
+    line: an interruption loses the experiment in work alone.
+    """
+    names = list(CASES) if case == "all" else [case] if case in CASES else []
+    folder = make_folder(out)
+    head = [f"launchid reproduce --case {case} --seeds {seeds}", ""]
+    scores: dict[str, list[dict[str, Any]]] = {}
+    bands: dict[str, list[confidence.Band]] = {}
+    figures: list[str] = []
+    text = head
+    for name in names:
+        results = flown(case_jobs([name], seeds), fly_job, name)
+        if name == "constant":
+            head += [*xi_lines(results), ""]
+        scores[name] = rows_of(CASES[name], results)
+        text = write_tables(folder, head, scores, bands)
+        figures += (drawn := draw(_paper_figures, folder, name, results))
+        first = scores[name][0]
+        say(f"{name}: {first['verdict'] or 'done'}, {first['inside']} of {first['counted']} windows within the claim's "
+            f"tolerance; {', '.join(drawn)}")
+    for name in confidence.VEHICLES if case in ("all", CONFIDENCE) else ():
+        bands[name] = flown(confidence.band_jobs(name, seeds), confidence.fly_band, f"{CONFIDENCE}, {name}")
+        text = write_tables(folder, head, scores, bands)
+        figures += (drawn := draw(_confidence_figures, folder, {name: bands[name]}))
+        say(f"{CONFIDENCE}, {name}: done; {', '.join(drawn)}")
+    figures = list(dict.fromkeys(figures))
+    return "\n".join([*text, "", f"written to {folder}: table.md, results.json, {', '.join(figures)}"])
+
+
+def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str, Any]]],
+                 bands: dict[str, list[confidence.Band]]) -> list[str]:
+    """Write `table.md` and `results.json` of the experiments that are done; return the lines of the table."""
+    text = list(head)
+    if scores:
+        text += table_lines(scores)
+        text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors "
+                 "are relative to the", "truth at the window's centre; bound a6: median Cramer-Rao bound of those "
+                 "windows, below which no unbiased method can go."]
+    if bands:
+        text += ["", *confidence_lines(bands)]
+    write_text(folder / "table.md", [line + "\n" for line in text])
+    write_text(folder / "results.json", [json.dumps(scores, indent=1), "\n"])
+    return text
+
+
+def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
+    """The confidence range as a table (vertices and random vehicles, flight sensors, 100 Hz, 1 s windows)."""
+    lines = ["| confidence range | flights | tracked 95 % intervals cover | half-width of a6, k1 after 30 s (median) "
+             "| out-of-range alarms | lost |", "|---|---|---|---|---|---|"]
+    for name, flown in bands.items():
+        s = confidence.summary(name, flown)
+        lines.append(f"| {name} | {s['flights']} | {s['coverage']:.3f} | {percent(float(s['half_width_a6']))}, "
+                     f"{percent(float(s['half_width_k1']))} of the box's 25 % | {s['alarms']:.0f} | {s['lost']:.0f} |")
+    return lines
+
+
+def draw(figures: Callable[..., list[str]], *what: Any) -> list[str]:
+    """Return the names of the figures drawn; without matplotlib a line that says how to get it."""
+    try:
+        return figures(*what)
+    except ImportError:
+        return ["no figures (pip install 'launchid[plots]' draws them)"]
+
+
+def _paper_figures(folder: Path, name: str, results: list[Result]) -> list[str]:
+    from ..figures import plots
+    return plots.paper_figures(folder, name, results)
+
+
+def _confidence_figures(folder: Path, bands: dict[str, list[confidence.Band]]) -> list[str]:
+    from ..robustness import figures
+    return figures.confidence_figures(folder, bands)

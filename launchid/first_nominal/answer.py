@@ -1,0 +1,329 @@
+"""A vehicle's numbers from its log, each with its standard deviation, and the reasons for those that are missing."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sim.errors import InputError
+
+from ..diagnosis.data.rates import INTERPOLATED, rate_of
+from ..identification.input_delay import Lead, lead_of
+from ..identification.missing_terms import Lack, is_moved, lacks, question
+from ..identification.weak_form import Rows
+from ..log.check import data_warnings
+from ..log.log import Log
+from . import filter as fl
+from . import weak
+from .channels import Channels, channels
+from .model import command, run
+from .scoring import Fitted, fit
+from .search import Found, is_held, search
+
+SURE = 3.0             # standard deviations from 0, without which there is no k1
+ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
+VAGUE = 0.3            # if both are known no better than this, relative
+WORTH = 0.5            # of the larger of the two terms, that one standard deviation of a6 may be worth
+ROUGHLY = 0.25         # relative, of the nozzle sensor's noise where no command tells how the nozzle moves
+SMALL = 0.05           # the same of the other levels: between the rows the model is not exact
+STAND = 0.005          # relative: no stand's equation is truer; authors' own numbers for one device differ by 1.7 %
+UNSEEN = 1.0           # standard deviation of a level's logarithm above which it is not seen, only limited
+
+Number = tuple[float, float]   # value, standard deviation
+
+
+@dataclass(frozen=True, eq=False)
+class First:
+    """The first nominal of a log.
+
+    t (n,) [s of the log] nodes, a6, k1, a6_std, k1_std (n,) at them;  sine: a6 is the coefficient of sin(theta)
+    terms    coefficients of theta_dot and sign(theta_dot), where they gain
+    delay    [s] of the command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion
+    servo    natural frequency [rad/s] and damping ratio, where a command and the nozzle tell them
+    offsets  moment [rad/s^2], gyro_bias [rad/s];  noise  one sigma a sample or period;  wind  as in [wind]
+    refused  what the log cannot tell, in words; ""
+    """
+
+    path: str
+    start: float
+    rows: int
+    period: float
+    duration: float
+    t: np.ndarray
+    a6: np.ndarray
+    a6_std: np.ndarray
+    k1: np.ndarray
+    k1_std: np.ndarray
+    sine: bool
+    terms: dict[str, Number]
+    delay: Number | None
+    delay_of: str
+    servo: tuple[Number, Number] | None
+    offsets: dict[str, Number]
+    noise: dict[str, Number]
+    wind: dict[str, Number]
+    r2: float | None
+    notes: tuple[str, ...]
+    refused: tuple[str, ...] = field(default=())
+
+
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
+def first(log: Log) -> First:
+    """The vehicle's numbers from the log.  InputError where it has not the columns, the rows or the motion, or where a
+    column is of another quantity than its name says: a nominal holds what it is fed."""
+    data_warnings(log, None, strict=False, refuse_columns=True)
+    c = channels(log)
+    moving = c.theta if c.has("theta") else c.theta_dot
+    if np.nanmax(moving) == np.nanmin(moving):
+        raise InputError(f"{c.path}: column {'theta' if c.has('theta') else 'theta_dot'}: the same value in every row; "
+                         "nothing can be determined of a vehicle that does not move")
+    for name in ("beta", "beta_cmd"):
+        rate = rate_of(log.t, getattr(log, name))
+        if rate.kind == INTERPOLATED:
+            raise InputError(f"{log.path}: column {name}: it is {rate.words}; log it as it acts")
+    result = search(c)
+    nominal = answer(result, c)
+    return replace(nominal, refused=tuple(reasons(nominal, result, c)))
+
+
+def is_constant(c: Channels) -> bool:
+    """The input never changes."""
+    u = command(c)
+    return float(np.nanmax(u)) == float(np.nanmin(u))
+
+
+# ---- the numbers
+
+
+def answer(result: Found, c: Channels) -> First:
+    """The numbers of a model."""
+    fitted, model = result.fitted, result.fitted.model
+    na, nk = len(model.node_a), len(model.node_k)
+    std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(result, c))
+    if model.sine:
+        std[:len(model.linear)] = np.hypot(std[:len(model.linear)], STAND * np.abs(model.linear))
+    std[:len(model.linear)] = np.hypot(std[:len(model.linear)], hidden(result, c))
+    off = between_nodes(result, fitted)
+    a6_std, k1_std = np.hypot(std[:na], off[:na]), np.hypot(std[na:na + nk], off[na:])
+    names = [name for name, there in (("theta_dot", model.damping), ("sign(theta_dot)", model.friction)) if there]
+    rest = zip(names, model.rest.tolist(), std[na + nk:].tolist(), strict=False)
+    return First(
+        path=c.path, start=c.start, rows=len(c.t), period=c.period, duration=float(c.t[-1]) + c.period,
+        t=model.node_a + c.start, a6=model.linear[:na], a6_std=a6_std, k1=model.linear[na:na + nk], k1_std=k1_std,
+        sine=model.sine, terms={name: (value, deviation) for name, value, deviation in rest},
+        delay=delay(fitted, c),
+        delay_of="beta" if model.source == fl.MEASURED or not c.has("beta_cmd") else "command",
+        servo=servo(fitted), offsets=offsets(fitted), noise=noise(fitted, c), wind=wind(fitted), r2=result.r2,
+        notes=c.notes)
+
+
+def spread(result: Found, c: Channels) -> float:
+    """Factor on the variances: by how much more two halves of the log differ than they should (a model that is not
+    quite true differs from stretch to stretch); 1 where they agree, and where a6 and k1 vary."""
+    model = result.fitted.model
+    if len(model.node_a) > 1:
+        return 1.0
+    half = len(c.t) // 2
+    parts = [fit(model, part, free=()) for part in (c.part(0, half), c.part(half, len(c.t)))]
+    q = len(model.linear)
+    off = parts[0].model.linear - parts[1].model.linear
+    if model.no_input:
+        keep = np.arange(q) != 1
+        off, q = off[keep], q - 1
+    both = parts[0].covariance + parts[1].covariance
+    both = both[np.ix_(keep, keep)] if model.no_input else both
+    scale = np.sqrt(np.maximum(np.diag(both), 1e-300))
+    chi = float((off / scale) @ np.linalg.lstsq(both / np.outer(scale, scale), off / scale, rcond=1e-9)[0])
+    # Wilson and Hilferty 1931: the 99 % quantile of chi square
+    limit = q * (1.0 - 2.0 / (9.0 * q) + 2.326 * math.sqrt(2.0 / (9.0 * q))) ** 3
+    return max(chi / q, 1.0) if chi > limit else 1.0
+
+
+def hidden(result: Found, c: Channels) -> np.ndarray:
+    """The error (q,) by commands between the rows, which no nozzle sensor shows: the change when every second command
+    is left out, which is at least as much."""
+    model = result.fitted.model
+    if c.has("beta") or model.no_input or is_held(c):
+        return np.zeros(len(model.linear))
+    fewer = replace(c, beta_cmd=np.where(np.arange(len(c.t)) % 2 == 0, c.beta_cmd, math.nan), driven=True)
+    return np.asarray(fit(model, fewer, free=()).model.linear - model.linear)
+
+
+def between_nodes(result: Found, fitted: Fitted) -> np.ndarray:
+    """The error (na + nk,) of lines between the nodes: the change at them when nodes are put between, beyond what
+    chance gives it (Hausman 1978: the difference's variance is that of the variances)."""
+    model = fitted.model
+    n = len(model.node_a) + len(model.node_k)
+    if result.finer is None:
+        return np.zeros(n)
+    a, k = result.finer.model.at(model.node_a)[0], result.finer.model.at(model.node_k)[1]
+    finer = np.diag(result.finer.covariance)
+    chance = np.concatenate([finer[0:2 * len(a) - 1:2], finer[2 * len(a) - 1:2 * len(a) + 2 * len(k) - 2:2]])
+    chance = np.maximum(chance - np.diag(fitted.covariance)[:n], 0.0)
+    off = np.concatenate([a, k]) - model.linear[:n]
+    return np.sqrt(np.maximum(off**2 - chance, 0.0))
+
+
+def delay(fitted: Fitted, c: Channels) -> Number | None:
+    """A command that is held over rows changed somewhere before the row that shows it: half a period on average.  One
+    that changes in every row may have changed between them too: its time is known to a period's spread."""
+    model = fitted.model
+    if "delay" not in model.free:
+        return None
+    value, std = model.numbers["delay"], fitted.std("delay")
+    if model.source == fl.MEASURED:
+        return value, std
+    if not is_held(c):
+        return value, math.hypot(std, c.period / math.sqrt(12.0))
+    return value + 0.5 * c.period, math.hypot(std, c.period / math.sqrt(12.0))
+
+
+def servo(fitted: Fitted) -> tuple[Number, Number] | None:
+    model = fitted.model
+    if model.source != fl.COMMAND:
+        return None
+    w, zeta = model.numbers["servo"], model.numbers["damping"]
+    return ((w, w * fitted.std("servo")), (zeta, zeta * fitted.std("damping") if "damping" in model.free else 0.0))
+
+
+def offsets(fitted: Fitted) -> dict[str, Number]:
+    """The constants at the log's end, the coefficients' uncertainty in them."""
+    model = fitted.model
+    x, p, s = fitted.final.end
+    q = len(model.linear)
+    constants = {}
+    for name, place in (("moment", fl.MOMENT), ("gyro_bias", model.shape().gyro)):
+        if place >= 0:
+            variance = p[place, place] + s[:, place] @ fitted.covariance[:q, :q] @ s[:, place]
+            constants[name] = (float(x[place]), math.sqrt(max(float(variance), 0.0)))
+    return constants
+
+
+def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
+    """Standard deviations of the sensors (a sample), of the command and of unmodelled accelerations (a period)."""
+    model = fitted.model
+    levels = {}
+    for name, key, period in (("theta", "r_theta", 1.0), ("theta_dot", "r_theta_dot", 1.0), ("beta", "r_beta", 1.0),
+                              ("command", "q_b", c.period), ("acceleration", "q_a", c.period)):
+        if key in model.free and not (key == "q_b" and model.source != fl.COMMAND):
+            value = math.sqrt(model.numbers[key] / period)
+            rough = ROUGHLY if key == "r_beta" and model.source == fl.MEASURED else SMALL
+            levels[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
+    if fitted.std("q_a") > UNSEEN:
+        limit = unseen(fitted, c)
+        levels["acceleration"] = (limit, limit)
+    return levels
+
+
+def unseen(fitted: Fitted, c: Channels) -> float:
+    """Unmodelled accelerations [rad/s^2] that the log does not show: the level at which ln L falls by one half."""
+    model, q_a = fitted.model, fitted.model.numbers["q_a"]
+    for _ in range(100):
+        q_a *= 2.0
+        if run(replace(model, numbers=model.numbers | {"q_a": q_a}), c, sensitive=False).ln_l < fitted.ln_l - 0.5:
+            break
+    return math.sqrt(q_a / c.period)
+
+
+def wind(fitted: Fitted) -> dict[str, Number]:
+    """Levels as accelerations [rad/s^2, rad/s^2/sqrt(s)] over the largest |a6|: angles; `moment_` where a6 is vague."""
+    model = fitted.model
+    k = int(np.argmax(np.abs(model.linear[:len(model.node_a)])))
+    a6, std = abs(float(model.linear[k])), math.sqrt(float(fitted.covariance[k, k]))
+    vague = not std < VAGUE * a6
+    per, relative = (1.0, 0.0) if vague else (float(np.max(model.coupling)) / a6, std / a6)
+    levels = {}
+    for name in ("walk", "turbulence"):
+        if name in model.free and fitted.std(name) < UNSEEN:
+            value = per * model.numbers[name]
+            levels[f"moment_{name}" if vague else name] = (value, value * math.hypot(fitted.std(name), relative))
+    if "turbulence_time" in model.free and fitted.std("turbulence") < UNSEEN:
+        value = model.numbers["turbulence_time"]
+        levels["turbulence_time"] = (value, value * fitted.std("turbulence_time"))
+    return levels
+
+
+# ---- what the log cannot tell
+
+
+def reasons(numbers: First, result: Found, c: Channels) -> list[str]:
+    """The reasons why a number of the nominal cannot be given; none: it can."""
+    driver = "beta" if c.has("beta") else "beta_cmd"
+    if is_constant(c):
+        return [f"k1 cannot be determined: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in "
+                "which it moves"]
+    said = []
+    if not np.any(np.abs(numbers.k1) > SURE * numbers.k1_std):
+        said.append(f"k1 cannot be determined: {numbers.k1.mean():.3g} +- {numbers.k1_std.mean():.2g} 1/s^2 may be 0; "
+                    f"log a stretch in which {driver} moves more")
+    return said + lacking(numbers, result, driver) + unseparated(numbers, result)
+
+
+def lacking(numbers: First, result: Found, driver: str) -> list[str]:
+    """The effects that the model lacks, by rows left out, where they are most of the error
+    or, of constant coefficients, would move them."""
+    m, model = result.motion, result.fitted.model
+    a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
+    if model.sine:
+        a6 = np.ones(len(m.t))
+    rows = Rows(m.t, a6 * m.theta, a6 * m.gamma, m.rate, k1 * m.u, m.span, "theta_dot" in numbers.noise)
+    terms = (*result.terms, "1")
+    lead = lead_of(rows, terms)
+    late = None if lead is None else lead.significant()
+    asked = question(rows, terms, late, float(m.t[-1] - m.t[0]))
+    if asked is None:
+        return []
+    answer = {result.terms[0]: (float(numbers.a6.mean()), float(numbers.a6_std.mean())),
+              "beta": (float(numbers.k1.mean()), float(numbers.k1_std.mean())), **numbers.terms}
+    constant, whole = len(model.node_a) == 1, slice(0, len(m.t))  # else the answer is of many numbers
+    return [lack_words(lack, driver) for lack in lacks(asked, late)
+            if not (lack.what == "delay" and lead is not None and holds(numbers, result, lead))
+            and (lack.size is None or lack.is_most or (constant and is_moved(asked, whole, answer, lack)))]
+
+
+def holds(numbers: First, result: Found, lead: Lead) -> bool:
+    """Whether the model has the input lead what it causes by as much: by its delay, and the lag of a servo that no
+    sensor sees; by nothing where the nozzle is measured behind a command."""
+    value, std = numbers.delay or (0.0, 0.0)
+    if result.fitted.model.source == fl.COMMAND:
+        (frequency, _), (damping, _) = numbers.servo or ((math.inf, 0.0), (0.0, 0.0))
+        value = 0.0 if "beta" in numbers.noise else value + 2.0 * damping / frequency
+    return abs(lead.value - value) < SURE * math.hypot(std, lead.std)
+
+
+def lack_words(lack: Lack, driver: str) -> str:
+    """The sentence that says why a first nominal without this effect would be wrong."""
+    shares = lack.shares
+    if lack.what == "nothing":
+        return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be determined"
+    if lack.what == "placebo":
+        return (f"k1 cannot be determined: {driver} of another time of the log explains the motion as well as {driver} "
+                "does (placebo)")
+    assert lack.size is not None
+    if lack.what == "delay":
+        words = f"leads the motion by {1e3 * lack.size:.0f} ms" if lack.size >= 0.0 else \
+            f"follows the motion by {-1e3 * lack.size:.0f} ms: it is no input of it, or its stamps are late"
+        return f"{driver} {words} ({shares})"
+    what = {"beta_ddot": "the acceleration of the nozzle acts too", "1": "a constant acts too"}
+    return f"{what.get(lack.what, f'the term {lack.what} is in the log')}, {lack.size:.3g} ({shares})"
+
+
+def unseparated(numbers: First, result: Found) -> list[str]:
+    """theta and beta move as one, or theta hardly moves."""
+    model, m = result.fitted.model, result.motion
+    na, nk = len(model.node_a), len(model.node_k)
+    covariance = result.fitted.covariance
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    alike = [abs(covariance[k, na + k] / scale[k] / scale[na + k]) > ALIKE for k in range(min(na, nk))]
+    vague = (numbers.a6_std > VAGUE * np.abs(numbers.a6)) & (numbers.k1_std > VAGUE * np.abs(numbers.k1))
+    if all(alike) and np.all(vague):
+        ratio = float(np.mean(numbers.a6) / np.mean(numbers.k1))
+        return [f"a6 and k1 cannot be told apart: theta and beta move together; a6/k1 = {ratio:.3g} alone is known; "
+                "log a stretch with a test input"]
+    _, _, phi = weak.columns(m, result.terms, m.at(result.delay))
+    theta, beta = (float(np.std(phi[:, k] - phi[:, 0] * (phi[:, k].sum() / phi[:, 0].sum()))) for k in (1, 2))
+    worth = float(np.median(numbers.a6_std)) * theta
+    if worth > WORTH * max(float(np.median(np.abs(numbers.k1))) * beta, float(np.median(np.abs(numbers.a6))) * theta):
+        return [f"a6 cannot be determined: {numbers.a6.mean():.3g} +- {numbers.a6_std.mean():.2g} 1/s^2; log a stretch "
+                "in which theta moves more"]
+    return []

@@ -1,0 +1,280 @@
+"""The search from a log to its model: source of the nozzle angle, terms, variation of a6 and k1, wind.
+
+Every choice is made by the likelihood with Schwarz' penalty, from the plain model upward.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..identification.missing_terms import LARGE
+from ..identification.weak_form import INCREMENT
+from ..sums import combined, inner, square
+from . import filter as fl
+from . import weak
+from .channels import Channels
+from .model import Model, command, run
+from .scoring import Fitted, fit, penalised, scores, solved
+
+HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
+FOLLOWS = 0.5          # share of the nozzle's variance that a delayed command explains, if it drives it
+SERVO = 40.0           # rad/s, where a servo's frequency is first looked for
+SERVO_DAMPING = 0.7
+FASTEST = 5.0          # over the sample period: a servo beyond it is done within a row
+LATEST = 0.4           # s: the longest delay looked for
+EARLIEST = -0.05       # s: a nozzle that follows the motion is no input, and is seen
+NODES = (2, 3, 5, 9, 17)
+NEAREST = 4.0          # s between nodes
+MARGIN = 5.0           # nats, beside the penalty, that a further term must bring
+WIND_MARGIN = -7.0     # the same of wind: calm believed in wind is 4 std wrong, wind in calm only wide
+TRIED = 8              # steps of scoring, where models are compared
+FIRST = 12             # the same of the plain model, from the weak form's numbers
+LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}  # rad/s^2/sqrt(s), rad/s^2, s: wind, at first
+SMALLEST = 0.02        # of the largest |a6|, by which wind acts at least
+TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
+MOST_PARTS = 8         # that are added to the plain model
+PLAIN = ("theta", "beta")
+STANDS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
+               for rest in ((), ("theta_dot",), ("theta_dot", "sign(theta_dot)")))  # where a stand's model may begin
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The result of the search.
+
+    fitted  the model at its maximum;  finer  the same with nodes between the nodes, None: constant
+    motion, terms, delay   of the weak form;  r2  held out
+    """
+
+    fitted: Fitted
+    finer: Fitted | None
+    motion: weak.Motion
+    terms: tuple[str, ...]
+    delay: float
+    r2: float
+
+
+def noise_variance(x: np.ndarray) -> float:
+    """The variance of white noise on a smooth channel, by third differences: their variance is 20 times the noise's."""
+    x = x[np.isfinite(x)]
+    d = np.diff(x, 3)
+    quantum = np.diff(np.unique(x))
+    floor = float(np.min(quantum[quantum > 0.0], initial=math.inf)) if len(quantum) else math.inf
+    floor = floor * floor / 12.0 if math.isfinite(floor) else 0.0
+    usual = float(np.median(np.abs(d)) / 0.6745) ** 2 / 20.0 if len(d) else 0.0
+    return max(usual, floor, 1e-20)
+
+
+def sizes(c: Channels, m: weak.Motion) -> dict[str, float]:
+    """The largest values of the channels, by name."""
+    def size(x: np.ndarray) -> float:
+        return float(np.nanmax(np.abs(x))) + 1e-12
+    u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
+    return {"theta": size(m.theta), "theta_dot": size(m.rate), "beta": size(u),
+            "beta_rate": size(np.diff(u)) / c.period + 1e-12,
+            "moment": size(m.rate[m.span:] - m.rate[:-m.span]) / INCREMENT}
+
+
+def bounds(c: Channels) -> dict[str, tuple[float, float]]:
+    """The ranges of the free numbers: no log shows what is faster than a few rows, or slower than the log is long."""
+    length = float(c.t[-1])
+    return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, 5.0),
+            "turbulence_time": (2.0 * c.period, length)}
+
+
+def source_of(c: Channels) -> int:
+    """The source of the nozzle angle: the command through a servo, its own measurement, or the command alone."""
+    if not c.has("beta"):
+        return fl.DIRECT
+    if not c.has("beta_cmd"):
+        return fl.MEASURED
+    beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
+    left = [_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in np.arange(0.0, LATEST, max(c.period, 0.01))]
+    return fl.COMMAND if min(left) < 1.0 - FOLLOWS else fl.MEASURED
+
+
+def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
+    """Share of y's variance that a line in x leaves."""
+    y, x = y - y.mean(), x - x.mean()
+    below = square(x) * square(y)
+    return 1.0 - inner(x, y) ** 2 / below if below > 0.0 else 1.0
+
+
+def servo_start(c: Channels) -> float:
+    """The delay [s] of the command to the nozzle beyond what a servo of SERVO has."""
+    beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
+    grid = np.arange(0.0, LATEST, max(c.period / 2.0, 0.002))
+    best = float(grid[int(np.argmin([_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in grid]))])
+    return max(best - 2.0 * SERVO_DAMPING / SERVO, 0.0)
+
+
+def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], delay: float) -> Model:
+    """The plain model with its first numbers: those of the weak form, and noises of the channels' own roughness."""
+    _, y, phi = weak.columns(m, terms, m.at(delay))
+    xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
+    left = y - combined(phi, weak.solve(phi, y))
+    numbers = {"q_a": max(square(left) / len(left) / INCREMENT, 1e-12), "delay": delay}
+    free = ["q_a"]
+    for name, channel in (("r_theta", c.theta), ("r_theta_dot", c.theta_dot)):
+        if c.has(name[2:]):
+            numbers[name] = noise_variance(channel)
+            free.append(name)
+    if source != fl.DIRECT:
+        numbers["r_beta"] = noise_variance(c.beta)
+        free.append("r_beta")
+    if source == fl.COMMAND:
+        numbers |= {"servo": SERVO, "damping": SERVO_DAMPING, "delay": servo_start(c),
+                    "q_b": numbers["r_beta"] * c.period}
+        free += ["q_b", "servo", "damping"]
+    elif source == fl.MEASURED:
+        u = weak.filled(c.t, c.beta)
+        rough = float(np.var(np.diff(u))) / c.period**2
+        numbers |= {"servo": 2.0 / c.period / 5.0, "q_b": max(rough, 1e-12) * 2.0 / c.period / 5.0}
+        free += ["q_b", "servo"]
+    linear = np.array([xi[term] for term in terms])
+    return Model(source, np.zeros(1), np.zeros(1), linear, numbers, (*free, "delay"), sine="sin(theta)" in terms,
+                 damping="theta_dot" in terms, friction="sign(theta_dot)" in terms,
+                 smooth=3.0 * math.sqrt(numbers.get("r_theta_dot", 0.0)) or 0.05 * float(np.max(np.abs(m.rate))),
+                 gyro_offset=c.has("theta") and c.has("theta_dot"), sizes=sizes(c, m), bounds=bounds(c))
+
+
+def search(c: Channels) -> Found:
+    """The model of a log."""
+    u = command(c)
+    idle = float(np.nanmax(u)) == float(np.nanmin(u))
+    source = fl.DIRECT if idle else source_of(c)
+    m = weak.motion(c, source != fl.DIRECT)
+    best = None
+    for terms in STANDS if large(c) else (PLAIN,):
+        delay = 0.0 if source == fl.COMMAND or idle else best_delay(c, m, terms)
+        model = start(c, source, m, terms, delay)
+        if idle:
+            model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
+                            linear=np.where(np.arange(len(model.linear)) == 1, 0.0, model.linear))
+        now = fit(model, c, FIRST)
+        if source == fl.DIRECT and not idle:
+            now = servo_instead(now, c)
+        if best is None or now.bic > best[0].bic + (-MARGIN if now.model.sine and not best[0].model.sine else MARGIN):
+            best = now, terms, delay   # at large angles it is sin(theta), unless it is not
+    assert best is not None
+    now, terms, delay = best
+    now = fit(grown(now, c).model, c)
+    gravity = "sin(theta)" if now.model.sine else "theta"
+    terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
+    return Found(now, between(now, c), m, terms, delay, weak.held_out(m, terms, delay))
+
+
+def large(c: Channels) -> bool:
+    """Angles at which sin(theta) is not theta; a log without theta does not tell where 0 is."""
+    return c.has("theta") and bool(np.nanmax(np.abs(c.theta)) > LARGE)
+
+
+def best_delay(c: Channels, m: weak.Motion, terms: tuple[str, ...]) -> float:
+    """The best delay of the weak form [s]."""
+    return weak.best_delay(m, terms, EARLIEST, LATEST, max(c.period, 0.005))
+
+
+def is_held(c: Channels) -> bool:
+    """The command stays the same over rows: it is issued less often than it is logged."""
+    u = command(c)
+    return bool(np.mean(np.diff(u[np.isfinite(u)]) == 0.0) > HELD)
+
+
+def servo_instead(now: Fitted, c: Channels) -> Fitted:
+    """A servo between the command and the nozzle that no sensor sees, where that explains more than a delay."""
+    delay = now.model.numbers["delay"]
+    numbers = now.model.numbers | {"servo": SERVO, "damping": SERVO_DAMPING, "q_b": 0.0,
+                                   "delay": max(delay - 2.0 * SERVO_DAMPING / SERVO, 0.0)}
+    other = fit(replace(now.model, source=fl.COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c, FIRST)
+    return other if other.bic > now.bic else now
+
+
+def grown(now: Fitted, c: Channels) -> Fitted:
+    """The plain model with whatever brings most, until nothing brings more than it costs; then without what no longer
+    brings it."""
+    calm = now
+    for _ in range(MOST_PARTS):
+        asked = windy(now.model, c) if now is calm or now.model.walk else ()
+        better = [each for each in (fit(model, c, TRIED, still(model)) for model in asked)
+                  if each.bic > now.bic + (MARGIN if now.model.walk else WIND_MARGIN)]
+        hoped = max(((hope(model, c), k, model) for k, model in enumerate(candidates(now.model, c))), default=None)
+        if hoped is not None and hoped[0] > now.bic + MARGIN:
+            better.append(fit(hoped[2], c, TRIED, still(hoped[2])))
+        best = max(better, key=lambda each: each.bic, default=now)
+        if best.bic <= now.bic + MARGIN:
+            if now is calm or now.model.walk:
+                break
+            calm = now   # nodes and terms are there: is there wind beside them?
+            continue
+        now = best
+    for model in thinner(now.model):
+        without = fit(model, c, TRIED, still(model))
+        if without.bic + (WIND_MARGIN if now.model.walk and not model.walk else 0.0) > now.bic:
+            now = without
+    return now
+
+
+def hope(model: Model, c: Channels) -> float:
+    """The expected `Fitted.bic`, by one step of scoring: exact where the model is linear in what was added."""
+    none = replace(model, free=())
+    base = run(none, c)
+    score, information = scores(none, c, base)
+    gradient = score.sum(axis=0)
+    gain = 0.5 * float(gradient @ solved(information, gradient, 0.0))
+    return penalised(base.ln_l + gain, model, base)
+
+
+def candidates(model: Model, c: Channels) -> Iterator[Model]:
+    """Models with one linear addition each: nodes, rate damping, dry friction."""
+    end, count = float(c.t[-1]), len(model.node_a)
+    more = [k for k in NODES if k > count and (k == 2 or end / (k - 1) >= NEAREST)]
+    for k in more[:2] if count > 1 else more[:3]:
+        yield model.with_nodes(*[np.linspace(0.0, end, k)] * 2)
+    rest = model.rest
+    if not model.damping:
+        front = model.linear[:len(model.linear) - len(rest)]
+        yield replace(model, damping=True, linear=np.concatenate([front, [0.0], rest]))
+    if not model.friction and large(c):   # of bearings, in test stands
+        yield replace(model, friction=True, linear=np.append(model.linear, 0.0))
+
+
+def windy(model: Model, c: Channels) -> Iterator[Model]:
+    """Wind beside what the model has; where a6 varies, acting as it does.  At large angles it is no wind."""
+    if large(c):
+        return
+    if not model.walk:
+        yield replace(model, numbers=model.numbers | LEVELS, free=(*model.free, *LEVELS))
+    elif len(model.node_a) > 1:
+        a6 = np.abs(model.linear[:len(model.node_a)])
+        a6 = np.maximum(a6, SMALLEST * np.max(a6))
+        yield replace(model, node_c=model.node_a, coupling=a6 / np.max(a6))
+
+
+def thinner(model: Model) -> Iterator[Model]:
+    """The model without wind, or without one of its terms."""
+    if model.walk:
+        yield replace(model, free=tuple(name for name in model.free if name not in LEVELS),
+                      numbers={name: value for name, value in model.numbers.items() if name not in LEVELS})
+    front, rest = model.linear[:len(model.linear) - len(model.rest)], model.rest
+    if model.damping:
+        yield replace(model, damping=False, linear=np.concatenate([front, rest[1:]]))
+    if model.friction:
+        yield replace(model, friction=False, linear=np.concatenate([front, rest[:-1]]))
+
+
+def still(model: Model) -> tuple[str, ...]:
+    """Free numbers that are sought anew where two models are compared: unmodelled accelerations, wind, and the delay of
+    a nozzle that only its effect tells."""
+    names = (*LEVELS, *(("delay",) if model.source == fl.MEASURED else ()))
+    return ("q_a", *(name for name in names if name in model.free))
+
+
+def between(now: Fitted, c: Channels) -> Fitted | None:
+    """The model with nodes between its nodes; None where a6 and k1 do not vary."""
+    nodes = now.model.node_a
+    if len(nodes) == 1:
+        return None
+    finer = np.linspace(nodes[0], nodes[-1], 2 * len(nodes) - 1)
+    return fit(now.model.with_nodes(finer, finer), c, TRIED, ())

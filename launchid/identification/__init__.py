@@ -1,0 +1,1 @@
+"""Identification of a log, window by window, and what its windows promise."""

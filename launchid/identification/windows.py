@@ -1,0 +1,324 @@
+"""The run of the on-board estimator over a log or a flight, and its answer as JSON and as a table."""
+
+import collections
+import dataclasses
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+
+from launchid_core import Change, Config, Estimate, Estimator, Model, Status
+from sim.errors import InputError, UsageError
+from sim.nominal import Nominal
+from sim.sections import SERVO, Offsets
+from sim.shown import servo_lines, slow_hint, with_std
+
+from ..diagnosis.data.stops import saturations
+from ..log.log import Log
+from ..onboard import MODELLED, onboard_model
+from ..running import run
+from .missing_terms import Lack
+from .run import Identified, identified
+from .weak_form import near_all
+from .window_validation import Judged, withdrawn
+
+__all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
+           "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
+
+OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
+NO_SERVO: dict[str, Any] = {name: {"value": None, "std": None} for name in SERVO}  # the model is contradicted
+IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
+FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "restarts of the filter",
+                "LEVEL_CLAMP": "noise-level steps limited (normal at the start)",
+                "CHANGE_WITHDRAWN": "sudden changes withdrawn", "STUCK": "windows with a sensor that stood still",
+                "WRAP": "jumps of theta by a whole turn undone"}
+
+
+def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
+    """The formulation as asked, or filtered with a nominal that it has a model of, else measured if the log has
+    theta_ddot, else integral (`reproduce`).
+
+    UsageError for what was asked and the input lacks.
+    """
+    default = "measured" if "theta_ddot" in log.columns else "integral"
+    formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
+    if formulation == "measured" and "theta_ddot" not in log.columns:
+        raise UsageError("formulation measured needs the column theta_ddot, which the log lacks")
+    if formulation == "filtered" and nominal is None:
+        raise UsageError("formulation filtered needs a nominal (profile, actuator, noises)")
+    if tracked and formulation != "filtered":
+        raise UsageError("--tracked needs --nominal, with which --formulation is filtered")
+    return formulation
+
+
+def is_stand(nominal: Nominal) -> bool:
+    """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
+    return bool(nominal.terms) or nominal.actuator is None
+
+
+def stand_library(nominal: Nominal) -> tuple[str, ...]:
+    """The terms of a nominal, as a library."""
+    rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
+    return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
+        tuple(term for term, _ in nominal.terms)
+
+
+def log_config(log: Log, nominal: Nominal | None, window: float | str, formulation: str | None, tracked: bool,
+               **choices: Any) -> Config:
+    """Config for a log; UsageError for what the options ask and the log lacks.
+
+    window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
+    """
+    formulation = chosen_formulation(log, nominal, formulation, tracked)
+    if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
+        choices["library"] = stand_library(nominal)
+    model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
+    if window == "all":
+        t = log.t[log.in_range("t") & log.in_range("theta") & log.in_range("beta")]
+        t = t if len(t) else log.t[np.isfinite(log.t)]
+        t = t[near_all(t, log.period)]
+        timing: dict[str, Any] = whole_log(len(t), log.period, float(np.min(t)), float(np.max(t)))
+    else:
+        try:
+            timing = {"window": float(window), "sample_period": log.period}
+        except (TypeError, ValueError):
+            raise UsageError(f"window {window!r}: expected seconds or 'all'") from None
+    try:
+        return Config(**timing, formulation=formulation, model=model, **saturations(log) | choices)
+    except ValueError as error:
+        if str(error).startswith("sample_period"):
+            raise InputError(f"{log.path}: column t: {error}{slow_hint(log.period)}") from None
+        if window == "all" and str(error).startswith("window"):
+            raise InputError(f"{log.path}: too short for a window: {error}") from None
+        raise UsageError(f"{error}{slow_hint(log.period)}") from None
+
+
+def servo_note(log: Log, nominal: Nominal | None, config: Config) -> tuple[str, ...]:
+    """A note of what a log cannot tell of a servo of which [actuator] gives a sigma."""
+    servo = None if nominal is None else nominal.actuator
+    if nominal is None or servo is None or servo.is_known:
+        return ()
+    there = log.in_range("beta_cmd") & log.in_range("beta") if "beta_cmd" in log.columns else np.zeros(0, bool)
+    if not there.any():
+        lacking = "column beta_cmd is missing: without the command"
+    elif np.array_equal(log.beta[there], log.beta_cmd[there]):
+        lacking = "column beta is the command itself: without a sensor of the nozzle"
+    elif config.missing_commands > 0.0:
+        lacking = "slower than the controller: without the commands between its rows"
+    else:
+        return ()
+    names = ", ".join(name for name in SERVO if getattr(servo, f"{name}_sigma") > 0.0)
+    return (f"{log.path}: {lacking} nothing is known of the servo's {names} but what {nominal.path} declares; log it, "
+            "or declare the servo known",)
+
+
+def whole_log(rows: int, period: float, t_first: float, t_last: float) -> dict[str, float]:
+    """Config fields `window` and `sample_period` that make one window of a whole log."""
+    span = max(t_last - t_first, period)
+    period = min(period, span / max(rows - 1, 1))
+    return {"window": span + period, "sample_period": period}
+
+
+def number(x: float) -> float | None:
+    """A JSON number: null for what is not finite."""
+    return float(x) if math.isfinite(x) else None
+
+
+def window_json(estimate: Estimate) -> dict[str, Any]:
+    """One window in the contract's words."""
+    names = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition")
+    active = [(term, estimate.xi[j, 1]) for j, term in enumerate(estimate.terms) if estimate.support[j, 1]]
+    return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
+            "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
+            "terms": {term: number(value) for term, value in active},
+            "terms_std": {term: number(std) for term, std in estimate.terms_std.items()},
+            "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate),
+            **actuator_json(estimate)}
+
+
+def air_json(estimate: Estimate) -> dict[str, Any]:
+    """Wind and offsets at t_end."""
+    return {"wind": number(estimate.wind), "wind_std": number(estimate.wind_std),
+            "offsets": {name: {"value": number(offset.value), "std": number(offset.std)}
+                        for name, offset in estimate.offsets.items()}}
+
+
+def actuator_json(estimate: Estimate) -> dict[str, Any]:
+    """The servo at t_end, from all data so far, where it is estimated."""
+    if estimate.actuator is None:
+        return {}
+    return {"actuator": {name: {"value": number(each.value), "std": number(each.std)}
+                         for name, each in estimate.actuator.items()}}
+
+
+def tracked_json(estimate: Estimate) -> dict[str, Any]:
+    """The tracked estimate at a window's end."""
+    tracked = estimate.tracked
+    assert tracked is not None
+    return {"valid": tracked.valid, **{name: number(getattr(tracked, name))
+                                       for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr")},
+            **air_json(estimate)}
+
+
+def change_json(change: Change) -> dict[str, Any]:
+    """One sudden change."""
+    return {"t": change.t, "t_std": change.t_std, "parameter": change.parameter, "before": change.before,
+            "after": change.after, "size": change.size, "size_std": change.size_std}
+
+
+def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
+           judged: Judged | None = None) -> dict[str, Any]:
+    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
+
+    judged   of a log that is whole: the estimates, each with its fit, and what they lack; None: of one that goes on, in
+             which a contradiction of the model takes back the windows of the 20 s before it
+    """
+    counts, config = estimator.counts, estimator.config
+    said: dict[str, Any] = {}
+    if judged is not None:
+        estimates = judged.estimates
+    elif config.formulation == "filtered":
+        estimates = withdrawn(estimates)
+    windows = [window_json(estimate) for estimate in estimates]
+    if judged is not None:
+        for window, fit in zip(windows, judged.fits, strict=True):
+            window["fit"] = {"r2_held_out": fit.r2, "whiteness": fit.whiteness}
+        if config.formulation != "filtered":
+            said["lacks"] = [lack_json(lack) for lack in judged.lacks]
+        if judged.lacks:
+            missing = [lack.what for lack in judged.lacks if lack.size is not None
+                       and lack.what not in ("delay", "beta_ddot")]
+            library = ",".join((*config.terms, *missing))
+            said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
+    if tracked:
+        for window, estimate in zip(windows, estimates, strict=True):
+            window["tracked"] = tracked_json(estimate)
+    if not any(window["valid"] for window in windows):
+        said["why"] = why(windows)
+    if config.model is not None and (asked := next_step(windows, config.model)):
+        said["next"] = asked
+    known = [window["actuator"] for window in windows if window.get("actuator", NO_SERVO) != NO_SERVO]
+    if config.model is not None and not all(getattr(config.model, f"{name}_sigma") == 0.0 for name in SERVO):
+        said["actuator"] = known[-1] if known else NO_SERVO
+    changes = {"changes": [change_json(change) for change in estimator.changes()]} if tracked else {}
+    return {"windows": windows, **changes, **said,
+            "samples": {"accepted": sum(counts[status.name] for status in Status if status >= 0),
+                        "rejected": {status.name: counts[status.name] for status in Status
+                                     if status < 0 and counts[status.name] > 0}},
+            "filter": {name: n for name, n in counts.items() if name not in Status.__members__}}
+
+
+def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
+    """The identify JSON of a whole log."""
+    said = report(result.estimates, result.estimator, tracked, result.judged)
+    if "why" in said and (reason := result.log.unusable()):
+        said["why"] += f"; {reason}"
+    if result.foreign:
+        said["next"] = f"correct the log first: {result.foreign}"
+    if result.config.formulation == "filtered":
+        return said
+    return said | {"delay": None if result.delay is None else result.delay.json}
+
+
+REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
+           "RANK": "the terms cannot be told apart: one of them does not move, or two move as one",
+           "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
+           "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
+           "SEPARATION": "a6 and k1 cannot be told apart"}
+
+
+def why(windows: list[dict[str, Any]]) -> str:
+    """One sentence that says why no window is valid."""
+    if not windows:
+        return "no window of this log is valid: none is complete"
+    counts = collections.Counter(window["status"] for window in windows)
+    said = [f"{REASONS.get(status, status)} ({status}, {n} of {len(windows)} windows)"
+            for status, n in counts.most_common()]
+    return f"no window of this log is valid: {'; '.join(said)}"
+
+
+def next_step(windows: list[dict[str, Any]], model: Model) -> str:
+    """The advice where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
+    cause; "" where none does."""
+    refused = sum(window["status"] == "MODEL" for window in windows)
+    if not refused:
+        return ""
+    declared = {"[wind]": any(getattr(model, name) > 0.0 for name in ("walk", "wind_initial", "turbulence")),
+                "[offsets]": any(getattr(model, name) > 0.0 for name in OFFSETS)}
+    lacks = " and no ".join(section for section, there in declared.items() if not there)
+    declare = f"its nominal declares no {lacks}: declare what there may be, and it is estimated; " if lacks else ""
+    return (f"{refused} of {len(windows)} windows contradict the model (MODEL): {declare}"
+            "`launchid diagnose` looks for the cause")
+
+
+def lack_json(lack: Lack) -> dict[str, Any]:
+    """The lack of an answer in the JSON."""
+    return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
+            "size": None if lack.size is None else number(lack.size)}
+
+
+def lack_words(lack: Lack, library: str) -> str:
+    """One line on the lack of an answer: what it would gain, and what to do; library  with all terms that it lacks."""
+    after, before = 100.0 * lack.after, 100.0 * lack.before
+    shares = lack.shares
+    if lack.what == "interpolated":
+        return "beta has fewer values than the log has rows, and lines between them: log beta at every row, as it acts"
+    if lack.what == "coefficients":
+        return (f"other coefficients of the same terms predict {after:.3g} % of the motion, the window's {before:.3g} "
+                "%: noise in theta or beta, or something slow, draws them off")
+    if lack.size is None:
+        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be "
+                "determined" if lack.what == "placebo" else "the fit predicts nothing of rows that are left out of it")
+    if lack.what == "delay":
+        late = "later" if lack.size > 0.0 else "sooner"
+        return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({shares}): shift it by that"
+    if lack.what == "beta_ddot":
+        return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({shares}): no library has "
+                "that term, the cause nozzle_inertia of `launchid diagnose` has")
+    what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else \
+        f"the term {lack.what} with the coefficient {lack.size:.3g}"
+    return f"{what} acts in the log ({shares}): identify with --library {library}"
+
+
+def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
+    """Lines that say when a term of theta_ddot enters or leaves, from window to window; none while they stay."""
+    lines = []
+    valid = [w for w in windows if w["valid"]]
+    for before, after in itertools.pairwise(valid):
+        entered = [term for term in after["terms"] if term not in before["terms"]]
+        left = [term for term in before["terms"] if term not in after["terms"]]
+        if entered or left:
+            words = [f"{', '.join(terms)} {verb}" for terms, verb in ((entered, "enters"), (left, "leaves")) if terms]
+            lines.append(f"structure from {after['t_start']:.2f} s on: {'; '.join(words)}")
+    return lines
+
+
+def table(result: dict[str, Any]) -> str:
+    """The windows as a table for a terminal."""
+    tracked = any("tracked" in w for w in result["windows"])
+    heads = ["a6 +- std [1/s^2]", "k1 +- std [1/s^2]", *(("tracked a6 +- std", "tracked k1 +- std") if tracked else ())]
+    lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
+
+    def pair(numbers: dict[str, Any], name: str) -> str:
+        return f"{with_std(numbers[name], numbers[f'{name}_std']):>20}"
+
+    for w in result["windows"]:
+        terms = ", ".join(term if term in IN_COLUMNS else f"{term} {with_std(value, w['terms_std'].get(term))}"
+                          for term, value in w["terms"].items())
+        pairs = [pair(numbers, name) for numbers in (w, *([w["tracked"]] if tracked else [])) for name in ("a6", "k1")]
+        lines.append(f"{w['t_start']:>9.3f} {w['t_end']:>9.3f} {w['status']:<15} {' '.join(pairs)}  {terms}")
+    lines += structure_lines(result["windows"])
+    for c in result.get("changes", []):
+        before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
+        lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
+                     f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
+    lines += servo_lines(result.get("actuator", {}))
+    lines += [result[words] for words in ("why", "next") if words in result]
+    samples = result["samples"]
+    rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
+    lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")
+    done = ", ".join(f"{FILTER_WORDS[name]}: {n}" for name, n in result["filter"].items() if n > 0)
+    if done:
+        lines.append(f"filter: {done}")
+    return "\n".join(lines)

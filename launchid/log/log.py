@@ -1,0 +1,306 @@
+"""Flight logs: CSV in and out; a file, a FIFO (a shell's `<(...)`), or `-` for standard input.
+
+Required columns t, theta, beta; optional theta_dot, theta_ddot, beta_cmd,
+theta_ref, rate_ref, and gamma or alpha; others are ignored with one line of notice.  SI units.  An empty cell
+or `nan` is "not measured".  What cannot be read is an InputError naming file,
+line and column; bad time stamps and values are data, and pass.
+
+The logs of `data/logs`, which others measured (SOURCES.md there), are read by their names.
+"""
+
+import contextlib
+import math
+import os
+import stat
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+import sim
+from launchid_core import Sample
+from sim.csv_text import AS_TEXT, rows
+from sim.errors import InputError, did_you_mean
+from sim.files import is_read, reads, write_text
+from sim.log_table import OPTIONAL, REQUIRED, Columns, places, shown
+from sim.result import Result
+
+if TYPE_CHECKING:
+    from sim.flight import Flight
+    from sim.result import Columns as Table
+    from sim.result import Figure
+
+MEASURED = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
+STANDARD_INPUT = "-"
+SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
+FED = 4096         # rows that are samples at a time
+MOVING = ("theta", "theta_dot", "beta")  # where anything moves
+DATES = "mM"       # numpy's kinds of a duration and a date
+
+
+@dataclass(frozen=True, eq=False)
+class Log(Result):
+    """A log as arrays of equal length; NaN where not measured, whole columns of NaN where the file has none."""
+
+    path: str
+    columns: tuple[str, ...]   # the known ones that the file has
+    ignored: tuple[str, ...]   # the unknown ones
+    t: np.ndarray
+    theta: np.ndarray
+    theta_dot: np.ndarray
+    beta: np.ndarray
+    theta_ddot: np.ndarray
+    beta_cmd: np.ndarray
+    theta_ref: np.ndarray
+    gamma: np.ndarray = None     # type: ignore[assignment]  # left out: not measured, as the next two
+    alpha: np.ndarray = None     # type: ignore[assignment]
+    rate_ref: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("gamma", "alpha", "rate_ref"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(len(self.t), math.nan))
+
+    def measured(self) -> dict[str, np.ndarray]:
+        """The known columns that there are."""
+        return {name: getattr(self, name) for name in self.columns}
+
+    def in_range(self, name: str) -> np.ndarray:
+        """(rows,) bool: where this column is a number that the estimator does not reject as out of range."""
+        from launchid_core import Config
+        return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
+
+    def is_same(self, other: "Log") -> bool:
+        """Whether the other has the same columns, to the bit."""
+        return self.columns == other.columns and all(
+            np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
+
+    def unusable(self) -> str:
+        """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
+        change; in words, "" if there are none."""
+        from launchid_core import Config
+        units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
+        beyond, still = [], []
+        for name, x in self.measured().items():
+            limit = getattr(Config, f"{name}_limit", math.inf)
+            if rows := int(np.count_nonzero(np.abs(x) > limit)):
+                beyond.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {rows} of {len(x)} rows")
+            if name in MOVING and np.nanmax(x, initial=-math.inf) == np.nanmin(x, initial=math.inf):
+                still.append(name)
+        said = [f"{'; '.join(beyond)}, which rejects them: expected SI units"] if beyond else []
+        if still:
+            said.append(f"{', '.join(still)} never change{'s' * (len(still) == 1)} in {len(self.t)} rows")
+        return "; ".join(said)
+
+    def table(self) -> "Table":
+        return {name: x.tolist() for name, x in self.measured().items()}
+
+    def summary(self, of: str | None = None) -> str:
+        """The log in words: rows, time, and the share of rows in which each column is measured."""
+        shares = ", ".join(f"{name} {100.0 * np.isfinite(x).mean():.4g} %"
+                           for name, x in self.measured().items() if name != "t")
+        t = self.t[np.isfinite(self.t)]
+        steps = np.diff(t)
+        rows = f"{len(self.t)} rows over {np.ptp(t) if len(t) else 0.0:.6g} s"
+        if (steps > 0).any():
+            rows += f", {np.median(steps[steps > 0]):.6g} s apart"
+        return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
+
+    def _figure(self) -> "Figure":
+        from sim.pictures import log_figure
+        return log_figure(self)
+
+    @property
+    def flight_path(self) -> np.ndarray:
+        """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
+        return self.theta - self.alpha if "alpha" in self.columns else self.gamma
+
+    @property
+    def period(self) -> float:
+        """Median step between finite stamps that go forward [s]; InputError if there is none, or it is no time."""
+        period = self.check_clock()
+        if period is None:
+            steps = np.diff(self.t[np.isfinite(self.t)])
+            remedy = "t runs backward: sort the rows by t" if (steps < 0).any() and len(steps) else \
+                "no two increasing time stamps, so there is no sample period"
+            raise InputError(f"{self.path}: column t: {remedy}")
+        return period
+
+    @np.errstate(over="ignore")
+    def check_clock(self) -> float | None:
+        """Median step between finite stamps that go forward [s], None if none does; InputError if it is no time."""
+        steps = np.diff(self.t[np.isfinite(self.t)])
+        steps = steps[steps > 0]
+        period = float(np.median(steps)) if len(steps) > 0 else None
+        if period is not None and not period >= SHORTEST:
+            raise InputError(f"{self.path}: column t: its median step is {period:g} s; expected at least "
+                             f"{SHORTEST:g} s")
+        return period
+
+    def samples(self) -> Iterator[Sample]:
+        """The rows as the estimator's samples."""
+        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+                   self.flight_path)
+        for first in range(0, len(self.t), FED):  # as Python's floats a log takes four times its arrays
+            part = [column[first:first + FED].tolist() for column in columns]
+            yield from starmap(Sample, zip(*part, strict=True))
+
+
+def measured_logs() -> tuple[str, ...]:
+    """Names of the logs that come with the package."""
+    return tuple(sorted(path.stem for path in MEASURED.glob("*.csv")))
+
+
+def locate_log(text: str) -> Path:
+    """A log by path, or by the name of one that comes with the package when no such file exists."""
+    path = Path(text)
+    return MEASURED / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
+
+
+@contextlib.contextmanager
+def _opened(path: str) -> Iterator[TextIO]:
+    """A log's text: of standard input for `-`, of a regular file, of the package's, of a FIFO (which can be read
+    once)."""
+    located = locate_log(path)
+    if path == STANDARD_INPUT:
+        if sys.stdin is None:
+            raise InputError("-: standard input is closed; expected a CSV log there")
+        number = sys.stdin.fileno()
+        reads(number)
+        with open(number, closefd=False, **AS_TEXT) as file:
+            yield file
+        return
+    from sim.nominal import BUILT_IN, STANDS
+    if path.endswith(".toml") or (path in BUILT_IN + STANDS and not os.path.exists(path)):
+        raise InputError(f"{path}: a nominal; the log comes first: COMMAND LOG NOMINAL")
+    if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
+        if is_read(path):
+            raise InputError(f"{path}: named twice, and a pipe can be read once; expected another log")
+    elif not os.path.isfile(path) and not located.is_file():
+        what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
+        raise InputError(f"{path}: {what}; " + did_you_mean(
+            path, measured_logs(), f"expected a CSV log with the columns t, theta, beta, or one of "
+            f"{', '.join(measured_logs())}"))
+    reads(located)
+    with open(located, **AS_TEXT) as file:
+        yield file
+
+
+def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
+    """Read a log; InputError in one line if it cannot be used.
+
+    path      of a file, `-`: standard input, or the name of a log that comes with the package
+    required  columns without which it cannot be; a row is usable where all of them are finite
+    """
+    path = str(path)
+    try:
+        with _opened(path) as file:
+            read = rows(path, file)
+            header = next(read, None)
+            if header is None:
+                raise InputError(f"{path}: empty file; expected a header with {', '.join(required)}")
+            columns = Columns(path, header[1], required, f"line {header[0]}: ")
+            values = columns.read(read)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    return _made(path, values, required, columns.ignored)
+
+
+def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
+    """A log of these columns; InputError if no row can be used."""
+    if not np.logical_and.reduce([np.isfinite(values[name]) for name in required]).any():
+        raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
+    return log_of_values(path, values, ignored)
+
+
+def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...] = ()) -> Log:
+    """A log of these columns, even if no row of it can be used; those that it lacks are one array of NaN."""
+    nothing = np.full(len(values["t"]), math.nan)
+    missing = {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
+    return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
+
+
+def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:
+    """A log of columns in memory: a mapping, or a data frame of any library (names in `columns`, taken by them).
+
+    path  what messages call it;  None and NA are not measured
+    """
+    given = _names(path, columns)
+    names = places(path, [str(name) for name in given], required, "")
+    known = [name for name in REQUIRED + OPTIONAL if name in names]
+    values = {name: _column(path, name, columns[given[names[name]]]) for name in known}
+    lengths = {name: len(x) for name, x in values.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"{path}: columns of unequal length ({', '.join(f'{k} {n}' for k, n in lengths.items())})")
+    return _made(path, values, required, tuple(name for name in names if name not in known))
+
+
+def _names(path: str, columns: Any) -> list[Any]:
+    """The names of a frame, a mapping or a structured array; InputError for what has none."""
+    if hasattr(columns, "collect"):
+        raise InputError(f"{path}: expected a frame that holds its data, .collect(); found {type(columns).__name__}")
+    named = columns.columns if hasattr(columns, "columns") else getattr(getattr(columns, "dtype", None), "names", None)
+    if named is None and isinstance(columns, Mapping):
+        named = columns
+    if named is None or isinstance(columns, type):
+        raise InputError(f"{path}: expected a path, a data frame, or a mapping of the columns t, theta, beta; found "
+                         f"{type(columns).__name__}")
+    return list(named)
+
+
+def _column(path: str, name: str, column: Any) -> np.ndarray:
+    raw = np.asarray(column) if hasattr(column, "dtype") else column
+    if isinstance(raw, np.ndarray) and raw.dtype.kind in DATES:
+        raise InputError(f"{path}: column {name}: it holds dates; expected numbers"
+                         + (", seconds from the first row on" if name == "t" else ""))
+    if isinstance(raw, np.ndarray) and raw.dtype.kind == "c":
+        raise InputError(f"{path}: column {name}: its numbers are complex; expected real ones")
+    try:
+        values = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        values = np.array([_in_memory(path, name, k, x) for k, x in enumerate(column)])
+    if values.ndim != 1:
+        raise InputError(f"{path}: column {name}: {values.ndim} dimensions; expected one")
+    return values
+
+
+def _in_memory(path: str, name: str, row: int, x: Any) -> float:
+    """A cell of what is no plain array: None and a frame's NA are not measured."""
+    if x is None or repr(x) == "<NA>":
+        return math.nan
+    try:
+        return float(x)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{path}: row {row}, column {name}: {shown(str(x))} is no number") from None
+
+
+def flown_columns(flight: "Flight") -> dict[str, np.ndarray]:
+    """The columns of a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has
+    them)."""
+    names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
+    names += [name for name in ("theta_ddot", "gamma", "rate_ref") if not np.isnan(getattr(flight, name)).all()]
+    return {name: getattr(flight, name) for name in names}
+
+
+def flown_log(flight: "Flight", path: str = "flight") -> Log:
+    """The log of a flight, as it would be read."""
+    return _made(path, flown_columns(flight), REQUIRED, ())
+
+
+def write_flight(path: str | Path, flight: "Flight") -> None:
+    """Write a flown log, in the shortest numbers that read back to the same bits."""
+    write_columns(path, flown_columns(flight))
+
+
+def write_columns(path: str | Path, columns: dict[str, np.ndarray]) -> None:
+    """Write columns of equal length as CSV."""
+    def lines() -> Iterator[str]:
+        yield ",".join(columns) + "\n"
+        for row in zip(*(x.tolist() for x in columns.values()), strict=True):
+            yield ",".join(map(repr, row)) + "\n"
+
+    write_text(path, lines())

@@ -1,0 +1,1 @@
+"""Monte Carlo campaigns of drawn vehicles, and the proof of requirements."""

@@ -1,0 +1,177 @@
+"""A campaign's journal: one line a finished job, appended while it runs, put in order into one table at the end.
+
+The first line says what the campaign is (a hash) and how many jobs it has; each other is `[job, row]`, the row an
+object of plain values, or `[job, "error"]`.  JSON with Python's shortest floats, so that what is read back has the
+same bits.  A line counts once its newline is there: the last one, torn by a kill, is cut off when the journal is
+opened again.  A job that stands twice (a worker that was thought dead and was not) counts once, the first.  Whatever
+else stands there is an InputError that names the line.
+"""
+
+import csv
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from sim.errors import InputError
+from sim.files import atomic_path
+
+Value = float | int | str
+Row = dict[str, Value]
+Outcome = Row | str   # of a job: its row, or the one line of its error
+
+FORMAT = "launchid campaign 1"
+ERROR = "error"       # the table's last column: empty, or why the job has no row
+LONGEST = 1 << 24     # bytes of a line: a row has a few hundred
+
+
+class Journal:
+    """Finished jobs on disk.  `done[job]` is 1 for those; `append` adds more.
+
+    Opening one that exists continues it; InputError if it is another campaign's or cannot be used.
+    """
+
+    def __init__(self, path: Path, definition: str, jobs: int) -> None:
+        self.path = path
+        self.done = bytearray(jobs)
+        header = [FORMAT, definition, jobs]
+        try:
+            whole = self._read(header) if path.exists() else 0
+            self._file = path.open("ab")
+            self._file.truncate(whole)
+        except OSError as error:
+            raise InputError(f"{path}: journal cannot be used ({error.strerror})") from None
+        if whole == 0:
+            self._write([header])
+
+    def _read(self, header: list[Any]) -> int:
+        """Mark what is done; bytes of the whole lines."""
+        whole = 0
+        for number, end, value in read_lines(self.path):
+            if number == 1 and (not isinstance(value, list) or value != header):
+                raise InputError(f"{self.path}: the journal of another campaign (other jobs, work or options): finish "
+                                 "that one, or remove this file")
+            if number > 1:
+                self.done[_job(self.path, number, value, len(self.done))] = 1
+            whole = end
+        return whole
+
+    def _write(self, lines: Iterable[Any]) -> None:
+        self._file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def append(self, outcomes: Iterable[tuple[int, Outcome]]) -> int:
+        """Write these jobs' outcomes but those that are there already; how many were new."""
+        new = [(job, outcome) for job, outcome in outcomes if not self.done[job]]
+        self._write(new)
+        for job, _ in new:
+            self.done[job] = 1
+        return len(new)
+
+    def outcomes(self) -> Iterator[tuple[int, Outcome]]:
+        """The outcomes of the jobs that are done, in the order in which they ended; a job that stands twice comes
+        twice."""
+        for number, _, value in read_lines(self.path):
+            if number > 1:
+                yield value[0], value[1]
+
+    def close(self) -> None:
+        """Nothing more will be appended."""
+        self._file.close()
+
+
+def read_lines(path: Path) -> Iterator[tuple[int, int, Any]]:
+    """(line number, byte where it ends, value) of every whole line; a torn last one is left out.
+
+    InputError for a line that is no JSON and not the last, or the first: no interruption leaves that.
+    """
+    with path.open("rb") as file:
+        number, end, broken = 0, 0, 0
+        while line := file.readline(LONGEST):
+            number += 1
+            if broken:
+                raise _damaged(path, broken)
+            end += len(line)
+            try:
+                if not line.endswith(b"\n"):
+                    raise ValueError
+                value = json.loads(line)
+            except (ValueError, RecursionError):
+                if number == 1 and line.endswith(b"\n"):
+                    raise _damaged(path, 1) from None
+                broken = number
+                continue
+            yield number, end, value
+
+
+def _damaged(path: Path, line: int) -> InputError:
+    return InputError(f"{path}: line {line}: not a journal's line; remove the file to start anew")
+
+
+def _job(path: Path, number: int, value: Any, jobs: int) -> int:
+    """The job of a journal's line."""
+    if isinstance(value, list) and len(value) == 2:
+        job, outcome = value
+        plain = isinstance(outcome, str) or (isinstance(outcome, dict) and all(
+            isinstance(cell, (int, float, str)) for cell in outcome.values()))
+        if plain and type(job) is int and 0 <= job < jobs:
+            return job
+    raise _damaged(path, number)
+
+
+class Table(NamedTuple):
+    """The end of a campaign: its table and how many jobs it has."""
+
+    path: Path
+    jobs: int
+    failed: int   # rows with an error
+
+
+def write_table(journal: Path, path: Path, jobs: Sequence[Any]) -> Table:
+    """The table of a journal that has all these jobs, in their order: a job's fields, its row's, `error`.
+
+    The journal may have further ones, which are left out.  Rows are fetched one at a time from where the journal has
+    them, so memory does not grow with their width.
+    """
+    place = [-1] * len(jobs)
+    first: dict[str, int] = {}  # column -> the earliest job that has it
+    start, failed = 0, 0
+    for number, end, value in read_lines(journal):
+        if number > 1 and value[0] < len(jobs) and place[value[0]] < 0:
+            job, outcome = value
+            place[job] = start
+            failed += isinstance(outcome, str)
+            for name in outcome if isinstance(outcome, dict) else ():
+                first[name] = min(job, first.get(name, job))
+        start = end
+    order = {name: k for k, name in enumerate(_in_order(journal, place, first))}
+    fields = jobs[0]._fields
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file, \
+            journal.open("rb") as lines:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*fields, *order, ERROR])
+        for job, at in zip(jobs, place, strict=True):
+            outcome = _outcome(lines, at)
+            row = outcome if isinstance(outcome, dict) else {}
+            error = outcome if isinstance(outcome, str) else ""
+            writer.writerow([*map(_cell, job), *(_cell(row.get(name, "")) for name in order), error])
+    return Table(path, len(jobs), failed)
+
+
+def _outcome(lines: Any, at: int) -> Outcome:
+    lines.seek(at)
+    outcome: Outcome = json.loads(lines.readline())[1]
+    return outcome
+
+
+def _in_order(journal: Path, place: list[int], first: dict[str, int]) -> Iterator[str]:
+    """Columns by the first job that has them, in that row's order: whatever order the journal is in."""
+    with journal.open("rb") as lines:
+        for job in sorted(set(first.values())):
+            yield from (name for name in _outcome(lines, place[job]) if first[str(name)] == job)
+
+
+def _cell(value: Value) -> str:
+    return value if isinstance(value, str) else repr(value)

@@ -1,0 +1,11 @@
+"""Requirements proved by flights.  The way of a campaign:
+
+    text -> requirement (grammar) --------------------------+
+    seeds -> jobs (flight) -> flown (launchid.monte_carlo.campaign) -> table -> watch -> verdict, figures
+                                    ^                        |
+                                    +------ enough ----------+
+
+`grammar` says what is asked, `flight` what one flight is and what it is judged by, `order_statistics` and `sequential`
+how many failures prove what, `watch` counts the flights in the order of their seeds, `folder` is a campaign on disk,
+flown, continued or merged, `executor` where it is flown.
+"""

@@ -1,0 +1,111 @@
+"""One flight of a campaign: a seed drawn, flown whole inside compiled code, and what its requirement may ask of it.
+
+Everything is drawn by the seed alone, each source from a stream of its own, so that a flight is the same whoever flies
+it: noise, wind and offsets as `launchid simulate` draws them, and the vehicle as every campaign does (`drawn_delta`).
+
+Peaks are of the truth, at every integration step, until the flight ends or the vehicle is lost.  `lost` is the
+simulator's: the attitude left what the plant is valid for (`sim.flight.LOST_ANGLE`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sim.disturbance_draws import drawn_offsets
+from sim.flight import dispersion, prepare
+from sim.nominal import Nominal
+from sim.vehicle import step as st
+from sim.vehicle.kernels import kernel
+from sim.vehicle.plant import angle_of_attack
+
+from ..campaign import drawn_delta
+from ..journal import Row
+
+# what a flight is judged by, in the order of the table's columns; units rad, rad/s
+METRICS = {
+    "max_theta_error": "rad", "max_theta_dot": "rad/s", "max_alpha": "rad", "max_beta": "rad", "max_beta_rate": "rad/s"}
+JUDGED = ("lost", "end", *METRICS)
+OFFSET = "offset_"  # begins the names of what was drawn
+BLOCK = 500  # rows at a time: 64 kB, which stay near the processor
+THETA_REF, TRUE_THETA, TRUE_THETA_DOT, TRUE_BETA, TRUE_BETA_DOT, TRUE_GAMMA, WIND = (
+    st.COLUMNS.index(name) for name in ("theta_ref", "true_theta", "true_theta_dot", "true_beta", "true_beta_dot",
+                                        "true_gamma", "wind"))
+
+
+class FlightJob(NamedTuple):
+    """One flight: a6 = a6_0 (1 + sigma delta_a6), k1 alike."""
+
+    seed: int
+    delta_a6: float
+    delta_k1: float
+
+
+def flight_jobs(nominal: Nominal, first: int, flights: int) -> list[FlightJob]:
+    """One flight a seed from `first` on; without [uncertainty] every vehicle is the nominal one."""
+    return [flight_job(nominal, seed) for seed in range(first, first + flights)]
+
+
+def flight_job(nominal: Nominal, seed: int) -> FlightJob:
+    """The flight of this seed."""
+    return FlightJob(seed, 0.0, 0.0) if nominal.uncertainty is None else FlightJob(seed, *drawn_delta(seed))
+
+
+def flown_row(row: Mapping[str, Any]) -> Row:
+    """The columns that a flight is judged by, from the row that `Flyer` gives, or from its text; ValueError for a row
+    that it does not give."""
+    if any(name not in JUDGED and not name.startswith(OFFSET) for name in row):
+        raise ValueError("another column")
+    try:
+        values = {name: float(row[name]) for name in JUDGED}
+    except (KeyError, TypeError, OverflowError) as error:
+        raise ValueError(str(error)) from None
+    if values["lost"] not in (0.0, 1.0) or any(x < 0.0 for x in values.values()):
+        raise ValueError("lost is 0 or 1, times and magnitudes are not below 0")
+    return {**values, "lost": int(values["lost"])}
+
+
+@dataclass(frozen=True, eq=False)
+class Flyer:
+    """The work of a campaign on this nominal; it travels to the workers."""
+
+    nominal: Nominal
+
+    def __call__(self, job: FlightJob) -> Row:
+        """lost; when the flight ended [s]; peaks; the offsets that were drawn."""
+        nominal = self.nominal
+        nominal.require("simulation")
+        simulation = nominal.simulation
+        assert simulation is not None
+        factors = (1.0, 1.0) if nominal.uncertainty is None else dispersion(nominal, job.delta_a6, job.delta_k1)
+        vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
+        peaks = np.zeros(len(METRICS))
+        fly_for_peaks(vehicle, steps, np.zeros((BLOCK, len(st.COLUMNS))), peaks)
+        offsets = {f"{OFFSET}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
+        return {"lost": int(vehicle.counter[st.LOST]), "end": int(vehicle.counter[st.AT]) * simulation.step,
+                **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}
+
+
+@kernel
+def fly_for_peaks(v, steps, rows, peaks):
+    """Fly `steps` steps, each a row of the log, and keep the largest magnitudes of the truth.
+
+    v                          inout    logs every step
+    steps                      in       how many, all that the flight has
+    rows  (r, len(st.COLUMNS)) scratch  some of the log at a time
+    peaks (5,)                 inout    [rad, rad/s, rad, rad, rad/s] as METRICS, 0 at first
+    """
+    for start in range(0, steps, rows.shape[0]):
+        v.counter[st.ROWS] = 0
+        st.advance(v, min(rows.shape[0], steps - start), rows)
+        for k in range(v.counter[st.ROWS]):
+            row = rows[k]
+            alpha = angle_of_attack(row[TRUE_THETA], row[TRUE_GAMMA], row[WIND])
+            peaks[0] = max(peaks[0], abs(row[TRUE_THETA] - row[THETA_REF]))
+            peaks[1] = max(peaks[1], abs(row[TRUE_THETA_DOT]))
+            peaks[2] = max(peaks[2], abs(alpha))
+            peaks[3] = max(peaks[3], abs(row[TRUE_BETA]))
+            peaks[4] = max(peaks[4], abs(row[TRUE_BETA_DOT]))
+        if v.counter[st.LOST] != 0:
+            return

@@ -1,0 +1,151 @@
+"""The filtered formulation's model, from a nominal."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from launchid_core import SLOWEST, Model
+from sim.effects import values
+from sim.errors import InputError
+from sim.flight import parameters
+from sim.nominal import Nominal
+from sim.sections import SERVO, Actuator
+
+SMALLEST_STD = 1.0e-9  # of a noise in a model
+LARGEST_STD = 1.0e6
+JUST_BEFORE = 1.0e-6   # s: a jump of the profile takes as long
+GUST_NODES = 65        # of a one-minus-cosine as straight lines: within 6e-4 of its height
+MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
+KNOWN = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
+         "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
+         "aero_damping": "coefficient"}  # constants, exact
+KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
+
+
+def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
+    """The filtered formulation's model, from a nominal's [vehicle], [actuator], [sensors], [controller],
+    [simulation], [wind], [offsets], [drift] and [[effects]].
+
+    period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
+
+    Without [controller] the noises of command and acceleration are one draw per sensor period.
+    Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
+    filter stays regular.  InputError naming the effect that it cannot hold.
+    """
+    nominal.require("actuator", "simulation")
+    noise_period = nominal.controller.period if nominal.controller is not None else nominal.sensors.period
+    if nominal.controller is not None and period is not None and period > SLOWEST * nominal.controller.period:
+        raise InputError(
+            f"{path or nominal.path}: samples {period:g} s apart: the filtered formulation expected at most {SLOWEST} "
+            f"of the controller's periods of {nominal.controller.period:g} s, or too many commands are missing; log "
+            "faster, or identify without a nominal")
+    if nominal.terms:
+        raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
+                         "expected a6 and k1 or a profile")
+    understood = (*MODELLED, *KNOWN, *KNOWN_IN_TIME)
+    for effect in nominal.effects:
+        if effect.name not in understood:
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it "
+                             f"(it has of {', '.join(understood)})")
+    actuator, sensors, simulation = nominal.actuator, nominal.sensors, nominal.simulation
+    assert actuator is not None and simulation is not None
+
+    def std(value: float, step: float = 0.0) -> float:
+        if not value <= LARGEST_STD:
+            raise InputError(f"{nominal.path}: a noise of {value:g}: expected at most {LARGEST_STD:g}")
+        return max(math.sqrt(value**2 + step**2 / 12.0), SMALLEST_STD)
+
+    t = _nodes(nominal)
+    a6, k1 = parameters(nominal, t)
+    return Model(
+        profile_t=tuple(t), profile_a6=tuple(a6), profile_k1=tuple(k1), **_servo(nominal, actuator),
+        theta_std=std(sensors.theta_std, sensors.theta_step),
+        theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
+        beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
+        acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
+        gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal))
+
+
+def _nodes(nominal: Nominal) -> np.ndarray:
+    """Times of the profile's nodes [s], those of its jumps among them."""
+    jumps = [float(values(each)["time"]) for each in nominal.effects if each.name == "control_loss"]
+    if not jumps:
+        return nominal.vehicle.t
+    return np.unique(np.concatenate([nominal.vehicle.t, jumps, np.array(jumps) - JUST_BEFORE]))
+
+
+def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
+    """The actuator with the delays and bandwidths that the nominal knows of."""
+    delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
+    bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
+                          if effect.name == "actuator_bandwidth")
+    return {"natural_frequency": actuator.natural_frequency * bandwidth, "damping_ratio": actuator.damping_ratio,
+            "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay,
+            **{f"{name}_sigma": getattr(actuator, f"{name}_sigma") for name in SERVO}}
+
+
+def _known(nominal: Nominal) -> dict[str, Any]:
+    """Constants that the nominal's effects fix."""
+    known = {"known_lean": 0.0, "known_theta": 0.0, "known_theta_dot": 0.0, "known_beta": 0.0, "gyro_scale": 1.0,
+             "command_gain": 1.0, "command_offset": 0.0, "known_damping": 0.0}
+    added = {"attitude_bias": "known_theta", "nozzle_sensor_bias": "known_beta", "thrust_misalignment": "known_lean",
+             "aero_damping": "known_damping"}
+    for effect in nominal.effects:
+        if effect.name not in KNOWN:
+            continue
+        value = float(values(effect)[KNOWN[effect.name]])
+        if effect.name in added:
+            known[added[effect.name]] += value
+        elif effect.name == "actuator_gain":
+            known["command_gain"] *= value
+            known["command_offset"] *= value
+        elif effect.name == "actuator_bias":
+            known["command_offset"] += value
+        elif effect.name == "gyro_scale":
+            known["gyro_scale"] *= value
+            known["known_theta_dot"] *= value
+        else:
+            known["known_theta_dot"] += value
+    return known
+
+
+def _air(nominal: Nominal) -> dict[str, Any]:
+    """The arguments of `Model` that say what is known of wind and drift beforehand."""
+    fields: dict[str, tuple[float, ...]] = {}
+    forecasts = [] if nominal.wind is None or nominal.wind.profile is None else [nominal.wind.profile]
+    winds = [values(effect) for effect in nominal.effects if effect.name in ("steady_wind", "gust")]
+    if forecasts or winds:
+        gusts = [np.linspace(float(blow["time"]), float(blow["time"]) + float(blow["duration"]), GUST_NODES)
+                 for blow in winds if "time" in blow]
+        t = np.unique(np.concatenate([np.zeros(1), *(each.t for each in forecasts), *gusts]))
+        wind = sum((each.at(t) for each in forecasts), np.zeros(len(t)))
+        for blow in winds:
+            wind = wind + _blown({name: float(value) for name, value in blow.items()}, t)
+        fields["forecast_t"], fields["forecast"] = tuple(t), tuple(wind)
+    if nominal.drift is not None:
+        drift = nominal.drift
+        fields |= {"drift_t": tuple(drift.t), "drift_alpha": tuple(drift.z_alpha), "drift_beta": tuple(drift.z_beta)}
+    return fields
+
+
+def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
+    """Wind angle [rad] at t [s] of a gust, or of a steady wind."""
+    if "time" not in blow:
+        return np.full(len(t), blow["angle"])
+    phase = (t - blow["time"]) / blow["duration"]
+    return np.where((phase >= 0.0) & (phase <= 1.0), 0.5 * blow["angle"] * (1.0 - np.cos(2.0 * np.pi * phase)), 0.0)
+
+
+def _unknown(nominal: Nominal) -> dict[str, Any]:
+    """Levels of what nobody knows before the flight.  An angle of attack measured in the air holds the wind."""
+    levels: dict[str, float] = {}
+    if nominal.wind is not None and nominal.sensors.alpha_source == "inertial":
+        wind = nominal.wind
+        levels = {"walk": wind.walk, "wind_initial": wind.initial, "turbulence": wind.turbulence,
+                  "turbulence_time": wind.turbulence_time}
+    if nominal.offsets is not None:
+        offsets = nominal.offsets
+        levels |= {name: getattr(offsets, name) for name in ("thrust_misalignment", "moment", "attitude_bias",
+                                                             "gyro_bias", "nozzle_sensor_bias")}
+    return levels

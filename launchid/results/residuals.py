@@ -1,0 +1,218 @@
+"""The residuals of identified windows on a log, and how far ahead they predict it.
+
+residual    the weak form's (`launchid.identification.weak_form`): the increment of theta_dot over 0.2 s less the integral of the terms,
+            over that time [rad/s^2], in the window that gave the estimate
+prediction  theta over a horizon, run free from the measured theta and theta_dot with the measured beta, under the
+            estimate of its own window and under that of the fitted window before, which has not seen it
+noise       what the sensors' noise alone leaves of both under a model without an error: of the log's own levels, by
+            third differences of its columns, drawn onto its rows
+
+With a nominal, a6 and k1 follow its profile within a window, as the estimator has them (`shapes`). What is steady in a
+window's residual (wind, offsets) is no contradiction: it is shown, taken off where whiteness is asked for, and part of
+what the window predicts.
+"""
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from launchid_core import Estimate
+
+from ..diagnosis.report.whiteness import Correlation, correlations
+from sim.errors import InputError
+from ..first_nominal.search import noise_variance
+from ..identification.missing_terms import active_terms
+from ..log.log import Log
+from sim.nominal import Nominal
+from ..identification.weak_form import INCREMENT, Rows, column, slope, usable, window_increments
+
+HORIZONS = (0.1, 0.5, 1.0)  # s
+APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
+LEAST = 1e-3     # 1/s^2: a parameter of the profile below it has no shape to speak of
+LAGS = 10
+FEWEST = 5       # predictions with a fit
+DRAWS, SEED = 4, 0   # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
+RIGID = {"theta", "beta"}
+THETA_DOT = 1    # column of the whitened residual
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The predictions over one horizon.  They have times [s] that were predicted for, theta measured and predicted
+    [rad] (n,) there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of
+    fewer than FEWEST."""
+
+    horizon: float
+    t: np.ndarray
+    measured: np.ndarray
+    within: np.ndarray
+    before: np.ndarray
+    change: np.ndarray  # measured, over the horizon
+    noise: np.ndarray   # (n, DRAWS) [rad] errors that noise alone makes
+
+    @property
+    def fits(self) -> tuple[float, float]:
+        """100 (1 - |error| / |change of theta over the horizon|): 0 is no better than saying that nothing changes."""
+        return _fit(self.measured - self.within, self.change), _fit(self.measured - self.before, self.change)
+
+    @property
+    def ceiling(self) -> float:
+        """The fit [%] of a true model, which noise alone leaves: one that has not seen these rows does no better but by
+        chance."""
+        return _fit(np.sqrt(np.mean(self.noise**2, axis=1)), self.change)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """t (k,) [s] middles of increments;  residual (k,) [rad/s^2], and what noise alone leaves (k,);  its correlation;
+    predictions, a horizon each."""
+
+    t: np.ndarray
+    residual: np.ndarray
+    noise: np.ndarray
+    correlation: Correlation | None
+    predicted: tuple[Predicted, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """A log's rows, and a6 and k1 of the nominal's profile at them (2, n) [1/s^2]; None: constant within a window."""
+
+    rows: Rows
+    profile: np.ndarray | None
+
+    def shapes(self, estimate: Estimate) -> np.ndarray:
+        """(2, n) a6 and k1 at every row over those in the window's middle; of a rigid body's terms only."""
+        if self.profile is None or not set(active_terms(estimate)) <= RIGID:
+            return np.ones((2, len(self.rows.t)))
+        middle = 0.5 * (estimate.t_start + estimate.t_end)
+        at = np.array([[np.interp(middle, self.rows.t, row)] for row in self.profile])
+        return np.where(np.abs(at) > LEAST, self.profile / np.where(np.abs(at) > LEAST, at, 1.0), 1.0)
+
+
+def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None) -> Residuals:
+    """Residuals of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual shows it.
+
+    nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
+    the log is too short.  A rate that is not measured is the attitude's slope
+    """
+    rows = usable(log)
+    if rows is None:
+        raise InputError(f"{log.path}: residuals need theta and beta over more than {2.0 * INCREMENT:g} s, which the "
+                         "log lacks")
+    valid = [estimate for estimate in estimates if estimate.valid]
+    if not valid:
+        raise InputError(f"{log.path}: no window has a fit, so there are no residuals; expected a log that identify, "
+                         "without residuals, finds valid windows in")
+    shaped = Shaped(rows, None if nominal is None else np.array(nominal.vehicle.at(rows.t)))
+    noisy = [with_noise(rows, np.random.default_rng((SEED, k))) for k in range(DRAWS)]
+    left = [_weak(shaped, estimate) for estimate in valid]
+    t, e = (np.concatenate([each[k] for each in left]) for k in (0, 1))
+    same = Shaped(noisy[0], shaped.profile)
+    alone = np.concatenate([_weak(same, estimate)[1] for estimate in valid]) - e
+    fitted = [(estimate, float(each[1].mean()) if len(each[1]) else 0.0)
+              for estimate, each in zip(valid, left, strict=True)]
+    return Residuals(t, e, alone, _correlation([each[1] for each in left], APART * rows.span),
+                     tuple(_ahead(shaped, _joined(noisy), fitted, horizon) for horizon in HORIZONS))
+
+
+def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
+    """The same rows with as much white noise again as is on them; a rate that is not measured is that of the attitude
+    with its noise."""
+    def drawn(x: np.ndarray) -> np.ndarray:
+        return np.asarray(x + np.sqrt(noise_variance(x)) * rng.standard_normal(len(x)))
+
+    theta, beta = drawn(rows.theta), drawn(rows.beta)
+    return dataclasses.replace(rows, theta=theta, beta=beta,
+                               theta_dot=drawn(rows.theta_dot) if rows.has_rate else slope(rows.t, theta))
+
+
+def _joined(parts: list[Rows]) -> Rows:
+    """Draws of the same rows, one after the other."""
+    t, theta, gamma, theta_dot, beta = (np.concatenate([getattr(part, name) for part in parts])
+                                        for name in ("t", "theta", "gamma", "theta_dot", "beta"))
+    return Rows(t, theta, gamma, theta_dot, beta, parts[0].span, parts[0].has_rate)
+
+
+def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """A window's residual (k,) [rad/s^2] at times (k,) [s]."""
+    terms, (a6, k1) = active_terms(estimate), shaped.shapes(estimate)
+    rows = shaped.rows
+    rows = dataclasses.replace(rows, theta=a6 * rows.theta, gamma=a6 * rows.gamma, beta=k1 * rows.beta)
+    begin, end, y, phi = window_increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms)
+    return 0.5 * (begin + end), (y - phi @ _coefficients(estimate)) / (end - begin)
+
+
+def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
+    """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
+    whole = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
+    scaled = np.zeros((len(whole), 3))
+    scaled[:, THETA_DOT] = whole
+    lags = min(LAGS, len(whole) // 3)
+    return correlations(scaled, lags)[0] if lags > 0 and np.any(whole != 0.0) else None
+
+
+def _coefficients(estimate: Estimate) -> np.ndarray:
+    return np.asarray(estimate.xi[estimate.support[:, 1], 1])
+
+
+def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
+    """Predictions from rows a horizon apart, so that they join without overlap; in windows that are long enough.
+
+    noisy   DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2] beside them
+    """
+    rows = shaped.rows
+    period = float(np.median(np.diff(rows.t)))
+    steps = max(1, round(horizon / period))
+    parts = []
+    for previous, fit in itertools.pairwise([None, *fitted]):
+        assert fit is not None
+        estimate = fit[0]
+        at = rows.cut(estimate.t_start, estimate.t_end)
+        start = np.arange(at.start, min(at.stop + 1, len(rows.t)) - steps, steps)  # to the next window's first row
+        start = start[rows.t[start + steps] - rows.t[start] <= 1.5 * steps * period]  # no gap within
+        if len(start):
+            ahead, before = (_run(rows, shaped.shapes(each[0]), *each, start, steps) if each is not None else
+                             np.full(len(start), np.nan) for each in (fit, previous))
+            theta = rows.theta[start + steps]
+            many = (start[:, None] + len(rows.t) * np.arange(DRAWS)).ravel()
+            error = noisy.theta[many + steps] - _run(noisy, np.tile(shaped.shapes(estimate), DRAWS), *fit, many, steps)
+            parts.append((rows.t[start + steps], theta, ahead, before, theta - rows.theta[start],
+                          error.reshape(-1, DRAWS) - (theta - ahead)[:, None]))
+    joined = [np.concatenate(each) for each in zip(*parts, strict=True)] if parts else \
+        [*[np.zeros(0)] * 5, np.zeros((0, DRAWS))]
+    return Predicted(horizon, *joined)
+
+
+def _run(rows: Rows, shapes: np.ndarray, estimate: Estimate, steady: float, start: np.ndarray,
+         steps: int) -> np.ndarray:
+    """theta (m,) after so many rows from each start (m,): Heun's rule on the measured beta, a6 and k1 times shapes
+    (2, n) at the rows."""
+    a6, k1 = shapes
+    terms, xi, middle = active_terms(estimate), _coefficients(estimate), 0.5 * (estimate.t_start + estimate.t_end)
+    theta, theta_dot = rows.theta[start].copy(), rows.theta_dot[start].copy()
+
+    def acceleration(at: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        total = np.full(len(at), steady)
+        for term, coefficient in zip(terms, xi.tolist(), strict=True):
+            total += coefficient * column(term, a6[at] * (x - rows.gamma[at]), v, k1[at] * rows.beta[at],
+                                          rows.t[at] - middle)
+        return total
+
+    for k in range(steps):
+        h = rows.t[start + k + 1] - rows.t[start + k]
+        first = acceleration(start + k, theta, theta_dot)
+        second = acceleration(start + k + 1, theta + h * theta_dot, theta_dot + h * first)
+        theta = theta + h * theta_dot + 0.5 * h * h * first
+        theta_dot = theta_dot + 0.5 * h * (first + second)
+    return theta
+
+
+def _fit(error: np.ndarray, change: np.ndarray) -> float:
+    seen = np.isfinite(error)
+    scale = float(np.sum(change[seen]**2))
+    if np.count_nonzero(seen) < FEWEST or not scale > 0.0:
+        return float("nan")
+    return 100.0 * (1.0 - float(np.sqrt(np.sum(error[seen]**2) / scale)))

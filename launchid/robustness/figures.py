@@ -1,0 +1,97 @@
+"""The confidence range and what identification buys, drawn: axes with units, truth and range, readable in grey."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from sim.canvas import UNIT, save
+from sim.flight import dispersion, parameters
+from sim.nominal import Nominal, built_in, load_nominal
+
+from ..experiments.confidence import (
+    A6,
+    A6_STD,
+    INTERVAL,
+    K1,
+    K1_STD,
+    SHOWN,
+    TRUE_A6,
+    TRUE_K1,
+    VERTICES,
+    Band,
+    BandJob,
+    Bought,
+    T,
+    bought,
+    fly_band,
+)
+
+SHOWN_SEED = 1
+LABELS = {"constant": "constant", "vega_like": "VEGA-like (derived)"}
+
+
+def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
+    """Identified bands over flight time inside the range: the paper's Figs. 4 and 8 under flight sensors."""
+    figure, axes = plt.subplots(2, 1, sharex=True, figsize=(9, 6))
+    figure.suptitle(f"Confidence range, {LABELS[nominal.name]}: tracked estimates with 95 % bands, flight sensors, "
+                    "100 Hz", fontsize=11, y=0.95)
+    t = np.linspace(0.0, max(band.table[-1, T] for band in bands), 400)
+    for k, (axis, value, std, truth) in enumerate(zip(axes, (A6, K1), (A6_STD, K1_STD), (TRUE_A6, TRUE_K1),
+                                                      strict=True)):
+        low, high = (parameters(nominal, t, *dispersion(nominal, d, d))[k] for d in (-1.0, 1.0))
+        axis.fill_between(t, low, high, color="0.9", label="range, |delta| <= 1")
+        for band in bands:
+            vertex = band.delta in VERTICES
+            table = band.table
+            axis.plot(table[:, T], table[:, truth], "--" if vertex else ":", color="0.0" if vertex else "0.5",
+                      linewidth=0.8)
+            if vertex:
+                half = INTERVAL * table[:, std]
+                axis.fill_between(table[:, T], table[:, value] - half, table[:, value] + half, color="0.55", alpha=0.6)
+            axis.plot(table[:, T], table[:, value], ".", color="0.1" if vertex else "0.6", markersize=2)
+        least, most = float(min(np.min(low), np.min(high))), float(max(np.max(low), np.max(high)))
+        axis.set_ylim(least - 0.15 * (most - least), most + 0.15 * (most - least))
+        axis.set_ylabel(f"{('a6', 'k1')[k]} [{UNIT}]")
+        axis.grid(True, color="0.85", linewidth=0.6)
+    axes[0].plot([], [], "--", color="0.0", label="truth (vertices, centre)")
+    axes[0].plot([], [], ".", color="0.1", label="tracked estimate")
+    axes[0].legend(fontsize=8, loc="upper left")
+    axes[1].set_xlabel("flight time [s]")
+    return figure
+
+
+def bought_figure(nominal: Nominal, what: Bought) -> Figure:
+    """Worst margins and mu over flight time, before identification (full box) and after (identified sub-box)."""
+    figure, axes = plt.subplots(4, 1, sharex=True, figsize=(9, 8.5))
+    figure.suptitle(f"What identification buys, {LABELS[nominal.name]}, delta = {SHOWN}: worst case over the box",
+                    fontsize=11, y=0.94)
+
+    def decibel(gain: np.ndarray) -> np.ndarray:
+        return 20.0 * np.log10(np.maximum(gain, 1e-3))
+
+    rows = (("aerodynamic gain\nmargin [dB]", -decibel(what.before.gain_low), -decibel(what.after.gain_low)),
+            ("high-frequency gain\nmargin [dB]", decibel(what.before.gain_high), decibel(what.after.gain_high)),
+            ("phase margin\n[deg]", np.degrees(what.before.phase), np.degrees(what.after.phase)),
+            ("mu [-]", what.mu_before, what.mu_after))
+    for axis, (label, before, after) in zip(axes, rows, strict=True):
+        axis.plot(what.t, before, "s--", color="0.55", markersize=4, label="before: full box")
+        axis.plot(what.t, after, "o-", color="0.0", markersize=4, label="after: identified 95 % box")
+        axis.set_ylabel(label, fontsize=9)
+        axis.grid(True, color="0.85", linewidth=0.6)
+    axes[0].legend(fontsize=8)
+    axes[3].set_xlabel("flight time [s]")
+    return figure
+
+
+def confidence_figures(folder: Path, bands: dict[str, list[Band]]) -> list[str]:
+    """Both figures of every vehicle flown; returns the file names."""
+    written = []
+    for name, flown in bands.items():
+        nominal = load_nominal(built_in(name))
+        save(band_figure(nominal, flown), folder / f"confidence_{name}.png")
+        shown = fly_band(BandJob(name, SHOWN, SHOWN_SEED))
+        save(bought_figure(nominal, bought(nominal, shown)), folder / f"margins_{name}.png")
+        written += [f"confidence_{name}.png", f"margins_{name}.png"]
+    return written

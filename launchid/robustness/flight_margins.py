@@ -1,0 +1,237 @@
+"""The margins of a flight: of every window, and of the tracked estimate at its end, from what was identified.
+
+Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen at the window's centre, tracked
+at its end, behind the servo: the nominal's or, where it is not known, the one that the flight has shown until the
+window's end.  What is unknown of the servo is in a6, k1 and their covariance already; that their errors and the servo's
+belong together is left out (`docs/margins.md` says what it was checked by).
+
+A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
+estimate until the change is settled: no frozen loop is that flight's.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from launchid_core import Change, Estimate
+from sim.effects import values
+from sim.errors import InputError
+from sim.nominal import Nominal
+from sim.sections import SERVO, Required
+from sim.shown import servo_lines
+
+from ..onboard import onboard_model
+from ..unsupported import refuse_foreign_loop
+from .margin_spread import NAMES, Known, Spread, json_number, margin_spread
+
+OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
+SETTLED = 2.0    # s after a sudden change, when its size is final
+NOTHING = {"value": None, "std": None, "low": None, "high": None}
+OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
+WORDS = {"gain_low_db": "low gain margin", "gain_high_db": "high gain margin", "phase_deg": "phase margin",
+         "delay_ms": "delay margin"}
+UNITS = {"gain_low_db": "dB", "gain_high_db": "dB", "phase_deg": "degrees", "delay_ms": "ms"}
+
+
+class Servo(NamedTuple):
+    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class Judged(NamedTuple):
+    """The margins of one estimate, and why it has none."""
+
+    status: str
+    known: Known | None = None
+    spread: Spread | None = None
+
+    @property
+    def valid(self) -> bool:
+        return self.spread is not None
+
+
+class WindowMargins(NamedTuple):
+    """The margins of one window, and those that the tracked estimate has at its end."""
+
+    t_start: float
+    t_end: float
+    window: Judged
+    tracked: Judged
+
+
+def declared_servo(nominal: Nominal) -> Servo:
+    """The servo as a nominal declares it; InputError for a loop that is no rigid body, second-order servo and PD."""
+    nominal.require("actuator", "controller")
+    refuse_foreign_loop(nominal, "the frozen loop")
+    for effect in nominal.effects:
+        if effect.name in OTHER_LOOP and not is_neutral(values(effect)):
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; expected a "
+                             "nominal without it")
+    model = onboard_model(nominal)
+    sigma = (model.natural_frequency_sigma * model.natural_frequency, model.damping_ratio_sigma * model.damping_ratio,
+             model.delay_sigma)
+    return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.diag(np.square(sigma)))
+
+
+def servo_at(declared: Servo, e: Estimate) -> Servo:
+    """The servo at a window's end: as declared or, where it is estimated, as the flight has shown it until then."""
+    if e.actuator is None:
+        return declared
+    mean, std = np.array([(each.value, each.std) for each in e.actuator.values()]).T
+    first, second, third = e.actuator_corr
+    shared = np.array([[1.0, first, second], [first, 1.0, third], [second, third, 1.0]])
+    return Servo(mean, np.outer(std, std) * shared)
+
+
+def last_servo(declared: Servo, estimates: Sequence[Estimate]) -> Servo:
+    """The servo as the flight has shown it until the end of its last window that does not contradict it."""
+    shown = (servo_at(declared, e) for e in reversed(estimates))
+    return next((servo for servo in shown if np.isfinite(servo.mean).all()), declared)
+
+
+def is_neutral(parameters: dict[str, Any]) -> bool:
+    """Whether an effect of OTHER_LOOP changes nothing."""
+    return parameters.get("scale", 1.0) == 1.0 and parameters.get("coefficient", 0.0) == 0.0
+
+
+def flight_margins(nominal: Nominal, estimates: Sequence[Estimate],
+                   changes: Sequence[Change]) -> list[WindowMargins]:
+    """The margins of every window of a flight, with the controller of its nominal."""
+    declared = declared_servo(nominal)
+    servos = [servo_at(declared, e) for e in estimates]
+    return [WindowMargins(e.t_start, e.t_end, _of_window(nominal, e, changes, servo),
+                          _of_tracked(nominal, e, changes, servo))
+            for e, servo in zip(estimates, servos, strict=True)]
+
+
+def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
+    if not e.valid:
+        return Judged(e.status.name)
+    if any(e.t_start < change.t < e.t_end for change in changes):
+        return Judged(CHANGE)
+    return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo)
+
+
+def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
+    if e.status.name == "MODEL":
+        return Judged(e.status.name)
+    if e.tracked is None or not e.tracked.valid:
+        return Judged(UNKNOWN)
+    if any(change.t <= e.t_end < change.t + SETTLED for change in changes):
+        return Judged(CHANGE)
+    return judged(nominal, tuple(e.tracked)[1:], servo)
+
+
+def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:
+    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
+    the controller's."""
+    if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
+        return Judged(UNKNOWN)
+    a6, k1, a6_std, k1_std, correlation = rigid
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
+    covariance[2:, 2:] = servo.covariance
+    known = Known(np.array([a6, k1, *servo.mean]), covariance)
+    assert nominal.controller is not None
+    return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
+
+
+# ---- the answer
+
+
+def margins_json(judgement: Judged) -> dict[str, Any]:
+    """One estimate's margins in the contract's words."""
+    spread = judgement.spread
+    said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
+    for name in NAMES:
+        said[name] = dict(NOTHING) if spread is None else {
+            key: json_number(value) for key, value in getattr(spread, name)._asdict().items()}
+    return said | {"stable": {"probability": None if spread is None else spread.stable}}
+
+
+def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked: bool) -> list[dict[str, Any]]:
+    """The windows whose interval reaches below what is required: `certain` where all of it does."""
+    rows: list[dict[str, Any]] = []
+    for each in windows:
+        for estimate, judgement in (("window", each.window), *((("tracked", each.tracked),) if is_tracked else ())):
+            if judgement.spread is None:
+                continue
+            for name, certain in judgement.spread.below(required).items():
+                interval = {key: json_number(x) for key, x in getattr(judgement.spread, name)._asdict().items()}
+                rows.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": estimate, "margin": name,
+                             "required": required_of(required, name), **interval, "certain": certain})
+    return rows
+
+
+def miss_words(spread: Spread, name: str, required: Required) -> str:
+    """One sentence that says that a margin may be below what is required."""
+    interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
+    return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
+            f"{required_of(required, name):g}")
+
+
+def required_of(required: Required, name: str) -> float:
+    """The required value of one of NAMES, in its own sign."""
+    return {"gain_low_db": -required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
+            "delay_ms": required.delay_ms}[name]
+
+
+def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool) -> dict[str, Any]:
+    """The margins JSON."""
+    reached = below_json(windows, required, is_tracked)
+    std = np.sqrt(np.diag(servo.covariance))
+    return {"windows": [{"t_start": each.t_start, "t_end": each.t_end, **margins_json(each.window),
+                         **({"tracked": margins_json(each.tracked)} if is_tracked else {})} for each in windows],
+            "actuator": {name: {"value": float(servo.mean[k]), "std": float(std[k])} for k, name in enumerate(SERVO)},
+            "below": [{key: x for key, x in each.items() if key != "certain"} for each in reached if each["certain"]],
+            "may_be_below": [{key: x for key, x in each.items() if key != "certain"} for each in reached
+                             if not each["certain"]]}
+
+
+def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
+    """`37.51 (36.38..38.57)`: a value and its 95 % interval."""
+    if interval["value"] is None and interval["low"] is None and interval["high"] is None:
+        return "-"
+    decimals = 1 if unit == "ms" else 2
+    bottom, top = ("-inf" if interval["high"] is not None else "inf"), "inf"
+    value, low, high = (other if interval[key] is None else f"{interval[key]:.{decimals}f}"
+                        for key, other in (("value", bottom), ("low", "-inf"), ("high", top)))
+    return f"{value} ({low}..{high})"
+
+
+def table(said: dict[str, Any]) -> str:
+    """The windows as a table for a terminal, and what is below the required margins."""
+    heads = [f"{WORDS[name]} [{UNITS[name]}]" for name in NAMES]
+    lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
+             + f" {'P(stable)':>10}"]
+    for window in said["windows"]:
+        for estimate, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
+            cells = " ".join(f"{interval_words(one[name], UNITS[name]):>26}" for name in NAMES)
+            stable = one["stable"]["probability"]
+            lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {estimate:<8} {one['status']:<15} {cells} "
+                         f"{'-' if stable is None else f'{stable:.4f}':>10}")
+    lines += servo_lines(said["actuator"])
+    lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
+    if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
+        lines.append("every margin keeps what [margins] requires, and so does its whole 95 % interval")
+    return "\n".join(lines)
+
+
+def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
+    """One line for each margin that is below what is required, with its windows and the worst of them."""
+    lines = []
+    for name in NAMES:
+        for estimate in ("window", "tracked"):
+            rows = [each for each in reached if each["margin"] == name and each["estimate"] == estimate]
+            if not rows:
+                continue
+            worst = (max if name == "gain_low_db" else min)(
+                rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
+            lines.append(f"{WORDS[name]} ({estimate}) {verb} below {abs(rows[0]['required']):g} {UNITS[name]} in "
+                         f"{len(rows)} window{'s' * (len(rows) > 1)}, worst {interval_words(worst, UNITS[name])} in "
+                         f"{worst['t_start']:g}..{worst['t_end']:g} s")
+    return lines

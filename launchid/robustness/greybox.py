@@ -1,0 +1,222 @@
+"""Grey box: the range sigma of a6 and k1, fitted from flights.  First-principle model (the nominal) plus data.
+
+Each log is identified with the nominal (`filtered`, windows of BIN seconds, each by its own data), which gives
+relative deviations d_ib = a/a0 - 1 of flight i in bin b with standard deviations s_ib; and, weighted by 1/s^2, one
+deviation d_i with s_i for the whole flight.
+
+The range is a tolerance limit: with `confidence`, |d| <= sigma for at least a `share` of all vehicles, of which the
+flights are a sample.  It is centred on the nominal, so the sum of squares about the nominal decides:
+
+* order statistic, for n flights enough and noise below half of the variance: the r-th largest |d| of n with
+  sum_{j<r} C(n, j) (1 - share)^j share^(n-j) <= 1 - confidence (`requirement.order_statistics`; 59 flights for
+  95/95).  No law is assumed.  The noise is taken out by shrinking each d_i by tau/sqrt(tau^2 + s_i^2) towards the
+  nominal, which keeps the spread of the ensemble right (Louis, JASA 79, 1984).
+* normal, for fewer: sigma = z_((1+share)/2) sqrt(n S^2/chi2_(1-confidence; n) - s^2), S^2 = mean d_i^2,
+  s^2 = mean s_i^2: Howe's factor (JASA 64, 1969) for a known mean, the estimates' variance taken out after the
+  bound on the variance.  A mean off the nominal or a bounded law (the box) makes it larger than need be.
+
+To both comes what the deviation does within a flight: w^2 = mean over bins of (d_ib - d_i)^2 (n_bins/(n_bins - 1))
+- s_ib^2, added in quadrature to the normal's variance, and as z w in quadrature to the order statistic.
+
+Over flight time (`profile`): the same in each bin of at least MIN_FLIGHTS flights whose noise is below half of the
+spread; other bins take the constant range.
+"""
+
+import dataclasses
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from launchid_core import Config
+from sim.errors import InputError
+from sim.nominal import Nominal, Profile, constant_profile
+
+from ..identification.windows import onboard_model, run
+from ..log.log import Log
+from ..monte_carlo.requirement.order_statistics import wilks_rank
+from .level import PARAMETERS, log_span, require_cover
+
+BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight
+MIN_FLIGHTS = 10    # of a bin: below it the normal's factor is above 3.1
+FEWEST_FLIGHTS = 3  # that show a spread: of two its standard deviation is as large as itself
+SMALLEST = 1.0e-3   # sigma: a range of 0 is none
+NOISY = 0.5         # share of the variance of a bin's deviations that may be the estimates' own
+ROWS_LEAST = 20     # of a log
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Deviations:
+    """Relative deviations of one flight, window by window; columns are (a6, k1), NaN where not identified."""
+
+    path: str
+    span: tuple[float, float]  # s, first and last time of the log
+    t: np.ndarray      # (b,) s, centres
+    value: np.ndarray  # (b, 2)
+    std: np.ndarray    # (b, 2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """The fitted range of one parameter."""
+
+    sigma: float
+    method: str        # `order statistic` or `normal`
+    spread: float      # root mean square of the vehicles' deviations, noise taken out
+    within: float      # root mean square of what a deviation does within a flight
+    noise: float       # root mean square of the flights' standard deviations
+    held: float        # share of these flights whose deviation is inside
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """Ranges in the order of PARAMETERS, and over flight time if asked."""
+
+    flights: int
+    share: float
+    confidence: float
+    ranges: tuple[Range, ...]
+    profile: Profile | None
+
+
+def deviations(log: Log, nominal: Nominal) -> Deviations:
+    """Identify one log with the nominal; InputError if nothing in it can be."""
+    model = onboard_model(nominal, log.period, log.path)
+    require_cover(log, nominal, nominal.vehicle, "vehicle")
+    first, last = log_span(log)
+    rows = math.floor(min(BIN, last - first + log.period) / log.period + 1e-6)
+    if rows < ROWS_LEAST:
+        raise InputError(f"{log.path}: {rows} rows; expected at least {ROWS_LEAST} for a flight")
+    config = Config(window=rows * log.period, sample_period=log.period, formulation="filtered", model=model)
+    estimates, _ = run(config, log.samples())
+    centre = np.array([0.5 * (e.t_start + e.t_end) for e in estimates])
+    believed = np.stack(nominal.vehicle.at(centre), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a nominal of 0 has no relative deviation
+        value = np.array([[e.a6, e.k1] for e in estimates]).reshape(-1, 2) / believed - 1.0
+        std = np.array([[e.a6_std, e.k1_std] for e in estimates]).reshape(-1, 2) / np.abs(believed)
+    in_log = (first <= centre) & (centre <= last)  # a bad stamp opens a window at no time of the log
+    good = np.isfinite(value) & np.isfinite(std) & (std > 0.0) & in_log[:, None]
+    if not good.any(axis=0).all():
+        raise InputError(f"{log.path}: a6 and k1 cannot be identified in any window of {config.window:g} s; "
+                         "expected a flight with manoeuvres")
+    value, std = np.where(good, value, np.nan), np.where(good, std, np.nan)
+    return Deviations(log.path, (first, last), centre[in_log], value[in_log], std[in_log])
+
+
+def pooled(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
+    """Mean of (b,) weighted by 1/std^2 and its std; NaN are left out."""
+    weight = 1.0 / std**2
+    total = float(np.nansum(weight))
+    return float(np.nansum(weight * value)) / total, 1.0 / math.sqrt(total)
+
+
+def chi_square_quantile(probability: float, degrees: int) -> float:
+    """Lower quantile, by bisection on the series of the incomplete gamma function (DLMF 8.11.4)."""
+    a = 0.5 * degrees
+
+    def cumulative(x: float) -> float:
+        term = total = 1.0
+        k = 0
+        while term > 1e-17 * total:
+            k += 1
+            term *= x / (a + k)
+            total += term
+        return total * math.exp(a * math.log(x) - x - math.lgamma(a + 1.0))
+
+    low, high = -700.0, math.log(a + 20.0 * math.sqrt(a) + 40.0)  # of log x, x = chi2/2
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if cumulative(math.exp(middle)) < probability else (low, middle)
+    return 2.0 * math.exp(0.5 * (low + high))
+
+
+def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, confidence: float) -> Range:
+    """The range of one parameter from n flights: deviations (n,), their stds, and the spread within a flight."""
+    n = len(value)
+    noise = float(np.mean(std**2))
+    spread = max(float(np.mean(value**2)) - noise, 0.0)
+    z = NormalDist().inv_cdf(0.5 * (1.0 + share))
+    rank = wilks_rank(n, share, confidence)
+    ordered = rank > 0 and noise <= NOISY * (spread + noise)
+    if ordered:
+        shrunk = np.abs(value) * np.sqrt(spread / (spread + std**2))
+        sigma = math.hypot(float(np.sort(shrunk)[-rank]), z * within)
+    else:
+        bound = n * float(np.mean(value**2)) / chi_square_quantile(1.0 - confidence, n) - noise
+        sigma = z * math.sqrt(max(bound, noise / n) + within**2)
+    sigma = max(sigma, SMALLEST)
+    return Range(sigma, "order statistic" if ordered else "normal", math.sqrt(spread), within, math.sqrt(noise),
+                 float(np.mean(np.abs(value) <= sigma)))
+
+
+def spread_within(flights: list[Deviations], p: int) -> float:
+    """Root mean square of what the deviation of parameter p does within a flight, noise taken out."""
+    total, count = 0.0, 0
+    for flight in flights:
+        good = np.isfinite(flight.value[:, p])
+        value, std = flight.value[good, p], flight.std[good, p]
+        mean, mean_std = pooled(value, std)
+        known = std**2 <= np.median(std**2)  # the better half: the others only add noise
+        total += float(np.sum((value - mean)[known] ** 2 - np.maximum(std[known] ** 2 - mean_std**2, 0.0)))
+        count += int(np.sum(known))
+    return math.sqrt(max(total / max(count, 1), 0.0))
+
+
+def fit(flights: list[Deviations], share: float, confidence: float, over_time: bool = False) -> Fit:
+    """Ranges of both parameters from flights."""
+    ranges = []
+    for p in range(len(PARAMETERS)):
+        pairs = np.array([pooled(flight.value[:, p], flight.std[:, p]) for flight in flights])
+        ranges.append(fit_range(pairs[:, 0], pairs[:, 1], spread_within(flights, p), share, confidence))
+    profile = range_profile(flights, ranges, share, confidence) if over_time else None
+    return Fit(len(flights), share, confidence, tuple(ranges), profile)
+
+
+def range_profile(flights: list[Deviations], ranges: list[Range], share: float, confidence: float) -> Profile:
+    """sigma over flight time: nodes at the centres of bins of BIN seconds, held to the flights' ends."""
+    first, last = min(flight.span[0] for flight in flights), max(flight.span[1] for flight in flights)
+    bins = max(1, math.floor((last - first) / BIN + 0.5))
+    t = first + BIN * (0.5 + np.arange(bins))
+    sigma = np.empty((2, bins))
+    for p in range(2):
+        sigma[p] = ranges[p].sigma
+        for b in range(bins):
+            rows = [(f.value[k, p], f.std[k, p]) for f in flights for k in range(len(f.t))
+                    if abs(f.t[k] - t[b]) <= 0.5 * BIN and np.isfinite(f.value[k, p])]
+            value, std = np.array(rows).reshape(-1, 2).T
+            if len(value) >= MIN_FLIGHTS and np.mean(std**2) <= NOISY * np.mean(value**2):
+                sigma[p, b] = fit_range(value, std, 0.0, share, confidence).sigma
+    nodes = np.concatenate([[first], t[(first < t) & (t < last)], [last]])
+    return Profile(nodes, np.interp(nodes, t, sigma[0]), np.interp(nodes, t, sigma[1]))
+
+
+def with_range(nominal: Nominal, result: Fit) -> Nominal:
+    """The nominal with the fitted [uncertainty]."""
+    sigma = result.profile or constant_profile(*(r.sigma for r in result.ranges))
+    return dataclasses.replace(nominal, uncertainty=sigma)
+
+
+def factor(result: Fit) -> float:
+    """The normal's range over the root mean square deviation of as many flights, without noise."""
+    degrees = chi_square_quantile(1.0 - result.confidence, result.flights)
+    return NormalDist().inv_cdf(0.5 * (1.0 + result.share)) * math.sqrt(result.flights / degrees)
+
+
+def table(result: Fit, out: str) -> str:
+    """The fit for a terminal."""
+    few = result.flights < FEWEST_FLIGHTS
+    flights = "1 flight" if result.flights == 1 else f"{result.flights} flights"
+    lines = [f"{out}: range of {flights} that holds {100 * result.share:g} % of vehicles with confidence "
+             f"{100 * result.confidence:g} %" + (f"; so few tell no spread: expected at least {FEWEST_FLIGHTS}"
+                                                 if few else "")]
+    for name, r in zip(PARAMETERS, result.ranges, strict=True):
+        lines.append(f"sigma_{name} = {r.sigma:.4g} ({r.method}); spread of the vehicles {r.spread:.3g}, "
+                     f"within a flight {r.within:.3g}, noise {r.noise:.3g} rms"
+                     + ("" if few else f"; {100 * r.held:.1f} % of these flights inside"))
+    if result.flights < MIN_FLIGHTS:
+        lines.append(f"few flights: the range is {factor(result):.1f} times their spread; more flights narrow it")
+    if result.profile is not None:
+        lines.append(f"{'t [s]':>8} {'sigma_a6':>9} {'sigma_k1':>9}")
+        rows = zip(result.profile.t, result.profile.a6, result.profile.k1, strict=True)
+        lines += [f"{t:>8.1f} {a:>9.4g} {k:>9.4g}" for t, a, k in rows]
+    return "\n".join(lines)

@@ -1,0 +1,125 @@
+"""The uncertainty level of a log: the on-board estimator with a nominal's range sigma, and the contract's JSON."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from launchid_core import BANDS, Config, Estimate, Level, Model
+from sim.errors import InputError
+from sim.nominal import Nominal, Profile
+from sim.shown import with_std
+
+from ..diagnosis.data.stops import saturations
+from ..identification.windows import number, onboard_model, run
+from ..log.log import Log
+
+PARAMETERS = ("a6", "k1")
+NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
+
+
+def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
+    """The estimator's model of a nominal, with its range; InputError without [uncertainty], and as
+    `onboard_model`."""
+    nominal.require("uncertainty")
+    sigma = nominal.uncertainty
+    assert sigma is not None
+    return dataclasses.replace(onboard_model(nominal, period, path), sigma_t=tuple(sigma.t), sigma_a6=tuple(sigma.a6),
+                               sigma_k1=tuple(sigma.k1))
+
+
+def log_span(log: Log) -> tuple[float, float]:
+    """First and last time [s] of the log.
+
+    A stamp with no neighbour within NEIGHBOUR sample periods is a bad one, not the log's end.
+    """
+    t = log.t[np.isfinite(log.t)]
+    step = np.diff(t)
+    near = (step > 0.0) & (step <= NEIGHBOUR * log.period)
+    kept = t[np.append(near, False) | np.insert(near, 0, False)]
+    return float(np.min(kept)), float(np.max(kept))
+
+
+def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) -> None:
+    """InputError unless a profile covers the log's times, to a sample; numbers hold at all times."""
+    if len(profile.t) == 1:
+        return
+    first, last = log_span(log)
+    if profile.t[0] > first + log.period or profile.t[-1] < last - log.period:
+        raise InputError(f"{profile.path or nominal.path}: column t: the profile of [{section}] covers "
+                         f"{profile.t[0]:g}..{profile.t[-1]:g} s; expected {first:g}..{last:g} s, "
+                         f"the times of {log.path}")
+
+
+def follow(log: Log, nominal: Nominal, window: float) -> list[Estimate]:
+    """The estimate of every window of `window` [s], with its uncertainty level.  ValueError: a window out of range."""
+    model = ranged_model(nominal, log.period, log.path)
+    assert nominal.uncertainty is not None
+    require_cover(log, nominal, nominal.vehicle, "vehicle")
+    require_cover(log, nominal, nominal.uncertainty, "uncertainty")
+    config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
+                    **saturations(log))
+    return run(config, log.samples())[0]
+
+
+def level_json(level: Level) -> dict[str, Any]:
+    """One parameter in the contract's words."""
+    return {"delta": number(level.delta), "delta_std": number(level.delta_std), "band": level.band,
+            "probability": {band: number(p) for band, p in zip(BANDS, level.probability, strict=True)},
+            "in_range": level.in_range, "out_since": number(level.out_since)}
+
+
+def report(estimates: list[Estimate]) -> dict[str, Any]:
+    """The uncertainty JSON."""
+    windows = []
+    for e in estimates:
+        u = e.uncertainty
+        assert u is not None
+        windows.append({"t_start": e.t_start, "t_end": e.t_end, "valid": u.valid,
+                        "a6": level_json(u.a6), "k1": level_json(u.k1)})
+    return {"windows": windows}
+
+
+def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float]]:
+    """(parameter, when it began, end of the window that first said so, end of the first window back in range) [s].
+
+    NaN for the last if it never came back; in order of their alarm.
+    """
+    rows = []
+    for name in PARAMETERS:
+        inside = True
+        for e in estimates:
+            level: Level = getattr(e.uncertainty, name)
+            if inside and not level.in_range:
+                rows.append((name, level.out_since, e.t_end, math.nan))
+            elif not inside and level.in_range:
+                rows[-1] = (*rows[-1][:3], e.t_end)
+            inside = level.in_range
+    return sorted(rows, key=lambda row: row[2])
+
+
+def table(estimates: list[Estimate]) -> str:
+    """The windows for a terminal, and what left its range."""
+    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in PARAMETERS)
+    lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
+    for e in estimates:
+        u = e.uncertainty
+        assert u is not None
+        line = f"{e.t_start:>9.3f} {e.t_end:>9.3f}"
+        for level in (u.a6, u.k1):
+            if not u.valid:
+                line += f"  {'-':>16} {'-':>9} {'-':>7}"
+                continue
+            best = max(level.probability)
+            line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>7.3f}"
+        lines.append(line)
+    for name, since, said, back in departures(estimates):
+        lines.append(f"{name} is out of its range since {since:.2f} s (alarm by {said:.2f} s): more than dispersion "
+                     "acts, such as a fault or wind"
+                     + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
+    if not any(e.uncertainty is not None and e.uncertainty.valid for e in estimates):
+        lines.append("no window of this log determines where in their range a6 and k1 are")
+    elif not departures(estimates):
+        lines.append("a6 and k1 are in their range throughout")
+    return "\n".join(lines)

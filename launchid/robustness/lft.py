@@ -1,0 +1,279 @@
+"""The closed loop as an upper LFT F_u(M, Delta), Delta = diag(delta_a6, delta_k1), exact and minimal.
+
+a6 = a6_0 (1 + sigma_a6 delta_a6), k1 = k1_0 (1 + sigma_k1 delta_k1), |delta| <= 1.  Plant and actuator are
+continuous, the controller is discrete, so M is a linear system with jumps (Kabamba & Hara, IEEE TAC 38, 1993;
+Chen & Francis, Optimal Sampled-Data Control Systems, 1995), here closed around plant, actuator and controller:
+
+    flow      x' = a x + b w,   zeta = c x + d w,   w = Delta zeta      between the jumps
+    tick      x <- tick x + hold u + reference r,  u = command x + command_reference r     at k T
+    switch    x <- switch x                                                at k T + fraction, only with a delay
+
+Delta enters the flow alone, each delta once: the flow is F_u(M, Delta) = a + b Delta (I - d Delta)^-1 c (Zhou, Doyle &
+Glover, Robust and Optimal Control, 1996, ch. 10).  Over one period the jumps and two matrix exponentials of that
+flow give the loop at the ticks, for any delta, without approximation.
+
+Why not an LFT in z: the zero-order-hold equivalent holds exp(sqrt(a6) T), which is not rational in delta, so no
+finite M(z) with two deltas is exact.  The exact M(z) of the lifted loop (Bamieh & Pearson, IEEE TAC 37, 1992;
+Dullerud, Control of Uncertain Sampled-Data Systems, 1996) is an operator whose Delta-channel is L2[0, T); the jump
+system is its state space.
+
+Assumptions: parameters frozen at the asked time; linear loop: no deflection limit, noise or quantisation; the rigid
+launcher of two parameters: further vehicle terms and [[effects]] of the nominal are left out;
+delta constant in time; the delay holds each command and cuts inside a period exactly.
+
+State (n,): theta [rad], theta_dot [rad/s], beta [rad], beta_dot/w [rad], v [rad] at the actuator's input, the
+derivative filter's state [rad], then [rad] the commands under way: the one due at kT + fraction, and the queue.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.errors import InputError
+from sim.nominal import Actuator, Controller, Nominal, Profile
+
+from ..unsupported import refuse_foreign_loop
+
+THETA, THETA_DOT, BETA, BETA_RATE, INPUT, FILTER = range(6)
+N_FIXED = 6
+TAYLOR_ORDER = 14        # scaled norm <= 1/2: the remainder is below 3e-17
+OFF_CIRCLE = 1e-13       # relative: far above rounding, far below what any margin shows
+WHOLE_PERIOD = 1e-9      # of a period: a delay this close to whole periods is whole
+
+
+@dataclass(frozen=True, eq=False)
+class Lft:
+    """M of the closed loop at one time, SI units.  See the module for what each array does."""
+
+    t: float                    # s
+    a6: float                   # 1/s^2, at delta = 0
+    k1: float                   # 1/s^2
+    sigma: np.ndarray           # (2,) of a6, k1
+    a: np.ndarray               # (n, n)
+    b: np.ndarray               # (n, 2)
+    c: np.ndarray               # (2, n)
+    d: np.ndarray               # (2, 2)
+    tick: np.ndarray            # (n, n)
+    hold: np.ndarray            # (n,)
+    reference: np.ndarray       # (n,)
+    command: np.ndarray         # (n,)
+    command_reference: float
+    switch: np.ndarray          # (n, n)
+    fraction: float             # s, after the tick
+    period: float               # s
+    kp: float
+
+    @property
+    def delay(self) -> float:
+        """Transport delay [s] on the way to the actuator."""
+        return (len(self.a) - N_FIXED - (self.fraction > 0.0)) * self.period + self.fraction
+
+    def parameters(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """a6, k1 (...) [1/s^2] at delta (..., 2)."""
+        factor = 1.0 + self.sigma * delta
+        return self.a6 * factor[..., 0], self.k1 * factor[..., 1]
+
+
+class Sampled(NamedTuple):
+    """The loop at the ticks, cut at the controller's output: x+ = a x + b u + b_reference r (before each tick).
+
+    The controller commands command x + command_reference r; the loop is closed when u is that command.
+    """
+
+    a: np.ndarray               # (..., n, n)
+    b: np.ndarray               # (..., n)
+    b_reference: np.ndarray     # (..., n)
+    command: np.ndarray         # (n,)
+    command_reference: float
+    period: float               # s
+
+    def take(self, index: np.ndarray) -> "Sampled":
+        """The loops at these places of the first axis."""
+        return self._replace(a=self.a[index], b=self.b[index], b_reference=self.b_reference[index])
+
+    def gain(self, omega: np.ndarray) -> np.ndarray:
+        """`loop_gain` of these loops."""
+        return loop_gain(self, omega)
+
+
+def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
+    """(a6, k1) of a profile at t [s]; InputError beyond its ends (a single node is a constant and has none)."""
+    covers = len(profile.t) == 1 or profile.t[0] <= t <= profile.t[-1]
+    if not math.isfinite(t) or not covers:
+        raise InputError(f"{what}: t = {t!r} s: expected a time from {profile.t[0]:g} to {profile.t[-1]:g} s")
+    a6, k1 = profile.at(np.array(t))
+    return float(a6), float(k1)
+
+
+def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None = None) -> Lft:
+    """M of a nominal's closed loop, frozen at time t [s].
+
+    kp, kd [s]   instead of the nominal's gains
+    Raises InputError: a section missing, sigma not above 0, a time the profile does not cover.
+    """
+    nominal.require("uncertainty", "actuator", "controller")
+    refuse_foreign_loop(nominal, "the frozen loop")
+    actuator, controller = nominal.actuator, nominal.controller
+    assert nominal.uncertainty is not None and actuator is not None and controller is not None
+    a6, k1 = value_at(nominal.vehicle, t, f"{nominal.path}: [vehicle]")
+    sigma = np.array(value_at(nominal.uncertainty, t, f"{nominal.path}: [uncertainty]"))
+    if not np.all(sigma > 0.0):
+        raise InputError(f"{nominal.path}: uncertainty = {sigma.tolist()} at t = {t!r} s: expected sigma above 0")
+    whole, fraction = split_delay(actuator.delay, controller.period)
+    n = N_FIXED + whole + (fraction > 0.0)
+    gains = (controller.kp if kp is None else kp, controller.kd if kd is None else kd)
+    command, command_reference, tick, reference = _controller(controller, gains, n)
+    hold, switch = _delay_line(tick, whole, fraction)
+    b, c = np.zeros((n, 2)), np.zeros((2, n))
+    b[THETA_DOT] = 1.0
+    c[0, THETA], c[1, BETA] = a6 * sigma[0], k1 * sigma[1]
+    return Lft(t=float(t), a6=a6, k1=k1, sigma=sigma, a=_flow(a6, k1, actuator, n), b=b, c=c, d=np.zeros((2, 2)),
+               tick=tick, hold=hold, reference=reference, command=command, command_reference=command_reference,
+               switch=switch, fraction=fraction, period=controller.period, kp=gains[0])
+
+
+def split_delay(delay: float, period: float) -> tuple[int, float]:
+    """Delay [s] as whole periods and the rest [s], 0 <= rest < period."""
+    whole = math.floor(delay / period + WHOLE_PERIOD)
+    rest = delay - whole * period
+    return whole, rest if rest > WHOLE_PERIOD * period else 0.0
+
+
+def _flow(a6: float, k1: float, actuator: Actuator, n: int) -> np.ndarray:
+    """a (n, n): theta_ddot = a6 theta + k1 beta and the actuator with beta_dot over w as state; the rest is held."""
+    w = actuator.natural_frequency
+    a = np.zeros((n, n))
+    a[THETA, THETA_DOT] = 1.0
+    a[THETA_DOT, THETA], a[THETA_DOT, BETA] = a6, k1
+    a[BETA, BETA_RATE] = w
+    a[BETA_RATE, BETA], a[BETA_RATE, BETA_RATE], a[BETA_RATE, INPUT] = -w, -2.0 * actuator.damping_ratio * w, w
+    return a
+
+
+def _controller(controller: Controller, gains: tuple[float, float],
+                n: int) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    """command (n,), command_reference, tick (n, n), reference (n,).
+
+    The filter d = (tau d + e - e_previous)/(tau + T) with one state s, s <- p s + e, p = tau/(tau + T):
+    d = (e + (p - 1) s)/(tau + T).  What is not named here keeps its value.
+    """
+    kp, kd = gains
+    lag = controller.derivative_time_constant + controller.period
+    pole = controller.derivative_time_constant / lag
+    command, tick, reference = np.zeros(n), np.eye(n), np.zeros(n)
+    command[THETA], command[FILTER] = kp + kd / lag, kd * (pole - 1.0) / lag
+    tick[FILTER, THETA], tick[FILTER, FILTER] = 1.0, pole
+    reference[FILTER] = -1.0
+    return command, -(kp + kd / lag), tick, reference
+
+
+def _delay_line(tick: np.ndarray, whole: int, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+    """hold (n,) and switch (n, n); the queue's shift goes into `tick` (inout).
+
+    At a tick the oldest of `whole` queued commands leaves the queue, the new one enters; what leaves is at the
+    actuator's input at once, or, with a fraction of a period left, waits in `due` until the switch.
+    """
+    n = len(tick)
+    hold, switch = np.zeros(n), np.eye(n)
+    leaves = N_FIXED if fraction > 0.0 else INPUT
+    places = [leaves, *range(n - whole, n)]      # from the exit back to the entry
+    for place, behind in itertools.pairwise(places):
+        tick[place] = np.eye(n)[behind]
+    tick[places[-1]] = 0.0
+    hold[places[-1]] = 1.0
+    if fraction > 0.0:
+        switch[INPUT] = np.eye(n)[N_FIXED]
+    return hold, switch
+
+
+def checked(delta: np.ndarray | tuple[float, float]) -> np.ndarray:
+    """delta (..., 2) of a6, k1 as an array; ValueError unless every |delta| <= 1."""
+    delta = np.asarray(delta, dtype=float)
+    if delta.shape[-1:] != (2,) or not np.all(np.abs(delta) <= 1.0):
+        raise ValueError(f"delta = {delta.tolist()}: expected delta_a6, delta_k1 within [-1, 1]")
+    return delta
+
+
+def star(lft: Lft, delta: np.ndarray) -> np.ndarray:
+    """F_u(M, Delta): the flow (..., n, n) at delta (..., 2), any real; `checked` is for what the file allows."""
+    block = np.zeros((*delta.shape, 2))
+    block[..., 0, 0], block[..., 1, 1] = delta[..., 0], delta[..., 1]
+    return lft.a + lft.b @ block @ np.linalg.inv(np.eye(2) - lft.d @ block) @ lft.c
+
+
+def exponential(a: np.ndarray) -> np.ndarray:
+    """exp(a), a (..., n, n): Taylor series, scaled and squared (Higham, Functions of Matrices, 2008, ch. 10)."""
+    norm = float(np.abs(a).sum(axis=-1).max(initial=0.0))
+    squarings = max(0, math.ceil(math.log2(2.0 * norm))) if norm > 0.0 else 0
+    x = a / 2.0**squarings
+    term = np.broadcast_to(np.eye(a.shape[-1]), a.shape)
+    result = term.copy()
+    for order in range(1, TAYLOR_ORDER + 1):
+        term = term @ x / order
+        result = result + term
+    for _ in range(squarings):
+        result = result @ result
+    return result
+
+
+def sample(lft: Lft, delta: np.ndarray) -> Sampled:
+    """The loop at the ticks for delta (..., 2), any real: flow and jumps over one period, exact."""
+    flow = star(lft, np.asarray(delta, dtype=float))
+    period = exponential(flow * (lft.period - lft.fraction))
+    if lft.fraction > 0.0:
+        period = period @ lft.switch @ exponential(flow * lft.fraction)
+    return Sampled(a=period @ lft.tick, b=period @ lft.hold, b_reference=period @ lft.reference,
+                   command=lft.command, command_reference=lft.command_reference, period=lft.period)
+
+
+def close(loop: Sampled) -> np.ndarray:
+    """State matrix (..., n, n) of the closed loop: one eigenvalue in 0 for each state that the tick overwrites."""
+    return loop.a + loop.b[..., :, None] * loop.command
+
+
+def spectral_radius(loop: Sampled) -> np.ndarray:
+    """Largest |eigenvalue| (...) of the closed loop; below 1 it is stable."""
+    return np.abs(np.linalg.eigvals(close(loop))).max(axis=-1)
+
+
+def loop_gain(loop: Sampled, omega: np.ndarray) -> np.ndarray:
+    """L(exp(i omega T)) (..., p) at omega (..., p) [rad/s], from the actuator's input to minus the command.
+
+    The closed loop's characteristic equation is 1 + L = 0.
+    """
+    return -_resolvent(loop.a, loop.b[..., None], omega, loop.period)[..., 0] @ loop.command
+
+
+def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega: np.ndarray) -> np.ndarray:
+    """Closed loop (..., p, 2) from theta_ref to (theta, command) at the ticks, delta (..., 2) within [-1, 1].
+
+    Closed from the responses of the cut loop, which keeps the tiny theta near half the sampling rate to full
+    precision.  omega (p,) [rad/s].
+    """
+    loop = sample(lft, checked(delta))
+    inputs = np.stack([loop.b, loop.b_reference], axis=-1)
+    x = _resolvent(loop.a, inputs, np.asarray(omega, dtype=float), loop.period)
+    command = np.einsum("...nk,n->...k", x, loop.command)
+    u = (command[..., 1] + loop.command_reference) / (1.0 - command[..., 0])
+    return np.stack([x[..., THETA, 1] + x[..., THETA, 0] * u, u], axis=-1)
+
+
+def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -> np.ndarray:
+    """(z I - a)^-1 b (..., p, n, k) at z = exp(i omega period), omega (..., p), a (..., n, n), b (..., n, k).
+
+    An undamped plant (a6 <= 0) has its poles on the circle: met exactly, all z step off it by OFF_CIRCLE.
+    """
+    z = np.exp(1j * omega * period)
+    entry = b[..., None, :, :].astype(complex)
+    try:
+        return np.linalg.solve(_pencil(z, a), entry)
+    except np.linalg.LinAlgError:
+        return np.linalg.solve(_pencil(z * (1.0 + OFF_CIRCLE), a), entry)
+
+
+def _pencil(z: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """z I - a (..., p, n, n)."""
+    return z[..., None, None] * np.eye(a.shape[-1]) - a[..., None, :, :]

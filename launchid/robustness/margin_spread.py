@@ -1,0 +1,202 @@
+"""The margins of a flight's loop with what is not known of it: value, standard deviation, 95 % interval.
+
+What is known of a loop is a normal distribution of a6, k1 and the servo's natural frequency, damping ratio and delay.
+A margin is no linear function of them: the phase has a ridge where the gain is the best, the low gain margin in dB has
+none where a6 is 0, an unstable loop has none at all.  So the interval is that of the profile likelihood: the least and
+the greatest margin over the ellipsoid of INTERVAL standard deviations.  It is exact for whatever is a straight line in
+the parameters, as a limit on a6/k1 is (Fieller, JRSS B 16, 1954), to second order for whatever is not (Hasofer and
+Lind, J. Eng. Mech. Div. 100, 1974, call the same distance the reliability index), and it is the same for a margin in dB
+or as a factor.  The extremes are sought among quasi-random points of the ellipsoid and climbed to from the best ones.
+
+An unstable loop keeps no margin: all four are 0.  Where nothing limits a margin it is infinite, the low gain margin of
+a stable plant -inf dB.
+
+`gain_low_db` is below 0: by so much may the gain fall, as in `margins`.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.nominal import Controller
+from sim.sections import Required
+
+from .loops import Loops, loops, plants_of
+from .margins import frequency_grid, gain_margins, phase_margins
+
+NAMES = ("gain_low_db", "gain_high_db", "phase_deg", "delay_ms")
+INTERVAL = 1.96        # standard deviations: 95 %
+INSIDE, ON = 48, 48    # quasi-random points: of the distribution, on the ellipsoid
+CLIMBS = 2             # of each extreme, each to where the last slope points
+STEP = 0.05            # standard deviations: of a slope's difference
+FAR = 4.0              # standard deviations: where no loop is unstable within them, the loop is stable
+MANY = 2048            # points that count how probable it is, where one is
+KNOWN = 1e-12          # of the largest share of the spread: below it a direction is known
+
+Judge = Callable[[np.ndarray], np.ndarray]
+
+
+class Interval(NamedTuple):
+    """One margin: at the estimate, its standard deviation (NaN where it is infinite for part of what is possible), and
+    the ends of its 95 % interval; infinite where nothing limits it."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+
+
+class Known(NamedTuple):
+    """The knowledge of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
+    ratio and delay [s] of the servo."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The margins of a loop that is not known exactly."""
+
+    gain_low_db: Interval
+    gain_high_db: Interval
+    phase_deg: Interval
+    delay_ms: Interval
+    stable: float          # the probability that the loop is
+
+    def ends(self, name: str) -> tuple[float, float]:
+        """The worse and the better end of a margin's interval, more being better."""
+        interval = getattr(self, name)
+        return (-interval.high, -interval.low) if name == "gain_low_db" else (interval.low, interval.high)
+
+    def below(self, required: Required) -> dict[str, bool]:
+        """Margins whose interval begins below what is required: whether it ends there too."""
+        demands = {"gain_low_db": required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
+                   "delay_ms": required.delay_ms}
+        misses = {}
+        for name, demand in demands.items():
+            least, most = self.ends(name)
+            if least < demand:
+                misses[name] = most < demand
+        return misses
+
+
+def margin_table(many: Loops) -> np.ndarray:
+    """NAMES (m, 4) of m loops: 0 of an unstable one, infinite where nothing limits it."""
+    omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period)
+    gain = many.gain(omega)
+    low, high = gain_margins(many, omega, gain, many.static)
+    phase, delay = phase_margins(many, omega, gain)
+    with np.errstate(divide="ignore"):
+        table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay])
+    table[~many.stable()] = 0.0
+    return table
+
+
+def margin_spread(known: Known, controller: Controller, kp: float | None = None, kd: float | None = None) -> Spread:
+    """The margins of a loop as well as it is known; kp, kd [s] instead of the controller's gains."""
+    root = _root(known.covariance)
+    count = root.shape[1]
+
+    def loops_at(u: np.ndarray) -> Loops:
+        return loops(plants_of(known.mean + u @ root.T), controller, kp, kd)
+
+    def judge(u: np.ndarray) -> np.ndarray:
+        return margin_table(loops_at(u))
+
+    if count == 0:
+        value = judge(np.zeros((1, 0)))[0]
+        gain_low, gain_high, phase, delay = (Interval(x, 0.0, x, x) for x in value.tolist())
+        return Spread(gain_low, gain_high, phase, delay, float(loops_at(np.zeros((1, 0))).stable()[0]))
+    inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON, count))
+    points = np.concatenate([np.zeros((1, count)), inside, on])
+    table = judge(points)
+    low, high = _extremes(judge, points, table)
+    with np.errstate(invalid="ignore"):
+        std = np.std(table[1:1 + INSIDE], axis=0)
+    gain_low, gain_high, phase, delay = (Interval(*map(float, each))
+                                         for each in zip(table[0], std, low, high, strict=True))
+    stable = 1.0
+    if not loops_at(FAR * _unit(normal_points(ON, count))).stable().all() or not table.any(axis=1).all():
+        stable = float(np.mean(loops_at(normal_points(MANY, count)).stable()))
+    return Spread(gain_low, gain_high, phase, delay, stable)
+
+
+def ellipsoid(known: Known, count: int) -> np.ndarray:
+    """Parameters (count, 5) on the ellipsoid of INTERVAL standard deviations."""
+    root = _root(known.covariance)
+    if root.shape[1] == 0:
+        return np.tile(known.mean, (count, 1))
+    return known.mean + INTERVAL * _unit(normal_points(count, root.shape[1])) @ root.T
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """(5, d): what one standard deviation in each of the d directions that are not known moves the parameters by."""
+    std = np.sqrt(np.diag(covariance))
+    scale = np.where(std > 0.0, std, 1.0)
+    share, direction = np.linalg.eigh(covariance / np.outer(scale, scale))
+    open_ = share > KNOWN * max(float(share[-1]), KNOWN)
+    return scale[:, None] * direction[:, open_] * np.sqrt(share[open_])
+
+
+def _unit(points: np.ndarray) -> np.ndarray:
+    """Points (n, d) on the unit sphere."""
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+@functools.cache
+def normal_points(count: int, dimensions: int) -> np.ndarray:
+    """(count, dimensions) points of a standard normal distribution, evenly spread: each with its mirror image, of unit
+    covariance.
+
+    The additive sequence of the generalised golden ratio (Roberts 2018), through the normal's quantiles.
+    """
+    ratio = 2.0
+    for _ in range(64):
+        ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1.0))
+    half = count // 2
+    uniform = (0.5 + np.outer(np.arange(1, half + 1), ratio ** -np.arange(1.0, dimensions + 1.0))) % 1.0
+    quantile = NormalDist().inv_cdf
+    points = np.array([[quantile(x) for x in row] for row in uniform.tolist()])
+    points = np.concatenate([points, -points])
+    points = points @ np.linalg.inv(np.linalg.cholesky(points.T @ points / len(points))).T
+    points.flags.writeable = False
+    return points
+
+
+def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest (4,) of each margin over the ball of INTERVAL.
+
+    points (n, d) among which they are sought first, those beyond it left out;  table (n, 4) the margins there
+    """
+    within = np.linalg.norm(points, axis=1) <= INTERVAL * (1.0 + 1e-9)
+    points, table = points[within], table[within]
+    ends, dimensions = table.shape[1], points.shape[1]
+    column, sign = np.tile(np.arange(ends), 2), np.repeat([-1.0, 1.0], ends)
+    at = points[np.concatenate([np.argmin(table, axis=0), np.argmax(table, axis=0)])]
+    best = np.concatenate([table.min(axis=0), table.max(axis=0)])
+    around = STEP * np.concatenate([np.eye(dimensions), -np.eye(dimensions)])
+    every = np.arange(2 * ends)
+    for _ in range(CLIMBS):
+        rim = np.linalg.norm(at, axis=1) > INTERVAL * (1.0 - 1e-9)  # an extreme inside has no slope
+        near = judge((at[:, None] + around).reshape(-1, dimensions)).reshape(2 * ends, 2 * dimensions, ends)
+        beside = near[every, :, column]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            slope = sign[:, None] * (beside[:, :dimensions] - beside[:, dimensions:])
+            target = INTERVAL * _unit(slope)
+        can = rim & np.isfinite(target).all(axis=1)
+        target[~can] = at[~can]
+        value = judge(target)[every, column]
+        better = can & (sign * value > sign * best)
+        at, best = np.where(better[:, None], target, at), np.where(better, value, best)
+    return best[:ends], best[ends:]
+
+
+def json_number(x: float) -> float | None:
+    """null for what is not finite."""
+    return float(x) if math.isfinite(x) else None

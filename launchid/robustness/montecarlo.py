@@ -1,0 +1,95 @@
+"""Flights of the Monte Carlo: scenarios over the box and beyond it, with the legacy gains and with rescheduled ones.
+
+Scenarios, each with the job's delta as a constant deviation a = a_0 (1 + sigma delta) on top:
+    box      nothing else
+    k1-loss  LOSS of k1 gone from the moment t_event on (a nozzle or an engine of a cluster lost)
+    a6-up    a6 up by RISE from t_event on, to the end
+    both     both at t_event
+t_event is the maximum of the nominal's a6, which stands for maximum dynamic pressure (a6 = q S CNalpha arm/J); of a
+constant nominal CONSTANT_EVENT.
+"""
+
+import functools
+import math
+
+import numpy as np
+
+from launchid_core import Config
+from sim.errors import UsageError
+from sim.flight import Factor, dispersion, fly_whole
+from sim.nominal import Nominal, load_nominal
+
+from ..identification.windows import onboard_model, run
+from ..monte_carlo.campaign import Job
+from .reconfigure import Flown, fly_legacy, fly_reconfigured
+
+SCENARIOS = ("box", "k1-loss", "a6-up", "both")
+LOSS = 0.45            # of k1 (issue 5)
+RISE = 0.60            # of a6 (issue 5)
+CONSTANT_EVENT = 30.0  # s
+WINDOW = 1.0           # s, of an identified flight
+
+_nominal = functools.cache(load_nominal)
+
+
+def event_time(nominal: Nominal) -> float:
+    """The time at which the scenario begins [s]."""
+    profile = nominal.vehicle
+    return CONSTANT_EVENT if len(profile.t) == 1 else float(profile.t[np.argmax(profile.a6)])
+
+
+def factors(nominal: Nominal, job: Job) -> tuple[Factor, Factor]:
+    """The true a6 and k1 over the nominal's."""
+    if job.scenario not in SCENARIOS:
+        raise UsageError(f"scenario {job.scenario!r}: expected one of {', '.join(SCENARIOS)}")
+    rise = RISE if job.scenario in ("a6-up", "both") else 0.0
+    loss = LOSS if job.scenario in ("k1-loss", "both") else 0.0
+    start = event_time(nominal)
+    box_a6, box_k1 = dispersion(nominal, job.delta_a6, job.delta_k1)
+    assert callable(box_a6) and callable(box_k1)
+    return (lambda t: box_a6(t) * np.where(t >= start, 1.0 + rise, 1.0),
+            lambda t: box_k1(t) * np.where(t >= start, 1.0 - loss, 1.0))
+
+
+def compare_gains(job: Job) -> dict[str, float | int | str]:
+    """One vehicle flown twice, with the same noise: legacy and reconfigured."""
+    return compare_gains_of(_nominal(job.nominal), job)
+
+
+def compare_gains_of(nominal: Nominal, job: Job) -> dict[str, float | int | str]:
+    """The same of a nominal that the job only names."""
+    a6_factor, k1_factor = factors(nominal, job)
+    legacy = fly_legacy(nominal, job.seed, a6_factor, k1_factor)
+    changed = fly_reconfigured(nominal, job.seed, a6_factor, k1_factor)
+    return {**{f"legacy_{name}": value for name, value in figures(legacy).items()},
+            **{f"reconfigured_{name}": value for name, value in figures(changed).items()},
+            "changes": len(changed.changes), "kp_last": float(changed.gains[-1, 0]),
+            "kd_last": float(changed.gains[-1, 1])}
+
+
+def figures(flown: Flown) -> dict[str, float | int]:
+    """lost; when the log ends [s]; root mean squares of theta - theta_ref [rad], beta [rad], beta' [rad/s].
+
+    Of the true attitude and nozzle; beta' from the nozzle's steps between rows.
+    """
+    def rms(x: np.ndarray) -> float:
+        return math.sqrt(float(np.mean(x**2)))
+
+    beta = flown.column("exact_beta")
+    return {"lost": int(flown.lost), "end": float(flown.column("t")[-1]),
+            "error": rms(flown.column("exact_theta") - flown.column("theta_ref")), "nozzle": rms(beta),
+            "nozzle_rate": rms(np.diff(beta) / flown.period)}
+
+
+def identify(job: Job) -> dict[str, float | int | str]:
+    """One vehicle flown with the legacy gains and identified in windows of WINDOW, the filtered formulation."""
+    nominal = _nominal(job.nominal)
+    a6_factor, k1_factor = factors(nominal, job)
+    flight = fly_whole(nominal, job.seed, a6_factor=a6_factor, k1_factor=k1_factor)
+    config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(nominal))
+    estimates, estimator = run(config, flight.samples())
+    last = estimates[-1].tracked if estimates else None
+    fields = last._asdict() if last is not None else {}
+    return {"lost": int(flight.lost), "windows": len(estimates), "valid": sum(e.valid for e in estimates),
+            "changes": len(estimator.changes()), "true_a6": float(flight.a6[-1]), "true_k1": float(flight.k1[-1]),
+            **{name: fields[name] for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr") if name in fields}}

@@ -1,0 +1,346 @@
+"""Acting on the estimate: PD gains rescheduled in flight, and the closed loop that flies with them.
+
+The rule.  A PD on theta_ddot = a6 theta + k1 beta gives s^2 + kd |k1| s + kp |k1| - a6, so a bandwidth wn and a
+damping zeta ask for kp = (wn^2 + a6)/|k1|, kd = 2 zeta wn/|k1|.  wn(t), zeta(t) are those that the legacy gains give at
+the nominal: wn^2 = kp |k1_0(t)| - a6_0(t), 2 zeta wn = kd |k1_0(t)|.  With them kd |k1|, and with it everything that
+the actuator's, the hold's and the pseudo-derivative's lags take from the loop at high frequency, is the nominal's.
+wn is at least max(sqrt(a6), 1 rad/s): below sqrt(a6) the gain kp |k1| would be less than twice what it has to beat.
+
+What is believed.  At each closed window the tracked a6, k1, as ratios to the nominal, which carry them on between
+windows.  The window is short: the tracked estimate has all data whatever the window, which only says how often it may
+be read, and 0.2 s after the alarm of a lost k1 it knows what is left to 3 %.  (`Estimator.changes` gives the size of a
+change two seconds later, so only its alarm is used.)  An estimate is used while it predicts wn^2 better than NOT_SURE.
+In wind a6, which the wind multiplies, is known late and k1 well; then k1 alone is used, while it predicts kp |k1|, the
+loop's gain, as well: kp_0 |k1_0|/|k1| and kd_0 |k1_0|/|k1| give the loop the nominal's gain at all frequencies, and
+what a6 does to wn^2 is what it does to the legacy loop.  A worse one still is used while the legacy gains are beyond
+doubt the worse choice: where it says that they miss wn^2 by more than DOUBT of its standard deviations, as after a loss
+of k1 that wind leaves known to 10 %.  Else the ratios are 1, which gives the legacy gains back to the bit, but for HOLD
+after an alarm, when the estimate has just been opened and the last belief is the better one.  Without a bump: the
+controller's only memory is the error and its filtered derivative, which know no gains, and the gains move at a limited
+rate.
+
+Assumptions: kp, kd > 0 and k1 < 0, as in all nominals; a nominal without [vehicle.terms] (`onboard_model`'s).
+Limitation: the supervisor looks every SUPERVISION seconds, as a slower task beside the controller would.
+
+The gate.  Other gains than the legacy ones are adopted only while the loop with them keeps what the nominal's [margins]
+requires with the whole of its 95 % intervals, as the tracked estimate knows a6 and k1, behind the servo as the nominal
+declares it or, where it is not known, as the flight has shown it; else the legacy gains stay, or come back, unless they
+keep even less of every margin that is missed: a gate that left those to a vehicle that needs others lost one flight
+more of 16 (`vega_like`, `both`).  Why is in `Flown.decisions`.  This is a decision of the host: the margins are not
+computed on board.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, Tracked
+from sim.errors import InputError
+from sim.flight import CLOCK_DIGITS, Factor, prepare
+from sim.nominal import Nominal
+from sim.vehicle import step as st
+
+from ..identification.windows import onboard_model
+from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
+
+WINDOW = 0.2          # s of the estimator: how often the tracked estimate is read
+JUDGED = 1.0          # s for which a judgement of the margins holds, if the gains asked for stay within
+MOVED = 0.01          # of those that were judged
+FEWEST = 5            # samples in it
+HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
+LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
+SUPERVISION = 0.1     # s, between looks at the estimator: its own block of samples
+SLOWEST = 1.0         # rad/s, least wn: slower than guidance, the attitude would not follow
+LEAST = 1.0           # of the legacy gain.  The rule asks for less when the vehicle is stiffer than believed, and what
+# is given away then is missing when k1 is lost: with 0.5 one of 100 constant flights was lost (`both`) that legacy
+# keeps, for 2 % less nozzle rate.  Legacy flies the whole box with it
+MOST = 2.5            # of the legacy gain.  45 % of k1 lost and a6 up 60 % ask for 2.1 to 2.3; beyond, the estimate is
+# wrong.  A true nominal k1 bears it at maximum a6 (high-frequency gain margin 3.2 and more), not at the VEGA-like's
+# end (2.0): there NOT_SURE alone stands against a wrong estimate
+RATE = 4.0            # of the legacy gain, 1/s: the 1.8 that a loss of 45 % asks for is there in 0.2 s, as long as the
+# estimate needed.  In 100 greensite flights that lose 45 %: 30 lost at 1/s, 21 at 4/s, 18 at 20/s, where a period of
+# the controller could step the command by 20 % of it
+DOUBT = 1.96          # standard deviations, 95 %
+NOT_SURE = 0.15       # std of wn^2 relative to itself; a box of sigma 0.25 alone makes it 0.19: no better, no change
+
+
+class Belief(NamedTuple):
+    """The supervisor's a6 and k1 over the nominal's; (1, 1) is the nominal."""
+
+    a6: float
+    k1: float
+
+
+NOMINAL = Belief(1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Gains of one nominal.  wn2 [1/s^2] = kp |k1_0| - a6_0 and rate [1/s] = kd |k1_0| are the legacy loop's."""
+
+    nominal: Nominal
+
+    def __post_init__(self) -> None:
+        self.nominal.require("controller")
+        controller, path = self.nominal.controller, self.nominal.path
+        assert controller is not None
+        if not (controller.kp > 0 and controller.kd > 0 and np.all(self.nominal.vehicle.k1 < 0)):
+            raise InputError(f"{path}: controller.kp = {controller.kp!r}, kd = {controller.kd!r} with k1 up to "
+                             f"{float(np.max(self.nominal.vehicle.k1))!r}: expected kp, kd > 0 and k1 < 0")
+
+    @property
+    def legacy(self) -> tuple[float, float]:
+        """(kp, kd [s]) of the nominal file."""
+        controller = self.nominal.controller
+        assert controller is not None
+        return controller.kp, controller.kd
+
+    def at(self, t: float) -> tuple[float, float]:
+        """The nominal's (a6, k1) [1/s^2] at t [s]."""
+        a6, k1 = self.nominal.vehicle.at(np.array(t))
+        return float(a6), float(k1)
+
+    def gains(self, t: float, belief: Belief) -> tuple[float, float]:
+        """(kp, kd [s]) with the legacy loop's bandwidth and damping at t [s] for this belief, within the limits.
+
+        Written as what changes against the legacy gains, so that the nominal's belief gives them to the bit.
+        """
+        kp, kd = self.legacy
+        a6_0, k1_0 = self.at(t)
+        a6, k1 = a6_0 * belief.a6, abs(k1_0 * belief.k1)
+        wn2, least = kp * abs(k1_0) - a6_0, max(a6, SLOWEST**2)
+        faster = math.sqrt(least / wn2) if 0.0 < wn2 < least else 1.0
+        new_kp = kp * (abs(k1_0) / k1) + (a6 - a6_0 + max(least - wn2, 0.0)) / k1
+        new_kd = kd * (abs(k1_0) / k1) * faster
+        return min(max(new_kp, LEAST * kp), MOST * kp), min(max(new_kd, LEAST * kd), MOST * kd)
+
+    def spread(self, t: float, tracked: Tracked) -> float:
+        """Standard deviation of wn^2 = kp |k1| - a6, relative, that gains from this estimate would have."""
+        kp, _ = self.legacy
+        a6_0, k1_0 = self.at(t)
+        wn2 = max(kp * abs(k1_0) - a6_0, SLOWEST**2)
+        gain = (wn2 + tracked.a6) / abs(tracked.k1)
+        s_a, s_k = tracked.a6_std, gain * tracked.k1_std
+        return math.sqrt(max(s_a**2 + s_k**2 + 2.0 * tracked.a6_k1_corr * s_a * s_k, 0.0)) / wn2
+
+    def spread_of_k1(self, t: float, tracked: Tracked) -> float:
+        """The same of gains from its k1 and the nominal's a6, a6 being what it may."""
+        kp, _ = self.legacy
+        a6_0, k1_0 = self.at(t)
+        wn2 = max(kp * abs(k1_0) - a6_0, SLOWEST**2)
+        return (wn2 + a6_0) * tracked.k1_std / abs(tracked.k1) / wn2
+
+    def missed(self, t: float, tracked: Tracked) -> float:
+        """The relative loss of the legacy gains' wn^2, from that at the nominal, if the tracked estimate is true."""
+        kp, _ = self.legacy
+        a6_0, k1_0 = self.at(t)
+        wn2 = kp * abs(k1_0) - a6_0
+        return (wn2 - (kp * abs(tracked.k1) - tracked.a6)) / max(wn2, SLOWEST**2)
+
+    def believe(self, t: float, tracked: Tracked | None) -> Belief | None:
+        """The tracked estimate at t [s] as ratios, that of a6 1 if k1 alone is known; None when it is invalid or too
+        uncertain."""
+        if tracked is None or not tracked.valid or not all(map(math.isfinite, tracked)) or tracked.k1 >= 0.0:
+            return None
+        a6_0, k1_0 = self.at(t)
+        if self.spread(t, tracked) <= NOT_SURE:
+            return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
+        if self.spread_of_k1(t, tracked) <= NOT_SURE:
+            return Belief(1.0, tracked.k1 / k1_0)
+        if self.missed(t, tracked) > DOUBT * self.spread(t, tracked):
+            return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
+        return None
+
+
+class Scheduler:
+    """A scheduler beside the controller: a belief in, gains out."""
+
+    def __init__(self, nominal: Nominal) -> None:
+        self.rule = Rule(nominal)
+        self.belief = NOMINAL
+        self.gains = self.rule.legacy
+
+    def take(self, samples: list[Sample]) -> None:
+        """New samples, one at least."""
+        raise NotImplementedError
+
+    def target(self, t: float) -> tuple[float, float]:
+        """The gains asked for at t [s]."""
+        return self.rule.gains(t, self.belief)
+
+    def move(self, target: tuple[float, float], dt: float) -> tuple[float, float]:
+        """The gains dt [s] later, on their way to the target at RATE."""
+        kp, kd = (now + min(max(to - now, -RATE * legacy * dt), RATE * legacy * dt)
+                  for now, to, legacy in zip(self.gains, target, self.rule.legacy, strict=True))
+        self.gains = kp, kd
+        return self.gains
+
+
+class Decision(NamedTuple):
+    """A decision at t [s]: whether gains (kp, kd [s]) were adopted, and why not."""
+
+    t: float
+    adopted: bool
+    gains: tuple[float, float]
+    reason: str
+
+
+class Gate:
+    """The gate that lets gains pass only if the required margins hold with them."""
+
+    def __init__(self, nominal: Nominal) -> None:
+        self.nominal = nominal
+        self.declared = declared_servo(nominal)
+        self.last = Decision(-math.inf, True, (math.nan, math.nan), "")
+
+    def judge(self, t: float, tracked: Tracked, gains: tuple[float, float], servo: Servo | None = None) -> Decision:
+        """The decision about these gains at t [s], behind this servo or the declared one; that before, where hardly
+        anything has moved since."""
+        servo = self.declared if servo is None else servo
+        near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
+        if near and t - self.last.t < JUDGED:
+            return self.last
+        rigid, required = tuple(tracked)[1:], self.nominal.margins
+        spread = judged(self.nominal, rigid, servo, gains).spread
+        if spread is None:
+            self.last = Decision(t, False, gains, "the tracked estimate is not finite")
+            return self.last
+        missed = spread.below(required)
+        reason = "; ".join(miss_words(spread, name, required) for name in missed)
+        legacy = judged(self.nominal, rigid, servo).spread if missed else None
+        worse = legacy is not None and all(legacy.ends(name)[0] < spread.ends(name)[0] for name in missed)
+        self.last = Decision(t, not missed or worse, gains, reason + ("; the legacy gains keep less" if worse else ""))
+        return self.last
+
+
+class Supervisor(Scheduler):
+    """The scheduler that flies: it believes the estimator at once, if the gate lets the gains pass."""
+
+    def __init__(self, nominal: Nominal, sample_period: float) -> None:
+        super().__init__(nominal)
+        self.gate = Gate(nominal)
+        self.decisions: list[Decision] = []
+        self.estimator = Estimator(Config(window=max(WINDOW, FEWEST * sample_period), sample_period=sample_period,
+                                          formulation="filtered", model=onboard_model(nominal)))
+
+    def take(self, samples: list[Sample]) -> None:
+        """The estimator's samples."""
+        for sample in samples:
+            if self.estimator.update(sample) == Status.WINDOW_COMPLETE:
+                estimate = self.estimator.estimate()
+                assert estimate is not None
+                changes = self.estimator.changes()
+                held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL
+                self.belief = self.passed(estimate, self.rule.believe(estimate.t_end, estimate.tracked) or held)
+
+    def passed(self, estimate: Estimate, belief: Belief) -> Belief:
+        """The belief, or the nominal's where the gate refuses the gains that it asks for; what changes is noted."""
+        gains = self.rule.gains(estimate.t_end, belief)
+        if gains == self.rule.legacy or estimate.tracked is None:
+            return belief
+        decision = self.gate.judge(estimate.t_end, estimate.tracked, gains, servo_at(self.gate.declared, estimate))
+        if not self.decisions or decision.adopted != self.decisions[-1].adopted:
+            self.decisions.append(decision)
+        return belief if decision.adopted else NOMINAL
+
+
+class Knowing(Scheduler):
+    """A scheduler that no estimator can beat: it gets the true ratios, LATE.  It shows which losses the rule itself
+    leaves."""
+
+    def __init__(self, nominal: Nominal, a6_factor: Factor, k1_factor: Factor) -> None:
+        super().__init__(nominal)
+        self.factors = a6_factor, k1_factor
+
+    def take(self, samples: list[Sample]) -> None:
+        """The last sample's time alone."""
+        t = np.array(max(samples[-1].t - LATE, 0.0))
+        self.belief = Belief(*(float(factor(t)) if callable(factor) else factor for factor in self.factors))
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A flight in closed loop: its rows (n, columns of `step.COLUMNS`) and the gains (n, 2) that made them."""
+
+    rows: np.ndarray
+    gains: np.ndarray
+    period: float     # s, of the rows
+    lost: bool
+    changes: tuple[Change, ...] = ()
+    decisions: tuple[Decision, ...] = ()  # of the gate
+
+    def column(self, name: str) -> np.ndarray:
+        """A column of the log, SI."""
+        return self.rows[:, st.COLUMNS.index(name)]
+
+
+def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
+    """The flight with the nominal's own gains."""
+    vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
+    every = int(vehicle.counter[st.LOG_EVERY])
+    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
+    st.advance(vehicle, steps, rows)
+    rows = rows[:int(vehicle.counter[st.ROWS])]
+    gains = np.tile(vehicle.constant[[st.KP, st.KD]], (len(rows), 1))
+    return Flown(rows, gains, every * float(vehicle.constant[st.STEP]), bool(vehicle.counter[st.LOST]))
+
+
+def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0,
+                     believed: Nominal | None = None) -> Flown:
+    """The flight whose gains follow the estimates; the same noise as `fly_legacy`'s, draw for draw.
+
+    believed   what the supervisor knows, if it is not the nominal that flies
+    """
+    vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
+    supervisor = Supervisor(believed or nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
+    flown = _fly(vehicle, steps, supervisor)
+    return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
+
+
+def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
+    """The flight whose gains follow the truth, LATE; the same noise again."""
+    vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
+    return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
+
+
+def _fly(vehicle: st.Vehicle, steps: int, scheduler: Scheduler) -> Flown:
+    """The whole flight, the scheduler beside it."""
+    counter, h = vehicle.counter, float(vehicle.constant[st.STEP])
+    every, tick = int(counter[st.LOG_EVERY]), int(counter[st.CONTROL_EVERY])
+    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
+    gains = np.empty((len(rows), 2))
+    turn = max(1, round(SUPERVISION / (tick * h))) * tick
+    for start in range(0, steps, turn):
+        seen = int(counter[st.ROWS])
+        _fly_turn(vehicle, scheduler, range(start, min(start + turn, steps), tick), rows, gains)
+        if counter[st.LOST]:
+            break
+        new = rows[seen:counter[st.ROWS]].tolist()
+        if new:
+            scheduler.take([_sample(row) for row in new])
+    n = int(counter[st.ROWS])
+    return Flown(rows[:n], gains[:n], every * h, bool(counter[st.LOST]))
+
+
+def _fly_turn(vehicle: st.Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
+              gains: np.ndarray) -> None:
+    """The controller's periods (as steps) until the supervisor looks again; in one go once the gains are there."""
+    constant, counter = vehicle.constant, vehicle.counter
+    target = scheduler.target(ticks.start * constant[st.STEP])
+    for start in ticks:
+        constant[st.KP], constant[st.KD] = scheduler.move(target, constant[st.PERIOD])
+        settled = scheduler.gains == target
+        first = counter[st.ROWS]
+        st.advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
+        gains[first:counter[st.ROWS]] = scheduler.gains
+        if settled or counter[st.LOST]:
+            return
+
+
+def _sample(row: list[float]) -> Sample:
+    """A row as the estimator's sample: what the sensors read, and the logged command."""
+    t, _, beta_cmd, beta, theta, theta_dot = row[:6]
+    return Sample(round(t, CLOCK_DIGITS), theta, theta_dot, beta, math.nan, beta_cmd)

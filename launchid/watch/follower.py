@@ -1,0 +1,274 @@
+"""The estimator of `identify --nominal --tracked`, fed while rows come; what it says goes to `live`."""
+
+import dataclasses
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from launchid_core import EDGES, Config, Estimate, Estimator, Status
+from sim.errors import InputError, Told, UsageError
+from sim.nominal import Nominal
+from sim.shown import servo_lines
+
+from ..identification.windows import (
+    REASONS,
+    actuator_json,
+    change_json,
+    log_config,
+    number,
+    onboard_model,
+    report,
+    tracked_json,
+)
+from ..log.log import Log, log_of
+from ..robustness.level import level_json, ranged_model
+from .first_rows import FirstRows
+from .live import Live, Row
+from .rate import Rate
+
+LAST_WINDOWS = 4096   # that the report at the end holds: an hour of windows of 1 s
+SPACING = 0.1         # s of the log between points of the tracked estimate, which moves once in a block as long
+FRAME = 0.05          # s of the clock between looks at the newest numbers: 20 a second
+STAMPS = ("t", "out_since")  # of a JSON
+FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
+INSTANT = 4           # decimals of a time stamp [s], whatever its origin
+CURVE = 400           # points of the nominal's profile
+MOST_ROWS = 100_000   # of a window at a rate that rows say: 9 MB
+MOST_WAITING = 4096   # pieces of the log that wait for its period: 64 rows do, among others that say nothing of it
+ANOTHER = 1.5         # periods from one row to the next, or so many rows in one: another rate
+
+
+class Follower:
+    """Rows in by `take`; `tick` shows the newest numbers; `report` is identify's of the rows so far, the fits apart.
+
+    The compiled code is loaded here, before the first row: nothing that comes is kept waiting for it.
+
+    period   [s] between samples; None: the median step of the first PERIOD_ROWS rows, which wait for it.  Rows that say
+             none that can be used are waited past, and until a window is valid others that say another begin anew
+    strict   what the data check finds is an InputError
+    say      told what is worth a line
+    """
+
+    def __init__(self, source: str, nominal: Nominal, *, window: float = 1.0, period: float | None = None,
+                 noise: str = "estimated", strict: bool = False,
+                 say: Callable[[str], None] = lambda text: None) -> None:
+        self._source, self._nominal, self._window, self._noise, self._say = source, nominal, window, noise, say
+        self._strict = strict
+        onboard_model(nominal)
+        clock = nominal.sensors if nominal.controller is None else nominal.controller
+        ready = Estimator(self._config(clock.period if period is None else period))
+        self.estimator: Estimator | None = None if period is None else ready
+        self.rows, self.closed, self._until_point = 0, 0, 0
+        self._t, self._shown = math.nan, -math.inf
+        self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
+        self._notes: list[str] = []
+        self._first, self._rate = FirstRows(source), Rate(source)
+        self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
+        self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
+        self.live = Live(self._head())
+
+    def _config(self, period: float) -> Config:
+        """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
+        nominal has one, which changes no other number."""
+        if not 0.0 < period < math.inf:
+            raise UsageError(f"--period {period!r}: expected a time in s above 0")
+        timing = log_of({"t": [0.0, period], "theta": [0.0, 0.0], "beta": [0.0, 0.0]}, self._source)
+        config = log_config(timing, self._nominal, str(self._window), "filtered", True, library="rigid-body",
+                            noise=self._noise)
+        if self._nominal.uncertainty is None:
+            return config
+        return dataclasses.replace(config, model=ranged_model(self._nominal, period, self._source))
+
+    # ---- rows
+
+    def take(self, log: Log) -> None:
+        """Rows that came."""
+        self.rows += len(log.t)
+        self._first.add(log)
+        for part, period in [(log, None)] if self._is_known else self._rate.parts(log):
+            if self.estimator is None:
+                self._waiting.append(part)
+            else:
+                self._feed(part)
+            if period is not None and not self._is_known:
+                self._try(period)
+        if self.estimator is not None:
+            self._check(ended=False)
+
+    def end(self) -> None:
+        """No more rows come; InputError if there were too few to say anything."""
+        if self.estimator is None:
+            try:
+                self._begin(self._rate.of_few())
+            except Told as error:
+                raise InputError(self._refused or str(error)) from None
+        self._check(ended=True)
+
+    def _try(self, period: float) -> None:
+        """Begin, or begin anew, at this period [s] of the last rows, if it can be and is not that of before."""
+        if self.estimator is not None:
+            before = self.estimator.config.sample_period
+            if before / ANOTHER < period < before * ANOTHER:
+                return
+        try:
+            self._begin(period)
+        except Told as error:
+            if not self._refused:
+                self._note(f"{error}; other rows are waited for")
+            self._refused = str(error)
+            self._waiting.clear()
+
+    def _begin(self, period: float) -> None:
+        """The rows that waited are fed; UsageError or InputError if nothing can be estimated at this period."""
+        if self._window / period > MOST_ROWS:
+            raise InputError(f"{self._source}: column t: its median step is {period:g} s; expected at most {MOST_ROWS} "
+                             f"rows in a window of {self._window:g} s, or --period")
+        self.estimator = Estimator(self._config(period))
+        self.live.head = self._head()
+        while self._waiting:
+            self._feed(self._waiting.popleft())
+        if self.estimator.config.missing_commands > 0.0:
+            self._note(f"{self._source}: slower than the controller: the commands between its rows are taken as held, "
+                       "and the standard deviations are wider for it")
+
+    def _check(self, ended: bool) -> None:
+        assert self.estimator is not None
+        if words := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
+            if self._strict:
+                raise InputError(words)
+            self._note(words)
+
+    def _note(self, text: str) -> None:
+        if text not in self._notes:
+            self._notes = [*self._notes, text]
+            self._say(text)
+
+    def _feed(self, log: Log) -> None:
+        assert self.estimator is not None
+        update = self.estimator.update
+        for sample in log.samples():
+            status = update(sample)
+            if status >= 0:
+                self._t = sample.t
+            if status == Status.WINDOW_COMPLETE:
+                self._close(self.estimator)
+            self._until_point -= 1
+            if self._until_point <= 0:
+                self._point(self.estimator)
+
+    def _close(self, estimator: Estimator) -> None:
+        estimate = estimator.estimate()
+        assert estimate is not None
+        self.estimates.append(estimate)
+        self.closed += 1
+        self._is_known |= estimate.valid
+        self.live.windows.add(window_row(estimate))
+        self.live.revision += 1
+
+    def _point(self, estimator: Estimator) -> None:
+        """The tracked estimate as of now, unless so many points are there that this one would be left out."""
+        points = self.live.points
+        self._until_point = max(1, round(SPACING / estimator.config.sample_period))
+        estimate = estimator.estimate() if points.is_due() else None
+        points.add(None if estimate is None else point_row(self._t, estimate))
+        self.live.revision += 1
+
+    # ---- what is shown
+
+    def tick(self, state: str = "following", malformed: int = 0, last: str = "") -> None:
+        """The newest numbers into `live`, if FRAME has passed since they last were, or the state is another.
+
+        malformed, last   rows that could not be read, and what was said of the last one
+        """
+        clock = time.monotonic()
+        if self.estimator is None and state != "ended":
+            state = "waiting"
+        if state == self.live.now["state"] and clock - self._shown < FRAME:
+            return
+        self._shown = clock
+        now = {"state": state, "rows": self.rows, "malformed": malformed, "last_malformed": last, "notes": self._notes,
+               **self._numbers()}
+        if {**self.live.now, "clock": 0.0} != {**now, "clock": 0.0}:
+            self.live.now = {**now, "clock": clock}
+            self.live.revision += 1
+
+    def _numbers(self) -> dict[str, Any]:
+        if self.estimator is None:
+            return {}
+        estimate, counts = self.estimator.estimate(), report([], self.estimator)["samples"]
+        known = {"t": instant(self._t), **counts}
+        if estimate is None:
+            return known
+        self.live.changes = [_rounded(change_json(change)) for change in self.estimator.changes()]
+        levels = estimate.uncertainty
+        return {**known, "windows": self.closed, "window": window_row(estimate),
+                "why": REASONS.get(estimate.status.name, ""), "tracked": _rounded(tracked_json(estimate)),
+                "servo": "".join(servo_lines(actuator_json(estimate).get("actuator", {}))),
+                "level": None if levels is None or not levels.valid else
+                {name: _rounded(level_json(getattr(levels, name))) for name in ("a6", "k1")}}
+
+    def _head(self) -> dict[str, Any]:
+        nominal, period = self._nominal, None if self.estimator is None else self.estimator.config.sample_period
+        return {"source": self._source, "nominal": nominal.name, "window": self._window,
+                "period": None if period is None else rounded(period), "edges": list(EDGES),
+                "has_wind": nominal.wind is not None and nominal.sensors.alpha_source == "inertial",
+                "curve": nominal_curve(nominal)}
+
+    def report(self) -> dict[str, Any]:
+        """identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
+        assert self.estimator is not None
+        answer = report(list(self.estimates), self.estimator, tracked=True)
+        return answer | {"earlier_windows": self.closed - len(self.estimates)}
+
+
+def rounded(x: float) -> float | None:
+    """A number for a page; None for what is not finite."""
+    return number(float(f"{x:.{FIGURES}g}"))
+
+
+def instant(t: float) -> float | None:
+    """A time stamp for a page; None for what is not finite."""
+    return number(round(t, INSTANT)) if math.isfinite(t) else None
+
+
+def _rounded(given: Any, name: str = "") -> Any:
+    """The same of every number of a JSON."""
+    if isinstance(given, dict):
+        return {key: _rounded(value, key) for key, value in given.items()}
+    if not isinstance(given, float):
+        return given
+    return instant(given) if name in STAMPS else rounded(given)
+
+
+def window_row(estimate: Estimate) -> Row:
+    """A window in the order of `live.WINDOW`."""
+    return (instant(estimate.t_start), instant(estimate.t_end), estimate.status.name,
+            *(rounded(getattr(estimate, name)) for name in ("a6", "a6_std", "k1", "k1_std")))
+
+
+def point_row(t: float, estimate: Estimate) -> Row:
+    """The tracked estimate in the order of `live.POINT`."""
+    tracked, levels = estimate.tracked, estimate.uncertainty
+    assert tracked is not None
+    values = [tracked.a6, tracked.a6_std, tracked.k1, tracked.k1_std, estimate.wind, estimate.wind_std]
+    for name in ("a6", "k1"):
+        values += [math.nan] * 2 if levels is None or not levels.valid else [
+            getattr(levels, name).delta, getattr(levels, name).delta_std]
+    return (instant(t), *map(rounded, values))
+
+
+def nominal_curve(nominal: Nominal) -> dict[str, list[float]]:
+    """a6, k1 and the edges of their range over time; one point: they are constant."""
+    sigma = nominal.uncertainty
+    times = [nominal.vehicle.t, *([] if sigma is None else [sigma.t])]
+    nodes = np.unique(np.concatenate([t for t in times if len(t) > 1] or [np.zeros(1)]))
+    t = nodes if len(nodes) == 1 else np.linspace(nodes[0], nodes[-1], CURVE)
+    curves = {"t": t}
+    for name, value, spread in zip(("a6", "k1"), nominal.vehicle.at(t),
+                                   (np.zeros(len(t)),) * 2 if sigma is None else sigma.at(t), strict=True):
+        curves |= {name: value, f"{name}_half": np.abs(value) * spread}
+    return {name: [float(f"{x:.{FIGURES}g}") for x in values.tolist()] for name, values in curves.items()}

@@ -1,0 +1,205 @@
+"""The page and what it is told, on the loopback, in threads that only read.
+
+    /        the page
+    /events  server-sent events: everything at first, then what is new, at most 20 times a second
+    /state   everything once, as JSON
+
+A browser that does not read is told everything it missed in one message when it does, and is let go after PATIENCE.
+
+Threads are bounded, a connection each: the newest is served, and the oldest goes for it.  Pages of other origins are
+answered nothing.
+"""
+
+import base64
+import contextlib
+import hashlib
+import json
+import re
+import socket
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from sim.errors import UsageError
+
+from ..charts import inlined
+from .live import Live, message
+from .sources import ARRIVALS, LOOPBACK
+
+FRAME = 0.05        # s between messages at least: 20 a second
+ALIVE = 2.0         # s without news after which a page is told that there is none
+PATIENCE = 10.0     # s that a browser may leave unread, or a request unfinished
+MOST_PAGES = 16     # at a time that are told
+MOST_CONNECTIONS = 64  # at a time, those pages among them
+FAREWELL = 1.0      # s that pages are given to hear of the end
+
+PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")).encode()
+
+
+def _hash(tag: str) -> str:
+    """The hash of the page's one <script> or <style>, which a browser compares: no other is run."""
+    (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), PAGE, re.DOTALL)
+    return f"'sha256-{base64.b64encode(hashlib.sha256(inside).digest()).decode()}'"
+
+
+HEADERS = {
+    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": f"default-src 'none'; script-src {_hash('script')}; style-src {_hash('style')}; "
+                               "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
+                               "frame-ancestors 'none'"}
+
+
+class Server(ThreadingHTTPServer):
+    """A server of `live`, until it is closed."""
+
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = ARRIVALS
+
+    def __init__(self, live: Live, port: int) -> None:
+        """UsageError if the port is taken; 0: any free one."""
+        try:
+            super().__init__((LOOPBACK, port), Handler)
+        except OSError as error:
+            raise UsageError(f"--http {port}: cannot listen there ({error.strerror}); expected a free port") from None
+        self.live = live
+        self.open: dict[socket.socket, None] = {}     # connections by age
+        self.telling: dict[socket.socket, None] = {}  # of these the pages that are told, by age
+        self._lock = threading.Lock()                 # of the two
+        self._room = threading.Semaphore(MOST_CONNECTIONS)
+        threading.Thread(target=self.serve_forever, args=(FRAME,), daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        return f"http://{LOOPBACK}:{self.server_address[1]}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes is no fault."""
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """A thread for it, and if there is none left the one of the oldest connection that is no page."""
+        if not self._room.acquire(blocking=False):
+            with self._lock:
+                oldest = next((each for each in self.open if each not in self.telling), request)
+            with contextlib.suppress(OSError):
+                oldest.shutdown(socket.SHUT_RDWR)
+            if not self._room.acquire(timeout=FAREWELL):
+                request.close()
+                return
+        with self._lock:
+            self.open[request] = None
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """The end of a connection."""
+        super().shutdown_request(request)
+        with self._lock:
+            del self.open[request]
+        self._room.release()
+
+    def admit(self, page: socket.socket) -> None:
+        """Tell this page from now on, and no more the oldest of as many as there may be."""
+        with self._lock:
+            while len(self.telling) >= MOST_PAGES:
+                del self.telling[next(iter(self.telling))]
+            self.telling[page] = None
+
+    def leave(self, page: socket.socket) -> None:
+        """Tell this page no more."""
+        with self._lock:
+            self.telling.pop(page, None)
+
+    def end(self) -> None:
+        """End the server after the last `live`: pages that are connected receive that first, for FAREWELL seconds at
+        most."""
+        until = time.monotonic() + FAREWELL
+        while self.telling and time.monotonic() < until:
+            time.sleep(0.5 * FRAME)
+        self.shutdown()
+        self.server_close()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One request."""
+
+    server: Server
+    server_version, sys_version = "launchid", ""
+    timeout = PATIENCE
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing of a request."""
+
+    def do_HEAD(self) -> None:
+        self._answer(with_body=False)
+
+    def do_GET(self) -> None:
+        self._answer(with_body=True)
+
+    def _answer(self, with_body: bool) -> None:
+        path = self.path.partition("?")[0]
+        if not self._is_ours(path):
+            self._whole(403, "text/plain; charset=utf-8", b"asked by another name, or by another page\n", with_body)
+        elif path == "/":
+            self._whole(200, "text/html; charset=utf-8", PAGE, with_body)
+        elif path == "/state":
+            self._whole(200, "application/json", _json(message(self.server.live, None)[0]), with_body)
+        elif path == "/events":
+            self._events(with_body)
+        else:
+            self._whole(404, "text/plain; charset=utf-8", b"expected /, /events or /state\n", with_body)
+
+    def _is_ours(self, path: str) -> bool:
+        """Whether a request has this machine's name, and is not by a page of another origin, whose name may have been
+        turned to this address.  A link to the page may stand anywhere."""
+        names = (LOOPBACK, "localhost")
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        if (host.rpartition(":")[0] or host) not in names:
+            return False
+        if origin is not None and origin not in [f"http://{name}:{self.server.server_address[1]}" for name in names]:
+            return False
+        return path == "/" or self.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin")
+
+    def _head(self, status: int, kind: str, **more: str) -> None:
+        self.send_response(status)
+        for name, value in {"Content-Type": kind, **HEADERS, **more}.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _whole(self, status: int, kind: str, body: bytes, with_body: bool) -> None:
+        self._head(status, kind, **{"Content-Length": str(len(body))})
+        if with_body:
+            self.wfile.write(body)
+
+    def _events(self, with_body: bool) -> None:
+        self.server.admit(self.connection)
+        try:
+            self._head(200, "text/event-stream")
+            if with_body:
+                self._tell()
+        finally:
+            self.server.leave(self.connection)
+
+    def _tell(self) -> None:
+        live, seen, revision, last = self.server.live, None, -1, 0.0
+        self.wfile.write(b"retry: 1000\n\n")
+        while self.connection in self.server.telling:
+            clock = time.monotonic()
+            if revision != live.revision or clock - last > ALIVE:
+                revision = live.revision  # before it is read: what comes meanwhile is told again
+                news, seen = message(live, seen)
+                self.wfile.write(b"data: " + _json(news) + b"\n\n")
+                last = clock
+                if news["now"]["state"] == "ended":
+                    return
+            time.sleep(FRAME)
+        self.wfile.write(b"event: replaced\ndata: {}\n\n")
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    """The message as JSON, with the time [s] since the last row, as no page has this clock."""
+    now = {name: value for name, value in content["now"].items() if name != "clock"}
+    if "clock" in content["now"]:
+        now["idle"] = round(time.monotonic() - content["now"]["clock"], 1)
+    return json.dumps(content | {"now": now}, separators=(",", ":"), allow_nan=False).encode()

@@ -1,0 +1,391 @@
+"""Every gate, clamp and restart of the tracker and of the detector of changes: the test that fails without it.
+
+Kernels are called once, on a state that was made for it; the law is written beside them in numpy.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from compiled import compiled
+from cut import cut_of
+
+from launchid.identification.windows import onboard_model
+from launchid_core import Config, Estimator
+from launchid_core.algebra import linsolve
+from launchid_core.filter import belief as bl
+from launchid_core.filter import filtered as fl
+from launchid_core.filter import states as sx
+from launchid_core.gate import ring as rb
+from launchid_core.order import block as bk
+from launchid_core.watch import changes as ch
+from launchid_core.watch import tracker as tr
+from sim.nominal import load_nominal
+
+absorb, mix, move, restart_bank, track = map(compiled, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
+carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
+    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
+    ch.settle_event))
+withdraw_events = compiled(ch.withdraw_events)
+
+BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
+VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]
+N = 4  # states of its filter
+QUIET = (N, 2)  # shape of sensitivities that carry nothing
+
+
+def config() -> Config:
+    return Config(window=1.0, formulation="filtered", model=onboard_model(load_nominal("constant")))
+
+
+def parts():
+    """Memory of the constant nominal's estimator, ready for the first sample."""
+    return cut_of(config())
+
+
+def opened(watch, blocks: int, belief=BELIEF, first: float = 0.0) -> None:
+    """`blocks` blocks of 0.1 s began, with nothing carried."""
+    for k in range(blocks):
+        open_onset(N, watch, belief, np.zeros(QUIET), first + 0.1 * k)
+
+
+# ---- tracker
+
+
+def test_a_members_evidence_fades():
+    """A block without information has density 1: what is left is the old evidence, exp(-dt/memory) of it."""
+    cut = parts()
+    bank = cut.state.bank
+    bank.evidence[:] = -8.0, -2.0
+    track(bank, cut.work.bank, 30.0, 6.0, np.zeros((3, 3)))
+    assert bank.evidence == pytest.approx(np.array([-8.0, -2.0]) * math.exp(-6.0 / 30.0), rel=1e-15)
+
+
+def test_evidence_is_judged_by_its_differences_alone():
+    """exp of a flight's log density underflows: the largest is taken out first."""
+    bank = parts().state.bank
+    bank.evidence[:] = -5000.0, -5001.0
+    mix(bank)
+    assert bank.weight == pytest.approx([1.0 / (1.0 + math.exp(-1.0)), 1.0 / (1.0 + math.e)])
+
+
+def test_the_mixture_has_the_members_spread_in_its_variance():
+    bank = parts().state.bank
+    bank.evidence[:] = 0.0, math.log(3.0)
+    bank.mean[:, :2] = [[0.1, -0.3], [0.5, 0.2]]
+    bank.covariance[:, :2, :2] = [[[1.0, 0.2], [0.2, 2.0]], [[3.0, -0.4], [-0.4, 5.0]]]
+    mix(bank)
+    w, d = np.array([0.25, 0.75]), bank.mean[:, :2] - np.array([0.4, 0.075])
+    spread = np.einsum("i,ijk->jk", w, bank.covariance[:, :2, :2] + d[:, :, None] * d[:, None, :])
+    assert bank.total == pytest.approx([0.4, 0.075, spread[0, 0], spread[0, 1], spread[1, 1]])
+
+
+def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
+    """Density of z = e/sqrt(v) far out: the log of the weighted sum, not the log of zero."""
+    for z in (2.0, 1e4):
+        cut = parts()
+        bank = cut.state.bank
+        bank.weight[:], bank.evidence[:] = (0.25, 0.75), (-3.0, -1.0)
+        block = np.array([[1.0, 0.5, z], [0.0, 2.0, -0.5 * z], [0.0, 0.0, 0.0]])
+        weight, mean, covariance = bank.weight.copy(), bank.mean.copy(), bank.covariance.copy()
+        total = track(bank, cut.work.bank, 30.0, 0.1, block)
+        density = []
+        for i, (walk, slope) in enumerate(tr.MEMBERS):
+            move(mean[i], covariance[i], 4, walk, slope, 0.1)
+            density.append(absorb(mean[i], covariance[i], cut.work.bank, 1.0, 0.5, z)
+                           + absorb(mean[i], covariance[i], cut.work.bank, 0.0, 2.0, -0.5 * z))
+        assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
+        assert bank.mean == pytest.approx(mean) and bank.covariance == pytest.approx(covariance)
+        assert bank.evidence == pytest.approx(np.array([-3.0, -1.0]) * math.exp(-0.1 / 30.0) + density)
+        assert bank.total[:2] == pytest.approx(bank.weight @ mean[:, :2])  # mixed with the new evidence
+
+
+def test_a_member_moves_as_its_model_says():
+    """x <- F x, P <- F P F' + Q: the deviations take their slopes' steps, the slopes forget themselves."""
+    random = np.random.default_rng(1)
+    root, mean, dt = random.standard_normal((4, 4)), random.standard_normal(4), 0.7
+    covariance = root @ root.T
+    keep = math.exp(-dt / tr.SLOPE_TIME)
+    f = np.block([[np.eye(2), dt * np.eye(2)], [np.zeros((2, 2)), keep * np.eye(2)]])
+    noise = np.diag([0.3**2 * dt] * 2 + [0.2**2 * (1.0 - keep**2)] * 2)
+    expected = f @ mean, f @ covariance @ f.T + noise
+    move(mean, covariance, 4, 0.3, 0.2, dt)
+    assert mean == pytest.approx(expected[0]) and covariance == pytest.approx(expected[1])
+
+
+def test_a_member_absorbs_as_a_kalman_filter_does():
+    random = np.random.default_rng(2)
+    root, mean = random.standard_normal((4, 4)), random.standard_normal(4)
+    covariance, h = root @ root.T, np.array([0.4, -1.3, 0.0, 0.0])
+    s, e = h @ covariance @ h + 1.0, 0.9 - h @ mean
+    gain = covariance @ h / s
+    expected = mean + gain * e, covariance - np.outer(gain, h @ covariance), -0.5 * (math.log(s) + e * e / s)
+    density = absorb(mean, covariance, parts().work.bank, h[0], h[1], 0.9)
+    assert mean == pytest.approx(expected[0]) and covariance == pytest.approx(expected[1])
+    assert density == pytest.approx(expected[2])
+
+
+def test_a_restart_of_the_bank_keeps_the_evidence_and_forgets_the_slopes():
+    bank = parts().state.bank
+    bank.mean[...], bank.covariance[...], bank.evidence[:] = 7.0, 7.0, (-1.0, -2.0)
+    restart_bank(bank, 0.1, -0.2, 0.01, 0.002, 0.02)
+    assert bank.evidence.tolist() == [-1.0, -2.0]
+    for i, (_, slope) in enumerate(tr.MEMBERS):
+        assert bank.mean[i].tolist() == [0.1, -0.2, 0.0, 0.0]
+        expected = np.diag([0.01, 0.02, slope**2, slope**2])
+        expected[0, 1] = expected[1, 0] = 0.002
+        assert bank.covariance[i] == pytest.approx(expected)
+    assert bank.total == pytest.approx(BELIEF)
+
+
+# ---- changes: onsets
+
+
+def test_an_onset_believes_what_was_believed_and_a_jump():
+    watch = parts().state.watch
+    carried = np.arange(8.0).reshape(4, 2)
+    open_onset(N, watch, BELIEF, carried, 3.0)
+    jump = ch.JUMP_STD**2
+    assert watch.start[0] == 3.0 and watch.before[0].tolist() == BELIEF.tolist()
+    assert (watch.carried[0] == carried).all() and watch.factor[0].tolist() == [0.0, 0.0]
+    assert watch.mean[0].tolist() == [[0.1, -0.2]] * 2
+    assert watch.covariance[ch.K1_JUMP] == pytest.approx(np.array([[0.01, 0.002], [0.002, 0.02 + jump]]))
+    assert watch.covariance[ch.BOTH_JUMP] == pytest.approx(np.array([[0.01 + jump, 0.002], [0.002, 0.02 + jump]]))
+
+
+def test_no_more_onsets_are_kept_than_there_is_room_for():
+    watch = parts().state.watch
+    opened(watch, ch.ONSETS + 6)
+    assert watch.counts[ch.KEPT] == ch.ONSETS and watch.counts[ch.NEXT] == 6
+    assert watch.start[5] == pytest.approx(0.1 * (ch.ONSETS + 5))  # the newest took the oldest one's place
+
+
+def test_an_onset_used_again_begins_with_no_evidence():
+    watch = parts().state.watch
+    watch.factor[...] = 5.0
+    opened(watch, 1)
+    assert watch.factor[0].tolist() == [0.0, 0.0]
+
+
+def test_an_onsets_deviations_drift():
+    watch = parts().state.watch
+    opened(watch, 1)
+    before = watch.covariance[0].copy()
+    assert follow_onset(N, watch, parts().work.bank, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
+    assert watch.covariance[0] - before == pytest.approx(np.eye(2) * ch.DRIFT**2 * 0.4)
+
+
+@pytest.mark.parametrize("kind", [ch.K1_JUMP, ch.BOTH_JUMP])
+def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
+    """Density of the block under z = (h - h_past) p + h_past p_before + noise, rows in turn, as plain algebra."""
+    random = np.random.default_rng(3)
+    pair, carried = np.triu(random.standard_normal((7, 7))), random.standard_normal((4, 2))
+    watch = parts().state.watch
+    open_onset(N, watch, BELIEF, carried, 0.0)
+    p = watch.covariance[kind] + ch.DRIFT**2 * 0.1 * np.eye(2)
+    past = pair[:6, :4] @ carried
+    h, z = pair[:6, 4:6] - past, pair[:6, 6] - past @ BELIEF[:2]
+    s, e = h @ p @ h.T + np.eye(6), z - h @ BELIEF[:2]
+    expected = -0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
+    assert follow_onset(N, watch, parts().work.bank, 0, kind, pair, 0.1) == pytest.approx(expected)
+    assert watch.mean[0, kind] == pytest.approx(BELIEF[:2] + p @ h.T @ np.linalg.solve(s, e))
+
+
+def test_the_sensitivities_of_an_onset_are_carried_over_the_block():
+    watch = parts().state.watch
+    random = np.random.default_rng(4)
+    carried, transition = random.standard_normal((4, 2)), random.standard_normal((4, 6))
+    open_onset(N, watch, BELIEF, carried, 0.0)
+    carry_columns(transition, N, watch.carried[0], 2, np.zeros(4))
+    assert watch.carried[0] == pytest.approx(transition[:, :4] @ carried)
+
+
+def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
+    """Factors add up; blocks forgotten by an alarm have no say, and a factor that is no number none either."""
+    watch = parts().state.watch
+    opened(watch, 5)
+    watch.factor[:5] = [[1.0, 2.0], [4.0, 3.0], [math.nan, math.nan], [0.0, 6.0], [0.0, 0.0]]
+    watch.carried[...] = 1.0
+    quiet = np.zeros(4), np.zeros((7, 7)), 3.0 * np.eye(4, 6), 0.1
+    assert follow_onsets(N, watch, parts().work.bank, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
+    assert watch.factor[:2].tolist() == [[1.5, 2.5], [4.5, 3.5]]
+    assert (watch.carried[:5] == 3.0).all() and (watch.carried[5:] == 1.0).all()
+    watch.counts[ch.KEPT] = 1
+    assert follow_onsets(N, watch, parts().work.bank, *quiet, 0.0) == (0.5, 4, 0)
+
+
+def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
+    watch = parts().state.watch
+    opened(watch, 3, first=10.0)
+    watch.factor[:3, 1] = math.log(0.2), math.log(0.5), math.log(0.3)
+    mean, std = onset_time(watch, 1, 0.0, 0.1)
+    assert mean == pytest.approx(0.2 * 10.0 + 0.5 * 10.1 + 0.3 * 10.2)
+    assert std == pytest.approx(math.sqrt(0.2 * 0.11**2 + 0.5 * 0.01**2 + 0.3 * 0.09**2 + 0.1**2 / 12.0))
+
+
+def test_the_onsets_spread_is_never_the_root_of_a_rounding_error():
+    """All but the newest block, after a long gap, began together: the variance is zero but for rounding."""
+    watch = parts().state.watch
+    opened(watch, 4)
+    watch.start[:3], watch.start[3] = 0.0, 1e12
+    for w in np.linspace(0.01, 0.99, 50):
+        watch.factor[:4, 0] = 0.0, math.log(w), -1e6, -1e6
+        assert onset_time(watch, 0, 0.0, 0.1)[1] >= 0.1 / math.sqrt(12.0)
+
+
+# ---- changes: events
+
+
+def alarm(watch, slot: int, kind: int, t_now: float):
+    """Raise it; returns the belief after, and the last event."""
+    after = np.zeros(bl.N_BELIEF)
+    raise_alarm(watch, slot, kind, float(watch.factor[slot, kind]), 0.1, t_now, after)
+    return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
+
+
+@pytest.mark.parametrize("kind", [ch.K1_JUMP, ch.BOTH_JUMP])
+def test_an_alarm_is_an_event_and_forgets_the_onsets(kind):
+    watch = parts().state.watch
+    opened(watch, 5)
+    watch.factor[2], watch.mean[2, kind] = 15.0, (0.2, -0.6)
+    after, event = alarm(watch, 2, kind, 0.5)
+    both = float(kind == ch.BOTH_JUMP)
+    expected = [0.2, -0.6, 0.01 + both * ch.JUMP_STD**2, 0.002, 0.02 + ch.JUMP_STD**2]
+    assert after == pytest.approx(expected)
+    assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.KEPT] == 0
+    assert watch.counts[ch.SINCE] == 3  # blocks that began since the onset did, its own among them
+    assert event[ch.E_TIME] == pytest.approx(0.2, abs=1e-6)
+    assert event[ch.E_ALARM] == 0.5 and event[ch.E_STAGE] == ch.OPEN
+    assert event[ch.E_KIND] == kind and watch.reference == pytest.approx(BELIEF)
+    assert event[VALUES] == pytest.approx([0.1, 0.2, -0.2, -0.6])
+    assert event[[ch.E_A6_VARIANCE, ch.E_K1_VARIANCE]] == pytest.approx([0.01 + expected[2], 0.02 + expected[4]])
+
+
+def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
+    """One change, not two: time and values before are the first alarm's, size and kind what is known now."""
+    watch = parts().state.watch
+    opened(watch, 3)
+    watch.mean[0, ch.K1_JUMP] = 0.1, -0.5
+    _, event = alarm(watch, 0, ch.K1_JUMP, 0.3)
+    first = event.copy()
+    opened(watch, 3, np.array([0.1, -0.5, 0.04, 0.0, 0.05]), 0.3)
+    watch.mean[4, ch.BOTH_JUMP] = 0.3, -0.7
+    _, event = alarm(watch, 4, ch.BOTH_JUMP, 0.6)
+    assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.SINCE] == 6  # the size becomes final no later
+    assert event[ch.E_TIME] == first[ch.E_TIME] and event[ch.E_ALARM] == first[ch.E_ALARM]
+    assert event[ch.E_KIND] == ch.BOTH_JUMP
+    assert event[VALUES] == pytest.approx([0.1, 0.3, -0.2, -0.7])
+    opened(watch, 1, first=0.6)
+    alarm(watch, 6, ch.K1_JUMP, 0.7)
+    assert event[ch.E_KIND] == ch.BOTH_JUMP  # a6 has jumped, whatever followed
+
+
+def test_an_alarm_after_the_last_events_size_is_final_is_another_event():
+    watch = parts().state.watch
+    opened(watch, 1)
+    alarm(watch, 0, ch.K1_JUMP, 0.1)
+    watch.event[0, ch.E_STAGE] = ch.FINAL
+    later = BELIEF + 0.01
+    opened(watch, 1, later, 9.0)
+    _, event = alarm(watch, 1, ch.K1_JUMP, 9.1)
+    assert watch.counts[ch.EVENTS] == 2 and watch.reference == pytest.approx(later)
+    assert event[ch.E_TIME] == pytest.approx(9.0) and watch.event[0, ch.E_TIME] == 0.0
+
+
+def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more():
+    assert ch.SETTLE * fl.BLOCK == 2.0
+    watch = parts().state.watch
+    opened(watch, ch.SETTLE + 1)
+    settle_event(watch, BELIEF)  # none yet
+    assert not watch.event.any()
+    _, event = alarm(watch, ch.SETTLE, ch.K1_JUMP, 0.1)
+    size = event.copy()
+    opened(watch, ch.SETTLE - 2)
+    settle_event(watch, BELIEF + 1.0)
+    assert event.tolist() == size.tolist()
+    opened(watch, 1)
+    settle_event(watch, BELIEF + 1.0)
+    assert event[ch.E_STAGE] == ch.FINAL and event[ch.E_K1_AFTER] == pytest.approx(0.8)
+    settle_event(watch, BELIEF + 2.0)
+    assert event[ch.E_K1_AFTER] == pytest.approx(0.8)
+
+
+def test_the_last_events_leave_oldest_first():
+    estimator = Estimator(config())
+    watch = estimator._parts.state.watch
+    for k in range(ch.MAX_EVENTS + 3):
+        opened(watch, 1, first=float(k))
+        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
+        assert event[ch.E_STAGE] == ch.OPEN  # also where an older one stood
+        event[ch.E_STAGE] = ch.FINAL
+    for _ in range(2):  # asking changes nothing
+        assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
+        assert {change.parameter for change in estimator.changes()} == {"k1"}
+
+
+def test_changes_that_began_after_a_time_are_withdrawn_once_and_leave_no_more():
+    estimator = Estimator(config())
+    watch = estimator._parts.state.watch
+    for k in range(3):
+        opened(watch, 1, first=float(k))
+        alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
+        watch.event[k, ch.E_STAGE] = ch.OPEN if k == 2 else ch.FINAL
+    assert withdraw_events(watch, 1.0) == 1 and withdraw_events(watch, 1.0) == 0  # 2.0, whose size was open
+    assert withdraw_events(watch, 0.5) == 1  # 1.0, which was final
+    assert [change.t for change in estimator.changes()] == [0.0]
+    settle_event(watch, BELIEF + 2.0)
+    assert watch.event[2, ch.E_STAGE] == ch.WITHDRAWN
+
+
+# ---- a block that is watched
+
+
+def watch_block(cut) -> bool:
+    """A block of 0.1 s without a row, from 0.4 s on, is used; returns whether a change moved the filter's state."""
+    seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
+    cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
+    bk.reduce_rows(seen, rows)
+    bk.follow_wind(seen, cut.apart["profile"])
+    return bool(bk.detect_change(seen, bk.track_block(seen)))
+
+
+def watched(factor: float):
+    """A quiet block, after four, one of which stands at this factor; returns (alarm raised, parts)."""
+    cut = parts()
+    state = cut.state
+    opened(state.watch, 4)
+    state.watch.factor[1, ch.BOTH_JUMP], state.watch.mean[1, ch.BOTH_JUMP] = factor, (0.4, -0.3)
+    state.watch.carried[1] = 0.5
+    state.filter.s[:, 4:] = 2.0
+    state.filter.s[:, :4] = np.eye(4)
+    return watch_block(cut), cut
+
+
+@pytest.mark.parametrize(("factor", "raised"), [(ch.THRESHOLD - 0.01, False), (ch.THRESHOLD + 0.01, True),
+                                                (math.nan, False)])
+def test_the_alarm_is_raised_above_its_threshold_only(factor, raised):
+    said, cut = watched(factor)
+    assert said == raised and cut.state.watch.counts[ch.EVENTS] == int(raised)
+
+
+def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
+    """x <- x + s (p_before - p_bar) + (s - carried) (p_after - p_before); s - carried; p gains the slip."""
+    _, cut = watched(ch.THRESHOLD + 1.0)
+    fil, bank = cut.state.filter, cut.state.bank
+    step = np.array([0.4 - 0.1, -0.3 + 0.2])
+    assert fil.p_bar.tolist() == [0.4, -0.3]
+    assert fil.s[:, 4:6] == pytest.approx(np.full(QUIET, 1.5)) and (fil.s[:, 6:] == 2.0).all()
+    assert fil.x == pytest.approx(np.full(4, 2.0 * (0.1 - 0.2) + 1.5 * step.sum()))
+    blocks = 4  # onset 1 of 0..4
+    assert fil.p == pytest.approx(np.full((4, 4), (1.5 * step.sum()) ** 2 / (12.0 * blocks**2)))
+    assert bank.mean[:, :2].tolist() == [[0.4, -0.3]] * 2
+    jump = ch.JUMP_STD**2
+    assert bank.total[[tr.VAR_A6, tr.VAR_K1]] == pytest.approx([0.01 + jump, 0.02 + jump])
+
+
+def test_a_block_without_an_alarm_lets_the_last_events_size_settle():
+    cut = parts()
+    watch = cut.state.watch
+    watch.counts[ch.EVENTS], watch.counts[ch.SINCE] = 1, ch.SETTLE
+    assert not watch_block(cut)
+    assert watch.event[0, ch.E_STAGE] == ch.FINAL

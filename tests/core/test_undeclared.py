@@ -1,0 +1,386 @@
+"""Wind and misalignment that no nominal declared: never a confident number once they can be told."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+from compiled import compiled
+from cut import cut_of
+from sealed import folded, reseal
+
+from launchid.identification.window_validation import withdrawn
+from launchid.identification.windows import next_step, onboard_model, report, run
+from launchid.robustness.level import ranged_model
+from launchid_core import Config, EstimateStatus, Estimator, Status
+from launchid_core.algebra import linsolve
+from launchid_core.filter import belief as bl
+from launchid_core.filter import whiteness as wh
+from launchid_core.gate.guard import CARRIED
+from launchid_core.order.assembly import allocate
+from launchid_core.order.memory import named_arrays
+from launchid_core.watch import changes as ch
+from launchid_core.watch import tracker as tr
+from launchid_core.watch import undeclared as un
+from sim.effects import from_text
+from sim.flight import fly_whole, parameters
+from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
+
+NOMINALS = ("constant", "vega_like", "greensite_cr826")
+WINDOW = 5.0
+FAR = 3.0  # own standard deviations
+SEED = 31
+
+measure, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
+    compiled, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
+               un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
+begin_block, go_back = compiled(un.begin_block), compiled(un.go_back)
+
+
+def config(nominal) -> Config:
+    return Config(window=WINDOW, formulation="filtered", model=onboard_model(nominal))
+
+
+@pytest.fixture
+def state():
+    return cut_of(config(load_nominal("constant"))).state.undeclared
+
+
+def sudden(name: str, effect: str) -> Estimator:
+    """The estimator after a flight whose nominal declares nothing."""
+    nominal = load_nominal(name)
+    return run(config(nominal), fly_whole(nominal, SEED, effects=[from_text(effect)]).samples())[1]
+
+
+@functools.cache
+def flown(name: str, effect: str = ""):
+    """The windows of one flight whose nominal declares nothing, whether it was there at their ends, which of them
+    lie."""
+    nominal, effects = load_nominal(name), [from_text(effect)] if effect else []
+    flight = fly_whole(nominal, SEED, effects=effects)
+    estimator, windows, there = Estimator(config(nominal)), [], []
+    for sample in flight.samples():
+        if estimator.update(sample) is Status.WINDOW_COMPLETE:
+            windows.append(estimator.estimate())
+            there.append(int(estimator._parts.state.undeclared.flag[un.FOUND]))
+    (a6, k1) = parameters(nominal, np.array([0.5 * (w.t_start + w.t_end) for w in windows]), effects=effects)
+    lies = [w.valid and (abs(w.a6 - a) > FAR * w.a6_std or abs(w.k1 - k) > FAR * w.k1_std)
+            for w, a, k in zip(windows, a6, k1, strict=True)]
+    return windows, np.array(there), np.array(lies)
+
+
+# ---- the law
+
+
+def test_rows_make_the_posterior_of_least_squares(state):
+    """Random rows one by one against the normal equations of all of them and the prior."""
+    random = np.random.default_rng(0)
+    mean, covariance = state.mean[0], state.covariance[0]
+    prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20, un.SIZE)), random.standard_normal(20)
+    measured = [measure(mean, covariance, row, 0, un.SIZE, each, np.empty(un.SIZE))
+                for row, each in zip(rows, z, strict=True)]
+    density = sum(-0.5 * (math.log(variance) + e * e / variance) for e, variance in measured)
+    information = prior + rows.T @ rows
+    assert covariance == pytest.approx(np.linalg.inv(information), rel=1e-8, abs=1e-12)
+    assert mean == pytest.approx(np.linalg.solve(information, rows.T @ z), rel=1e-8)
+    whole = np.eye(20) + rows @ np.linalg.inv(prior) @ rows.T
+    assert density == pytest.approx(-0.5 * (np.linalg.slogdet(whole)[1] + z @ np.linalg.solve(whole, z)))
+
+
+def test_the_distance_is_walds(state):
+    random = np.random.default_rng(1)
+    root = random.standard_normal((un.SIZE, un.SIZE))
+    mean, covariance = random.standard_normal(un.SIZE), root @ root.T
+    part, square = mean[un.WIND:], covariance[un.WIND:, un.WIND:]
+    assert distance(mean, covariance) == pytest.approx(part @ np.linalg.solve(square, part))
+    covariance[4, 4] = -covariance[4, 4]
+    assert distance(mean, covariance) == math.inf
+    assert distance(np.zeros(un.SIZE), np.eye(un.SIZE)) == 0.0
+
+
+def test_what_hides_in_the_declared_noise_contradicts_nothing():
+    """A block of noise at a fifth of the declared says what it would say in the declared noise."""
+    cut = cut_of(config(load_nominal("constant")))
+    work, triangle = cut.work.undeclared, np.triu(np.random.default_rng(2).standard_normal((11, 11)))
+    reduce_moment(cut.fixed.belief, work, triangle, 1.0)
+    whole = work.triangle.copy()
+    gram = triangle[:, [4 + cut.fixed.belief.term[0], 4 + cut.fixed.belief.term[1], 8, 10]]
+    assert whole.T @ whole == pytest.approx(gram.T @ gram)
+    reduce_moment(cut.fixed.belief, work, triangle, 0.2)
+    assert work.triangle == pytest.approx(0.2 * whole)
+
+
+def test_the_pace_is_the_members_mixture():
+    weight = np.array([0.9, 0.1])
+    walk, slope = pace(weight)
+    assert walk == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 0]**2))
+    assert slope == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 1]**2))
+    assert pace(np.array([1.0, 0.0])) == pytest.approx(tr.STEADY)
+
+
+def test_what_is_forgotten_is_never_less_known_than_at_first(state):
+    covariance = state.covariance[0]
+    covariance[4, 4], covariance[5, 5] = 1e-6, 2e-6
+    forget_constants(covariance, un.NEW_MEMORY)
+    assert covariance[4, 4] == pytest.approx(math.e * 1e-6) and covariance[5, 5] == pytest.approx(2e-6 * math.e)
+    for _ in range(100):
+        forget_constants(covariance, un.NEW_MEMORY)
+    assert covariance[4, 4] <= un.UNDECLARED_STD**2 and covariance[5, 5] <= un.UNDECLARED_STD**2
+
+
+# ---- which of the two filters
+
+
+def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
+    state.mean[un.CONSTANT, 4], state.mean[un.NEW, 4] = 0.0, 0.02
+    choose_filter(state, 0.99 * un.ANOTHER)
+    choose_filter(state, -0.5 * un.ANOTHER)  # it was no better, for once
+    choose_filter(state, 0.49 * un.ANOTHER)
+    assert state.mean[un.CONSTANT, 4] == 0.0
+    choose_filter(state, -100.0)  # a block against it: the other way round
+    assert state.mean[un.NEW, 4] == 0.0
+    state.mean[un.NEW, 4] = 0.02
+    choose_filter(state, 1.01 * un.ANOTHER)
+    assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
+
+
+def followed(level: float, triangle: np.ndarray, *doubts: int):
+    """State after this block, once for each of `doubts`."""
+    cut = cut_of(config(load_nominal("constant")))
+    cut.state.filter.level[:] = level
+    for doubt in doubts:
+        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared,
+               triangle, np.array([0.5, 0.5]), doubt, 10.0, 0.1)
+    return cut.state.undeclared
+
+
+def test_a_block_of_quiet_noise_is_taken_as_of_the_declared():
+    triangle = np.triu(np.random.default_rng(3).standard_normal((11, 11)))
+    quiet, as_declared = followed(-2.0, triangle, 0), followed(0.0, math.exp(-2.0) * triangle, 0)
+    assert quiet.mean == pytest.approx(as_declared.mean)
+    assert quiet.covariance == pytest.approx(as_declared.covariance)
+
+
+def test_while_changes_follow_one_another_nothing_is_learned_and_afterwards_it_begins_anew():
+    """A gust, of which it learned as it began; after blocks that contradicted, a6 and k1 alone are forgotten."""
+    triangle = 3.0 * np.triu(np.random.default_rng(4).standard_normal((11, 11)))
+    once, resting = followed(0.0, triangle, 0), followed(0.0, triangle, 0, wh.KEEPS_CHANGING)
+    assert (resting.mean == once.mean).all() and (resting.covariance == once.covariance).all()
+    anew = followed(0.0, triangle, 0, wh.KEEPS_CHANGING, 0)
+    assert (anew.mean == once.mean).all() and (anew.covariance == once.covariance).all()
+    freed = followed(0.0, triangle, 0, wh.BLOCKS, 0)
+    assert freed.covariance[0, 4, 4] < anew.covariance[0, 4, 4] and freed.flag[un.DOUBT] == 0
+
+
+def test_a_sudden_change_frees_a6_and_k1_of_the_first_filter_alone(state):
+    restart(state)
+    for f in range(un.FILTERS):
+        state.covariance[f] *= 1e-4
+        state.mean[f] = 0.01
+    free_deviations(state, un.CONSTANT)
+    assert state.mean[0].tolist() == [0.0] * 4 + [0.01] * 2 and (state.mean[1] == 0.01).all()
+    assert state.covariance[0].diagonal() == pytest.approx(
+        [bl.FIRST_STD**2] * 2 + [tr.DRIFTING[1]**2] * 2 + [1e-4 * un.UNDECLARED_STD**2] * 2)
+    assert state.covariance[1, 0, 0] == pytest.approx(1e-4 * bl.FIRST_STD**2)
+
+
+def test_a_model_with_nuisances_of_its_own_has_none():
+    declared = dataclasses.replace(load_nominal("constant"), wind=Wind(walk=0.005, turbulence=0.005))
+    offsets = dataclasses.replace(load_nominal("constant"), offsets=Offsets(attitude_bias=0.005))
+    for nominal in (declared, offsets):
+        assert allocate(config(nominal)).parts.state.undeclared.mean.size == 0
+
+
+# ---- in flight
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_clean_flight_is_believed(name):
+    windows, there, lies = flown(name)
+    assert not there.any() and lies.sum() <= 1 and all(w.status is EstimateStatus.OK for w in windows)
+    assert windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_steady_wind_that_rests_on_a6_is_found_and_never_lied_of_again(name):
+    """Half a degree: within a window it is another a6, 20 to 60 % off, with standard deviations of a few percent."""
+    windows, there, lies = flown(name, "steady_wind:angle=0.0087")
+    assert there[-1] == 1 and not windows[-1].tracked.valid and not windows[-1].valid
+    first = int(np.argmax(there))
+    assert first * WINDOW <= 45.0 and not lies[first:].any()  # quiet parts tell nothing: no reason to believe
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_misalignment_is_found(name):
+    windows, there, lies = flown(name, "thrust_misalignment:angle=0.003")
+    assert there[-1] == 1 and lies.sum() <= 1 and not windows[-1].valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_lost_k1_is_none(name):
+    windows, there, _ = flown(name, "control_loss:fraction=0.3,time=20")
+    assert not there.any() and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", ["vega_like", "greensite_cr826"])
+def test_it_is_believed_again_when_the_wind_has_gone(name):
+    """A wind that swells and falls within 40 s."""
+    windows, there, _ = flown(name, "gust:angle=0.02,time=5,duration=40")
+    assert there.any() and there[-1] == 0 and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(name):
+    """Three degrees for 6 s: a6 was tracked as gone, then as several times itself, each a valid change."""
+    windows, _, _ = flown(name, "gust:angle=0.05,time=30,duration=6")
+    nominal = load_nominal(name)
+    _, k1 = parameters(nominal, np.array([w.t_end for w in windows]))
+    wrong = [w.tracked.valid and abs(w.tracked.k1 - true) > 5.0 * w.tracked.k1_std
+             for w, true in zip(windows, k1, strict=True)]
+    assert sum(wrong) <= 1 and windows[-1].tracked.valid
+
+
+@pytest.mark.parametrize("effect", ["steady_wind:angle=0.03", "thrust_misalignment:angle=0.004",
+                                    "attitude_bias:angle=0.005", "gust:angle=0.05,time=30,duration=6",
+                                    "periodic_disturbance:amplitude=0.01,frequency=5", "bending:gain=0.1,frequency=15"])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
+    """Each raises an alarm before it contradicts; what is asked for afterwards holds none, and counts them."""
+    estimator = sudden(name, effect)
+    assert estimator.changes() == ()
+    assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
+
+
+@pytest.mark.parametrize("blocks", [1, 2, ch.ONSETS - 1, ch.ONSETS])
+def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_looks_back_more(state, blocks):
+    """The law holds after each number of blocks: the mean says in how many it was learned."""
+    restart(state)
+    for taken in range(1, 4 * ch.ONSETS):
+        begin_block(state)
+        state.mean[un.CONSTANT, 4], state.covariance[un.CONSTANT, 5, 5] = taken, 1.0 + taken
+        before = state.mean.copy(), state.covariance.copy(), state.past.copy()
+        go_back(state, blocks)
+        left = state.mean[un.CONSTANT, 4]
+        assert max(taken - 2 * ch.ONSETS, 0) <= left <= max(taken - blocks, 0)
+        assert left == 0.0 or state.covariance[un.CONSTANT, 5, 5] == 1.0 + left
+        assert state.covariance[un.CONSTANT, 0, 0] == bl.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
+        assert (state.mean[un.NEW] == before[0][un.NEW]).all() and (state.past == before[2]).all()
+        state.mean[...], state.covariance[...] = before[:2]
+
+
+@pytest.mark.parametrize(("name", "seed"), [("constant", 300006), ("constant", 300100), ("vega_like", 300018)])
+def test_a_loss_that_passed_for_wind_until_it_was_found_is_not_taken_back(name, seed):
+    """The wind that was learned in the tenth of a second before the alarm stood after it: `MODEL` followed two seconds
+    later."""
+    nominal = load_nominal(name)
+    duration, rng = nominal.simulation.duration, np.random.default_rng((734, seed))
+    deviation, onset = 0.25 * rng.uniform(-1.0, 1.0, 2), rng.uniform(6.5, duration - 8.0)
+    flight = fly_whole(nominal, seed, a6_factor=1.0 + deviation[0],
+                       k1_factor=lambda t: (1.0 + deviation[1]) * np.where(t >= onset, 0.7, 1.0))
+    _, estimator = run(Config(formulation="filtered", model=onboard_model(nominal)), flight.samples())
+    assert [abs(change.t - onset) < 0.2 for change in estimator.changes() if change.parameter == "k1"] == [True]
+    assert estimator.counts["CHANGE_WITHDRAWN"] == 0
+
+
+@pytest.mark.parametrize("fraction", [0.15, 0.3, 0.7])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_a_loss_of_control_is_one_and_stays_one(name, fraction):
+    estimator = sudden(name, f"control_loss:fraction={fraction},time=33")
+    assert any(change.parameter == "k1" and abs(change.t - 33.0) < 0.2 for change in estimator.changes())
+    assert estimator.counts["CHANGE_WITHDRAWN"] == 0
+
+
+def test_what_a_contradiction_follows_within_20_s_is_withdrawn():
+    """Windows that it follows later, or that come after it, stay; a window without a number keeps its own reason."""
+    windows, _, _ = flown("constant")
+    given = [dataclasses.replace(w, status=EstimateStatus.MODEL, valid=False) if k == 8 else w
+             for k, w in enumerate(windows)]
+    given[6] = dataclasses.replace(given[6], status=EstimateStatus.GAP, valid=False)
+    made = withdrawn(given)
+    refused = [k for k, w in enumerate(made) if w.status is EstimateStatus.MODEL]
+    assert given[8].t_end - given[4].t_end == pytest.approx(20.0) and refused == [4, 5, 7, 8]
+    assert made[6].status is EstimateStatus.GAP
+    for k in (4, 5, 6, 7):
+        assert not made[k].valid and not made[k].tracked.valid and math.isnan(made[k].tracked.a6)
+        assert made[k].offsets == {} and math.isnan(made[k].wind)
+    assert math.isnan(made[5].a6) and math.isnan(made[5].k1_std) and made[5].t_end == given[5].t_end
+    assert all(made[k] is given[k] for k in range(len(given)) if k not in (4, 5, 6, 7))
+
+
+@pytest.mark.parametrize("effect", ["", "thrust_misalignment:angle=0.003", "steady_wind:angle=0.0087"])
+@pytest.mark.parametrize("name", NOMINALS)
+def test_identify_gives_no_number_that_a_contradiction_follows(name, effect):
+    """A wind or misalignment that nobody declared is known on board after some windows, which then are believed."""
+    windows, _, lies = flown(name, effect)
+    told = [w.t_end for w in windows if w.status is EstimateStatus.MODEL]
+    made = report(windows, run(config(load_nominal(name)), ())[1], tracked=True)
+    assert [w["valid"] for w in made["windows"]] == [
+        w.valid and not any(0.0 < t - w.t_end <= 20.0 for t in told) for w in windows]
+    assert bool(effect) == bool(told)
+    assert sum(lie and w["valid"] for lie, w in zip(lies, made["windows"], strict=True)) <= 1
+
+
+def test_identify_says_what_a_contradicted_nominal_lacks():
+    nominal = load_nominal("constant")
+    declared = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005))
+    for believed, lacks in ((nominal, "no [wind] and no [offsets]"), (declared, "no [offsets]")):
+        said = next_step([{"status": "MODEL"}, {"status": "OK"}], onboard_model(believed))
+        assert said.startswith("1 of 2 windows contradict the model (MODEL)") and f"declares {lacks}:" in said
+    full = dataclasses.replace(declared, offsets=Offsets(attitude_bias=0.005))
+    assert "declares" not in next_step([{"status": "MODEL"}], onboard_model(full))
+    assert next_step([{"status": "OK"}], onboard_model(nominal)) == ""
+
+
+def test_noise_far_above_the_declared_is_none():
+    """The gyro three and five times as noisy as declared, for 40 s; at five other checks contradict the model."""
+    right = load_nominal("constant")
+    for factor in (3.0, 5.0):
+        noisy = dataclasses.replace(right, sensors=dataclasses.replace(
+            right.sensors, theta_dot_std=factor * right.sensors.theta_dot_std))
+        estimator = Estimator(config(right))
+        for sample in list(fly_whole(noisy, SEED).samples())[:4000]:
+            estimator.update(sample)
+            assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+
+
+def test_drifting_a6_and_k1_are_none():
+    """10 % with a period of 60 s, as the tracker follows them."""
+    nominal = load_nominal("vega_like")
+    flight = fly_whole(nominal, SEED, a6_factor=lambda t: 1.0 + 0.1 * np.sin(2.0 * np.pi * t / 60.0),
+                       k1_factor=lambda t: 1.0 + 0.1 * np.cos(2.0 * np.pi * t / 60.0))
+    estimator = Estimator(config(nominal))
+    for sample in flight.samples():
+        estimator.update(sample)
+        assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+
+
+@pytest.mark.parametrize("library", ["rigid-body", "quadratic"])
+@pytest.mark.parametrize("air", ["still", "wind"])
+def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
+    """A word that a kernel leaves out of its seal may flip unseen: all but the gate's clock and counts, and the
+    outcome."""
+    nominal = load_nominal("constant")
+    if air == "wind":
+        nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005), offsets=Offsets(gyro_bias=1e-3))
+    estimator = Estimator(Config(formulation="filtered", library=library, model=ranged_model(nominal)))
+    for sample in list(fly_whole(nominal, SEED).samples())[:1500]:
+        estimator.update(sample)
+    state, rows = estimator._parts.state, estimator._memory.apart["rows"][:, :estimator._parts.state.acc.counts[0]]
+    gate = state._replace(clock=None, counts=None, guard=None, outcome=None)
+    assert state.guard[CARRIED] == folded(rows, *(array for _, array in named_arrays(gate)))
+
+
+def test_rounding_that_breaks_the_covariance_begins_it_anew():
+    """No number of it can stay NaN, or contradict for ever."""
+    nominal = load_nominal("constant")
+    estimator, samples = Estimator(config(nominal)), list(fly_whole(nominal, SEED).samples())
+    for sample in samples[:500]:
+        estimator.update(sample)
+    state = estimator._parts.state
+    state.undeclared.covariance[0, 4, 4] = math.nan
+    reseal(estimator)
+    for sample in samples[500:520]:
+        estimator.update(sample)
+    assert np.isfinite(state.undeclared.covariance).all() and estimator.counts["RECOVERED"] == 0

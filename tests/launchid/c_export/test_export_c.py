@@ -1,0 +1,432 @@
+"""The C port: the same bits as the Python estimator, whatever it is fed and however it is compiled."""
+
+import dataclasses
+import math
+import re
+import struct
+import subprocess
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ported import (
+    CC,
+    CONFIGS,
+    ROUGH,
+    STRICT,
+    built,
+    filtered,
+    flight,
+    hostile,
+    needs_compiler,
+    replayed,
+    some,
+    translated,
+    written,
+)
+
+from launchid.c_export.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
+from launchid.c_export.program import c_files
+from launchid.c_export.unit import Unit
+from launchid.cli.main import main
+from launchid.identification.windows import onboard_model
+from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
+from launchid_core.model import OFFSETS
+from launchid_core.order.entries import calls_of
+from sim.errors import InputError
+from sim.nominal import load_nominal
+
+NAN = math.nan
+FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",
+         "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
+         "target.ld", "vectors.h")
+
+
+def bits(x: float) -> str:
+    """The bits of a double; all NaN are one."""
+    return "nan" if math.isnan(x) else struct.pack(">d", x).hex()
+
+
+def read(line: str) -> list[str]:
+    """A line of the port's: hexadecimal floats as bits, whole numbers and words as they are."""
+    return [bits(float.fromhex(word)) if re.match(r"-?(0x|nan|inf)", word) else word for word in line.split()]
+
+
+def window_words(e: Estimate) -> list[str]:
+    numbers = (e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot, e.k1_dot, e.a6_bound,
+               e.k1_bound, e.condition)
+    words = ["window", str(int(e.status)), str(e.rows), str(e.gaps), *map(bits, numbers)]
+    for value, active in zip(e.xi.ravel().tolist(), e.support.ravel().tolist(), strict=True):
+        words += [bits(value), str(int(active))]
+    tracked = e.tracked or (False, *(NAN,) * 5)
+    offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
+    servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True)
+             for x in (*each, shared)] if e.actuator else [NAN] * 9
+    return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets, *servo))]
+
+
+def level_words(e: Estimate) -> list[list[str]]:
+    if e.uncertainty is None or not e.uncertainty.valid:
+        return []
+    return [["level", name, str(BANDS.index(level.band) if level.band in BANDS else -1), str(int(level.in_range)),
+             *map(bits, (level.delta, level.delta_std, *level.probability, level.out_since))]
+            for name, level in (("a6", e.uncertainty.a6), ("k1", e.uncertainty.k1))]
+
+
+def change_words(c: Change) -> list[str]:
+    return ["change", c.parameter[0], *map(bits, (c.t, c.t_std, c.before, c.after, c.size, c.size_std, c.alarm)),
+            str(int(c.final))]
+
+
+def note_words(estimator: Estimator) -> list[str]:
+    names = ("OUTLIER", "RESTART", "LEVEL_CLAMP", "CHANGE_WITHDRAWN")
+    return ["notes", *(str(estimator.counts.get(name, 0)) for name in names)]
+
+
+def expected(config: Config, samples: list[Sample]) -> list[list[str]]:
+    """The estimator's answers, in the port's words."""
+    estimator, said = Estimator(config), []
+    for sample in samples:
+        status = estimator.update(sample)
+        said.append([str(int(status))])
+        if status == Status.WINDOW_COMPLETE:
+            estimate = estimator.estimate()
+            said += [window_words(estimate), *level_words(estimate)]
+    return [*said, *map(change_words, estimator.changes()), note_words(estimator)]
+
+
+def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[list[str]]:
+    """Line by line; returns them."""
+    wanted, got = expected(config, samples), [read(line) for line in replayed(program, samples)]
+    for number, (ours, theirs) in enumerate(zip(wanted, got, strict=True)):
+        assert ours == theirs, f"line {number}"
+    return wanted
+
+
+@needs_compiler  # of every formulation, solver and part of the filter one
+@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-servo",
+                                      "filtered-functions", "measured-stls", "difference-sr3", "integral-ssr",
+                                      "integral-lasso", "lpv"))
+def test_a_flight_gives_the_same_bits(name, tmp_path):
+    config = CONFIGS[name]
+    samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",
+                     **(ROUGH if "wind" in name else {}))
+    said = assert_same(built(tmp_path, config), config, samples)
+    assert sum(line[0] == "window" and line[1] == "0" for line in said) >= 3  # or there was nothing to compare
+    assert any(line[0] == "level" for line in said) == ("range" in name)
+    changed = any(line[0] == "change" for line in said) or int(said[-1][-1]) > 0  # or withdrawn
+    assert changed or name == "filtered-wind" or not name.startswith("filtered")
+
+
+@needs_compiler
+def test_a_minus_zero_of_the_nominal_keeps_its_sign(tmp_path):
+    model = dataclasses.replace(onboard_model(load_nominal("constant")), profile_a6=(-0.0,))
+    config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=model)
+    assert_same(built(tmp_path, config), config, flight()[:1500])
+
+
+@needs_compiler
+def test_a_sudden_change_at_no_time_is_the_same(tmp_path):
+    """The onset is no number where factors overflow, and so is the nominal there."""
+    model = dataclasses.replace(onboard_model(load_nominal("vega_like")), profile_t=(0.0, 50.0),
+                                profile_a6=(7538.0, 100.0), profile_k1=(-11275.0, -100.0), theta_dot_std=2.7e-6)
+    config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=model)
+    program = built(tmp_path, config)
+    for seed in range(6):
+        assert_same(program, config, hostile(seed))
+
+
+@pytest.mark.parametrize("flags", [
+    pytest.param(("-O0",), marks=pytest.mark.campaign), pytest.param(("-O2",), marks=pytest.mark.campaign),
+    ("-O3", "-march=native")], ids="".join)
+def test_every_optimisation_gives_the_same_bits(flags, tmp_path):
+    config = CONFIGS["filtered-range"]
+    samples = flight()[:3000]
+    samples[1000] = samples[1000]._replace(theta=samples[1000].theta + 0.2)
+    said = assert_same(built(tmp_path, config, *flags), config, samples[:1500] + samples[1520:])
+    # the spike, and five in a row as control is lost; the gap, and the restart after those five; noise levels' steps
+    assert said[-1][:3] == ["notes", "6", "2"] and int(said[-1][3]) > 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", some("filtered-vega-range", "integral-lasso", of=(
+    "filtered-vega-range", "filtered-terms", "measured-stls", "integral-lasso")))
+def test_hostile_samples_give_the_same_bits_and_no_undefined_behaviour(name, tmp_path):
+    config = CONFIGS[name]
+    program = built(tmp_path, config, "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover")
+
+    @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    @given(st.integers(0, 2**32))
+    def same(seed):
+        assert_same(program, config, hostile(seed))
+
+    same()
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", [
+    "filtered-range", "integral-lasso", pytest.param("filtered-functions", marks=pytest.mark.campaign)])
+def test_the_port_needs_nothing_but_mathematics_and_memory_is_the_estimator_s(name, tmp_path):
+    """No allocation, no file, no print: what the object asks of other libraries.  And all that persists is in the
+    struct: a data segment that can be written holds nothing."""
+    subprocess.run([str(CC), *STRICT, "-O2", "-fno-stack-protector", "-fno-pic", "-fno-pie", "-c", "launchid.c",
+                    "-o", "launchid.o"], cwd=written(tmp_path, CONFIGS[name]), check=True)
+    listed = subprocess.run(["nm", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
+    assert {symbol.lstrip("_") for kind, symbol in symbols if kind == "U"} <= {
+        "memset", "memcpy", "memmove", "memcmp", "sqrt", "fmod", "frexp", "ldexp", "copysign", "floor", "llabs"}
+    assert len(symbols) > 5 and [symbol for kind, symbol in symbols if kind in "bBdDC"] == []
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["filtered-range", "lpv"])
+def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
+    written(tmp_path, CONFIGS[name])
+    said = re.search(r"(\d+) bytes that\s+persist, (\d+) of scratch", (tmp_path / "launchid.h").read_text("utf-8"))
+    (tmp_path / "size.c").write_text(
+        '#include "launchid.h"\n#include <stdio.h>\n'
+        'int main(void) { printf("%zu %zu", sizeof(launchid_state), sizeof(launchid_work)); return 0; }\n')
+    subprocess.run([str(CC), *STRICT, "size.c", "-o", "size"], cwd=tmp_path, check=True)
+    sizes = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert said is not None and list(said.groups()) == sizes.split()
+
+
+def test_the_same_configuration_gives_the_same_files():
+    config = CONFIGS["filtered-range"]
+    assert c_files(config) == translated(config)
+
+
+def test_no_function_calls_itself_and_every_loop_has_a_bound():
+    source = translated(CONFIGS["filtered-terms"])["launchid.c"]
+    assert "while" not in re.sub(r"/\*.*?\*/", "", source, flags=re.S)
+    assert "goto" not in source and "malloc" not in source
+
+
+# ---- the translation
+
+
+@pytest.mark.parametrize(("a", "b", "both"), [(INTEGER, FLOAT, FLOAT), (TRUTH, INTEGER, INTEGER), (None, TRUTH, TRUTH),
+                                              (Array(FLOAT, 2), Array(FLOAT, 2), Array(FLOAT, 2))])
+def test_two_kinds_join_as_numba_unifies_them(a, b, both):
+    assert join(a, b) == join(b, a) == both
+
+
+def test_a_variable_that_is_a_number_here_and_an_array_there_is_refused():
+    with pytest.raises(Untranslatable, match="here and"):
+        join(FLOAT, Array(FLOAT, 1))
+
+
+@pytest.mark.parametrize("x", [0.1, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, 1e22])
+def test_a_literal_keeps_its_bits(x):
+    assert bits(float(literal(x))) == bits(x)
+
+
+@pytest.mark.parametrize(("value", "text"), [(True, "true"), (2**31, "INT64_C(2147483648)"), (-5, "-5"),
+                                             (math.inf, "(double)INFINITY"), (-math.inf, "-(double)INFINITY"),
+                                             (NAN, "(double)NAN")])
+def test_literals_by_name(value, text):
+    assert literal(value) == text
+
+
+def _while_loop(x):
+    while x > 0.0:
+        x -= 1.0
+    return x
+
+
+def _power(x):
+    return x**2
+
+
+def _two_kinds(x):
+    y = 1.0
+    if x[0] > 0.0:
+        y = x
+    return y
+
+
+def _read_after(n):
+    for i in range(n):  # noqa: B007
+        pass
+    return i
+
+
+def _column(x):
+    x[:, 0] = 0.0
+
+
+def _twice(x):
+    a = b = abs(x)
+    return a + b
+
+
+def _last(x):
+    return x[0:-1]
+
+
+def _not_in(x):
+    return x not in (1, 2)
+
+
+def _list_loop(x):
+    for value in (1.0, 2.0):
+        x[0] = value
+
+
+@pytest.mark.parametrize(("function", "kind", "said"), [
+    (_while_loop, FLOAT, "While"), (_power, FLOAT, "Pow|x \\*\\* 2"), (_two_kinds, Array(FLOAT, 1), "here and"),
+    (_list_loop, Array(FLOAT, 1), "range"), (_read_after, INTEGER, "after its loop"),
+    (_column, Array(FLOAT, 2), "last extents"), (_twice, FLOAT, "one target"), (_last, Array(FLOAT, 1), "from the end"),
+    (_not_in, INTEGER, "comparison")])
+def test_what_has_no_c_is_refused_by_name(function, kind, said):
+    with pytest.raises(Untranslatable, match=f"{function.__name__}.*({said})"):
+        Unit().kernel(function, [kind])
+
+
+def _indices(x, n):
+    total = 0.0
+    for i in range(n - 1, -1, -1):
+        total += x[i] / n
+    return total, -7 // 2, n % 3
+
+
+def test_c_of_a_small_kernel():
+    made = Unit().kernel(_indices, [Array(FLOAT, 1), INTEGER])
+    assert made.source() == """\
+static Results0 _indices(Vector x, int64_t n)
+{
+    double total = 0.0;
+    for (int64_t i = n - 1; i > -1; i--) {
+        total += x.p[i] / (double)n;
+    }
+    return (Results0){total, quotient(-7, 2), modulo(n, 3)};
+}
+"""
+
+
+def _own_copy(x, m):
+    """Rows: a // b, and a comment's end */ in it."""
+    k = 0
+    x += m[1, 0] if x < 0.0 and k == 0 else float(m.shape[0] + 1)
+    for k in range(2):
+        m[k, k + 1] = 0.0
+    if x > 0.0:
+        k = 1
+    elif x < -1.0:
+        k = 2
+    return int(x > 0.0) + k
+
+
+def test_c_as_misra_asks_for_it():
+    """An argument stays as it was given, a loop hides no other variable, nothing is added to 0 or taken once."""
+    assert Unit().kernel(_own_copy, [FLOAT, Array(FLOAT, 2)]).source() == """\
+/* Rows: a / / b, and a comment's end * / in it. */
+static int64_t _own_copy(double x_given, Matrix m)
+{
+    double x = x_given;
+    int64_t k = 0;
+    x += ((x < 0.0) && (k == 0)) ? m.p[m.m] : as_real(m.n + 1);
+    for (int64_t k1_ = 0; k1_ < 2; k1_++) {
+        m.p[(k1_ * m.m) + (k1_ + 1)] = 0.0;
+    }
+    if (x > 0.0) {
+        k = 1;
+    } else if (x < -1.0) {
+        k = 2;
+    } else {
+        /* nothing */
+    }
+    return counted(x > 0.0) + k;
+}
+"""
+
+
+# ---- the command
+
+
+@needs_compiler
+def test_the_command_writes_a_port_that_compiles(tmp_path, capsys):
+    out = tmp_path / "deep" / "port"
+    assert main(["export-c", "constant", "--out", str(out), "--window", "5"]) == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and "-ffp-contract=off" in said.err
+    subprocess.run([str(CC), *STRICT, "replay.c", "launchid.c", "-lm", "-o", "replay"], cwd=out, check=True)
+    config = filtered(ranged=True, window=5.0)  # the nominal has a range
+    assert_same(out / "replay", config, flight()[:1500])
+
+
+@pytest.mark.parametrize(("words", "status", "said"), [
+    (["export-c", "constant"], 2, "--out"),
+    (["export-c", "constant", "--out", "x", "--window", "-1"], 2, "window"),
+    (["export-c", "constant", "--out", "x", "--library", "nonsense"], 2, "nonsense"),
+    (["export-c", "nothere.toml", "--out", "x"], 3, "nothere.toml"),
+    (["export-c", "pendulum_linear", "--out", "x"], 3, "filtered|requires|section|\\[")])
+def test_wrong_words_are_one_line(words, status, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == status
+    error = capsys.readouterr().err
+    assert re.search(said, error) and error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_noise_whose_square_overflows_is_one_line():
+    nominal = load_nominal("constant")
+    loud = dataclasses.replace(nominal, sensors=dataclasses.replace(nominal.sensors, theta_std=1e200))
+    with pytest.raises(InputError, match=r"noise of 1e\+200"):
+        onboard_model(loud)
+
+
+# ---- what Python has and C has not
+
+
+class Strict(np.ndarray):
+    """An array that refuses an index from the end, which C would take as one before the begin."""
+
+    def _check(self, at):
+        for each in at if isinstance(at, tuple) else (at,):
+            if isinstance(each, slice):
+                good = not each.stop or 0 <= (each.start or 0) <= each.stop <= self.size
+            else:
+                good = each >= 0
+            if not good:
+                raise IndexError(f"[{at}] counts from the end")
+
+    def __getitem__(self, at):
+        self._check(at)
+        return super().__getitem__(at)
+
+    def __setitem__(self, at, value):
+        self._check(at)
+        super().__setitem__(at, value)
+
+
+def strict(value):
+    """Arrays of a nest of named tuples, made strict."""
+    if isinstance(value, np.ndarray):
+        return value.view(Strict)
+    return type(value)(*map(strict, value)) if hasattr(value, "_fields") else value
+
+
+def test_a_strict_array_refuses_an_index_from_the_end():
+    x = np.zeros(3).view(Strict)
+    assert x[0:2][1] == x[2] == 0.0
+    for at in (-1, slice(2, 5), slice(-1, 2)):
+        with pytest.raises(IndexError, match="from the end"):
+            x[at]
+
+
+@pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only with NUMBA_DISABLE_JIT=1: compiled code does not ask")
+@pytest.mark.parametrize("name", CONFIGS)
+def test_no_kernel_counts_an_index_from_the_end(name):
+    """Compiled code may count it from the end, C takes it as it is: each one is asked here."""
+    e = Estimator(dataclasses.replace(CONFIGS[name], window=0.4))
+    memory = e._memory._replace(parts=strict(e._memory.parts), words=strict(e._memory.words),
+                                apart={name: strict(array) for name, array in e._memory.apart.items()})
+    e._step = calls_of(e.config, memory).update
+    for sample in [*flight()[1900:2100], *hostile(143, 300)]:
+        e.update(sample)
+    assert e.counts["WINDOW_COMPLETE"] > 3

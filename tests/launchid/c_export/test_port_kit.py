@@ -1,0 +1,157 @@
+"""The kit of an export: vectors and their checker, here and on emulated targets; stack and loops."""
+
+import re
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler, some, written
+
+from benchmarks.port_stack import Graph, graph_of
+from launchid.c_export.kit import exported
+from launchid.c_export.program import STACK_LIMIT
+from launchid.c_export.vectors import flown
+from sim.nominal import load_nominal
+
+HARD_M7 = ["-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard"]
+HARD_M4 = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"]
+CROSS = "arm-none-eabi-gcc"
+KITS = ("filtered-vega-range", "filtered-functions", "filtered-sine", "filtered-wind", "measured-stls", "lpv")
+needs_target = pytest.mark.skipif(shutil.which(CROSS) is None or shutil.which("qemu-system-arm") is None,
+                                  reason="no arm-none-eabi-gcc or no qemu-system-arm here")
+
+
+@cache
+def files(name: str) -> dict[str, str]:
+    nominal = load_nominal("vega_like" if "vega" in name else "constant")
+    return exported(CONFIGS[name], flown(nominal, CONFIGS[name]))
+
+
+def kit(folder: Path, name: str) -> Path:
+    for file, text in files(name).items():
+        (folder / file).write_text(text, encoding="utf-8")
+    return folder
+
+
+def make(folder: Path, target: str, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["make", "-s", target, f"CC={CC}", *words], cwd=folder, capture_output=True, text=True,
+                          check=False, timeout=600)
+
+
+needs_make = pytest.mark.skipif(CC is None or shutil.which("make") is None, reason="no C compiler or no make here")
+
+
+@needs_make
+@pytest.mark.parametrize("name", some("filtered-vega-range", "lpv", of=KITS))
+def test_make_check_says_0_differences(name, tmp_path):
+    done = make(kit(tmp_path, name), "check")
+    assert (done.returncode, done.stderr) == (0, "")
+    said, last = done.stdout.splitlines()
+    assert last == "0 differences"
+    windows = re.match(r"\d+ samples, (\d+) windows", said)
+    assert windows is not None and int(windows[1]) >= 1
+
+
+@needs_make
+def test_a_wrong_bit_is_a_difference(tmp_path):
+    folder = kit(tmp_path, "lpv")
+    text = (folder / "vectors.h").read_text(encoding="utf-8")
+    begin = text.index("vector_window")
+    place = text.index("UINT64_C(0x3F", begin) + len("UINT64_C(0x3F")
+    wrong = "0" if text[place] != "0" else "1"
+    (folder / "vectors.h").write_text(text[:place] + wrong + text[place + 1:], encoding="utf-8")
+    done = make(folder, "check", "CFLAGS=-O0")
+    assert done.returncode != 0 and done.stdout.splitlines()[-1] == "1 differences"
+    assert "window 0, number" in done.stdout
+
+
+@needs_make
+def test_the_example_prints_an_estimate_a_window(tmp_path):
+    folder = kit(tmp_path, "measured-stls")
+    subprocess.run([str(CC), *STRICT, "-O0", "example.c", "launchid.c", "-lm", "-o", "example"], cwd=folder, check=True)
+    done = subprocess.run(["./example"], cwd=folder, capture_output=True, text=True, check=True)
+    assert done.stdout.count("a6 ") == 3 and "refused: -1" in done.stdout
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_no_compiler_warns_of_the_checker(compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    for name in ("filtered-vega-range", "lpv"):
+        folder = kit(tmp_path, name)
+        subprocess.run([compiler, *STRICT, "-fsyntax-only", "check.c", "example.c"], cwd=folder, check=True)
+
+
+@needs_target
+@pytest.mark.parametrize(("name", "target"), [
+    ("lpv", "check-m7"), *(pytest.param(name, target, marks=pytest.mark.campaign)
+                           for name in KITS for target in ("check-m7", "check-m4")
+                           if (name, target) != ("lpv", "check-m7"))])
+def test_an_emulated_target_gives_the_same_bits(name, target, tmp_path):
+    done = make(kit(tmp_path, name), target)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "0 differences"
+    stack = re.search(r"stack at most (\d+) bytes", done.stdout)
+    assert stack is not None and 100 < int(stack[1]) <= STACK_LIMIT
+
+
+# ---- stack and loops
+
+
+def test_the_deepest_call_is_found():
+    graph = Graph('node: { title: "a" label: "a\\nx.c\\n100 bytes (static)\\n0 dynamic objects" }\n'
+                  'node: { title: "b" label: "b\\n30 bytes (dynamic,bounded)" }\n'
+                  'node: { title: "c" label: "c\\n50 bytes (static)" }\n'
+                  'edge: { sourcename: "a" targetname: "b" }\nedge: { sourcename: "a" targetname: "c" }\n'
+                  'edge: { sourcename: "b" targetname: "memcpy" }\n')
+    assert graph.deepest() == (150, ["a", "c"])
+    assert graph.outside() == {"memcpy"} and graph.unbounded == []
+
+
+def test_a_function_that_calls_itself_is_found():
+    with pytest.raises(ValueError, match="calls itself"):
+        Graph('node: { title: "a" label: "a\\n1 bytes (static)" }\nedge: { sourcename: "a" targetname: "a" }').deepest()
+
+
+@pytest.mark.parametrize(("compiler", "flags"), [
+    pytest.param("gcc", [], id="host"), pytest.param(CROSS, HARD_M7, id="m7", marks=pytest.mark.campaign),
+    pytest.param(CROSS, HARD_M4, id="m4", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("name", some("filtered-functions", of=("filtered-functions", "filtered-wind", "lpv")))
+def test_stack_of_all_calls_is_below_what_is_stated(name, compiler, flags, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    graph = graph_of(written(tmp_path, CONFIGS[name]), compiler, ["-O2", *flags])
+    assert graph.unbounded == []
+    assert 100 < graph.deepest()[0] <= STACK_LIMIT
+
+
+LOOP = re.compile(r"^( *)for \(int64_t (\w+) = (.+); \2 (?:<|>) (.+); \2(?:\+\+|--)\) \{$", re.M)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", some("filtered-vega-range", "integral-lasso", of=(
+    "filtered-vega-range", "filtered-functions", "filtered-wind", "integral-lasso")))
+def test_no_loop_is_longer_than_the_largest_array(name, tmp_path):
+    """Each is told its number of turns before it begins; the end is read once, so this is what it takes."""
+    folder = written(tmp_path, CONFIGS[name])
+    source = (folder / "launchid.c").read_text(encoding="utf-8")
+    stated = re.search(r"largest array has numbers \((\d+)\)", (folder / "README.md").read_text(encoding="utf-8"))
+    assert stated is not None
+    loops = [line for line in source.splitlines() if re.match(r" *for \(int64_t", line)]
+    assert len(LOOP.findall(source)) == len(loops) > 50
+    assert not re.search(r"\b(while|goto|do)\b", re.sub(r"/\*.*?\*/", "", source, flags=re.S))
+    watched = LOOP.sub(lambda m: f"{m[1]}turns(({m[4]}) - ({m[3]}));\n{m[0]}", source)
+    (folder / "launchid.c").write_text(watched.replace('#include <string.h>', f"""#include <string.h>
+static void turns(int64_t n)
+{{
+    if (n > {stated[1]} || n < -{stated[1]}) {{
+        abort();
+    }}
+}}
+""", 1), encoding="utf-8")
+    subprocess.run([str(CC), "-std=c99", "-O0", "-ffp-contract=off", "replay.c", "launchid.c", "-lm", "-o", "replay"],
+                   cwd=folder, check=True)
+    for samples in (flight()[1800:2600], *(hostile(seed) for seed in range(10))):
+        subprocess.run(["./replay"], input=as_text(samples), text=True, capture_output=True, cwd=folder, check=True)

@@ -1,0 +1,484 @@
+"""The command `launchid`: exit status, one line per error, JSON alone on stdout, the same bytes for the same input.
+
+In process through `launchid.cli.main.main`; a warning counts as a traceback.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from every import every
+
+from launchid.cli.main import main
+
+pytestmark = [pytest.mark.filterwarnings("error::RuntimeWarning"), pytest.mark.filterwarnings("error::UserWarning")]
+
+ROOT = Path(__file__).resolve().parents[3]
+WINDOW_KEYS = {"t_start", "t_end", "valid", "status", "a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot",
+               "a6_bound", "k1_bound", "condition", "terms"}
+NUMBERS = WINDOW_KEYS - {"valid", "status", "terms"}
+STATUSES = {"OK", "SHORT", "GAP", "RANK", "LOW_INFORMATION", "SATURATED", "NUMERICS"}
+
+
+@pytest.fixture
+def launchid(capsys):
+    """Run the command; (exit status, stdout, stderr)."""
+    def run(*argv: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(word) for word in argv])
+        return status, *capsys.readouterr()
+    return run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A short nominal and its logs by either suite."""
+    path = tmp_path_factory.mktemp("logs")
+    text = (ROOT / "sim" / "data" / "nominal" / "constant.toml").read_text(encoding="utf-8")
+    (path / "short.toml").write_text(text.replace("duration = 70.0", "duration = 12.0"), encoding="utf-8")
+    for suite, period in (("flight", "0.01"), ("ideal", "0.01")):
+        assert main(["simulate", str(path / "short.toml"), "--out", str(path / f"{suite}.csv"), "--suite", suite,
+                     "--period", period, "--seed", "3"]) == 0
+    return path
+
+
+def strict_json(text: str) -> dict:
+    """JSON proper: NaN and Infinity are none of it."""
+    def refuse(word: str):
+        raise AssertionError(f"{word} is no JSON")
+    return json.loads(text, parse_constant=refuse)
+
+
+def assert_one_line(err: str, *mentions: str) -> None:
+    assert err.endswith("\n") and len(err.splitlines()) == 1, err
+    assert err.startswith("launchid")
+    assert "Traceback" not in err
+    for mention in mentions:
+        assert mention in err, err
+
+
+def files(path: Path) -> set[str]:
+    return {p.relative_to(path).as_posix() for p in path.rglob("*")}
+
+
+# ---- simulate
+
+
+@pytest.mark.parametrize(("suite", "period", "columns"), [
+    ("flight", 0.01, "t,theta_ref,beta_cmd,beta,theta,theta_dot"),
+    ("ideal", 0.001, "t,theta_ref,beta_cmd,beta,theta,theta_dot,theta_ddot")])
+def test_simulate_writes_the_contract_s_log(launchid, folder, tmp_path, suite, period, columns):
+    log = tmp_path / "log.csv"
+    status, out, err = launchid("simulate", folder / "short.toml", "--out", log, "--suite", suite)
+    assert (status, out) == (0, "")
+    assert len(err.splitlines()) == 1
+    lines = log.read_bytes().decode("utf-8").split("\n")
+    assert lines[0] == columns
+    assert lines[-1] == "" and len(lines) == 12.0 / period + 2
+    cells = [line.split(",") for line in lines[1:-1]]
+    assert [float(row[0]) for row in cells] == [round(k * period, 12) for k in range(len(cells))]
+    assert all(repr(float(cell)) == cell for row in cells[::50] for cell in row)  # shortest round-trip numbers
+    assert files(tmp_path) == {"log.csv"}
+
+
+def test_simulate_writes_the_same_bytes_for_the_same_seed(launchid, folder, tmp_path):
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        launchid("simulate", folder / "short.toml", "--out", tmp_path / name, "--seed", seed)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes() != (tmp_path / "c").read_bytes()
+
+
+def test_simulate_takes_a_built_in_nominal_by_name(launchid, tmp_path):
+    status, _, _ = launchid("simulate", "vega_like", "--out", tmp_path / "log.csv", "--period", "0.1")
+    assert status == 0
+    assert len((tmp_path / "log.csv").read_text().splitlines()) == 951
+
+
+# ---- identify
+
+
+def test_identify_json_has_the_contract_s_keys(launchid, folder):
+    status, out, err = launchid("identify", folder / "flight.csv", "--json", "-")
+    result = strict_json(out)
+    assert status == 0
+    assert {"windows", "samples"} <= set(result)
+    assert result["samples"] == {"accepted": 1200, "rejected": {}}
+    assert [(w["t_start"], w["t_end"]) for w in result["windows"]] == [(float(k), float(k + 1)) for k in range(12)]
+    for window in result["windows"]:
+        assert WINDOW_KEYS <= set(window)
+        assert window["status"] in STATUSES and window["valid"] == (window["status"] == "OK")
+        assert all(window[name] is None or math.isfinite(window[name]) for name in NUMBERS)
+        assert set(window["terms"]) <= {"theta", "beta"}
+    assert err == ""
+
+
+def test_identify_finds_the_truth_on_ideal_sensors(launchid, folder):
+    status, out, _ = launchid("identify", folder / "ideal.csv", "--json", "-")
+    assert status == 0
+    window = strict_json(out)["windows"][8]
+    assert window["a6"] == pytest.approx(2.0, rel=1e-9)
+    assert window["k1"] == pytest.approx(-7.0, rel=1e-9)
+    assert window["terms"] == {"theta": window["a6"], "beta": window["k1"]}
+
+
+def test_invalid_window_is_null_in_json(launchid, tmp_path):
+    log = tmp_path / "still.csv"
+    log.write_text("t,theta,theta_dot,beta\n" + "".join(f"{k / 100},0,0,{k % 7 / 100}\n" for k in range(200)))
+    status, out, _ = launchid("identify", log, "--json", "-")
+    windows = strict_json(out)["windows"]
+    assert status == 0 and len(windows) == 2
+    for window in windows:
+        assert (window["valid"], window["status"], window["terms"]) == (False, "RANK", {})
+        assert all(window[name] is None for name in NUMBERS - {"t_start", "t_end"})
+
+
+def test_identify_whole_log_is_one_window(launchid, folder):
+    status, out, _ = launchid("identify", folder / "flight.csv", "--window", "all", "--json", "-")
+    windows = strict_json(out)["windows"]
+    assert status == 0 and len(windows) == 1
+    assert windows[0]["t_start"] == 0.0 and windows[0]["t_end"] == pytest.approx(12.0)
+
+
+def test_identify_table_is_for_people(launchid, folder):
+    status, out, _ = launchid("identify", folder / "flight.csv")
+    assert status == 0
+    assert out.count(" OK ") == 12 and "samples accepted 1200" in out
+
+
+@pytest.mark.parametrize("options", [
+    [], pytest.param(["--library", "quadratic", "--solver", "ssr"], marks=pytest.mark.campaign),
+    ["--library", "lpv", "--formulation", "difference"], pytest.param(["--window", "all"], marks=pytest.mark.campaign),
+    ["--library", "sin(theta),beta,sign(theta_dot)", "--compression", "3", "--seed", "9"],
+    ["--nominal", "constant"]])
+def test_identify_gives_the_same_bytes_twice(launchid, folder, tmp_path, options):
+    outputs = []
+    for k in range(2):
+        figure, data = tmp_path / f"{k}.png", tmp_path / f"{k}.json"
+        status, out, err = launchid("identify", folder / "flight.csv", *options, "--json", data, "--plot", figure)
+        assert status == 0
+        assert figure.read_bytes().startswith(b"\x89PNG")
+        outputs.append((out, err, figure.read_bytes(), data.read_bytes()))
+    assert outputs[0] == outputs[1]
+    assert files(tmp_path) == {"0.png", "1.png", "0.json", "1.json"}
+    assert strict_json(outputs[0][3].decode())["windows"]
+
+
+def test_json_to_a_file_is_the_json_on_stdout(launchid, folder, tmp_path):
+    _, out, _ = launchid("identify", folder / "flight.csv", "--json", "-")
+    launchid("identify", folder / "flight.csv", "--json", tmp_path / "x.json")
+    assert (tmp_path / "x.json").read_text() == out
+
+
+# ---- logs: layout does not matter
+
+
+def rewritten(folder: Path, change) -> bytes:
+    return change((folder / "flight.csv").read_bytes())
+
+
+LAYOUTS = {
+    "BOM": lambda data: b"\xef\xbb\xbf" + data,
+    "CRLF": lambda data: data.replace(b"\n", b"\r\n"),
+    "CR": lambda data: data.replace(b"\n", b"\r"),
+    "no line feed at the end": lambda data: data.rstrip(b"\n"),
+    "blank lines": lambda data: data.replace(b"\n", b"\n\n"),
+    "spaces": lambda data: data.replace(b",", b" , "),
+    "quoted numbers": lambda data: b"\n".join(
+        [data.split(b"\n")[0], *(b",".join(b'"' + c + b'"' for c in line.split(b",")) if line else b""
+                                 for line in data.split(b"\n")[1:])]),
+    "columns turned round": lambda data: b"\n".join(b",".join(line.split(b",")[::-1]) for line in data.split(b"\n")),
+    "one more column": lambda data: b"\n".join(
+        [data.split(b"\n")[0] + b",note", *(line + b",x" if line else b"" for line in data.split(b"\n")[1:])]),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layout_of_the_file_does_not_change_the_answer(launchid, folder, tmp_path, layout):
+    log = tmp_path / "log.csv"
+    log.write_bytes(rewritten(folder, LAYOUTS[layout]))
+    _, expected, _ = launchid("identify", folder / "flight.csv", "--json", "-")
+    status, out, err = launchid("identify", log, "--json", "-")
+    assert status == 0
+    assert out == expected
+    assert len(err.splitlines()) <= 1
+    assert ("note" in err) == (layout == "one more column")
+
+
+# ---- logs that cannot be read
+
+HEAD = b"t,theta,beta\n"
+ROWS = b"".join(b"%.2f,%.3f,%.3f\n" % (k / 100, math.sin(k / 9), math.cos(k / 5)) for k in range(200))
+
+MALFORMED = {
+    "empty": (b"", "empty"),
+    "header only": (HEAD, "no usable row"),
+    "no header": (ROWS, "line 1"),
+    "too few cells": (HEAD + b"0,1,2\n1,2\n", "line 3"),
+    "too many cells": (HEAD + b"0,1,2,3\n", "line 2"),
+    "cut short": (HEAD + ROWS[:-9], "line 201"),
+    "decimal comma": (HEAD + b"0,0,1,5,0,2\n", "line 2"),
+    "semicolons": (HEAD.replace(b",", b";") + ROWS.replace(b",", b";"), "line 1"),
+    "tabs": (HEAD.replace(b",", b"\t") + ROWS.replace(b",", b"\t"), "line 1"),
+    "duplicate column": (b"t,theta,beta,theta\n0,1,2,3\n", "'theta' stands 2 times"),
+    "missing column": (b"t,theta\n0,1\n", "'beta' is missing"),
+    "units in the header": (b"t [s],theta [rad],beta [rad]\n0,1,2\n", "'t' is missing"),
+    "upper case": (b"T,THETA,BETA\n0,1,2\n", "'t' is missing"),
+    "text cell": (HEAD + b"0,1,2\n0.01,high,3\n", "line 3, column theta"),
+    "underscore": (HEAD + b"0,1_000,2\n", "line 2, column theta"),
+    "hexadecimal": (HEAD + b"0,0x10,2\n", "line 2, column theta"),
+    "digits of another script": (HEAD + "0,\u0661,2\n".encode(), "line 2, column theta"),
+    "a dash for nothing": (HEAD + b"0,1,-\n", "line 2, column beta"),
+    "a date": (HEAD + b"2020-01-01T00:00:00,1,2\n", "line 2, column t"),
+    "unit in a cell": (HEAD + b"0,1 rad,2\n", "line 2, column theta"),
+    "escape in a cell": (HEAD + b"0,\x1b[31m,2\n", "line 2, column theta"),
+    "long cell": (HEAD + b"0," + b"x" * 5000 + b",2\n", "line 2, column theta"),
+    "cell beyond the reader": (HEAD + b"0," + b"1" * 200_000 + b",2\n", "line"),
+    "unterminated quote": (HEAD + b'0,"1,2\n' + ROWS, "line"),
+    "text behind a quote": (HEAD + b'0,"1"2,2\n', "line 2"),
+    "UTF-16": ((HEAD + ROWS).decode().encode("utf-16"), "UTF-8"),
+    "Latin-1": (HEAD + b"0,1,2\xb0\n", "UTF-8"),
+    "half a character": (HEAD + b"0,1,2\xc3", "UTF-8"),
+    "NUL": (HEAD + b"0,1\x00,2\n", "line 2, column theta"),
+    "NUL throughout": (b"\x00" * 300, "line 1"),
+    "PNG": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "UTF-8"),
+    "gzip": (b"\x1f\x8b\x08\x00" + bytes(range(128, 256)), "UTF-8"),
+    "all rows nan": (HEAD + b"nan,nan,nan\n" * 5, "no usable row"),
+    "all rows empty": (HEAD + b",,\n" * 5, "no usable row"),
+    "no row with all three": (HEAD + b"0,nan,1\n0.1,1,nan\nnan,1,1\n", "no usable row"),
+    "all rows infinite": (HEAD + b"inf,inf,1e400\n" * 5, "no usable row"),
+    "one row": (HEAD + b"0,1,2\n", "column t"),
+    "clock stands still": (HEAD + b"1,1,2\n" * 50, "column t"),
+    "clock runs backwards": (HEAD + b"3,1,2\n2,1,2\n1,1,2\n", "column t"),
+}
+
+
+@every("case", MALFORMED)
+def test_log_that_cannot_be_read_is_status_3_in_one_line(launchid, tmp_path, case):
+    data, mention = MALFORMED[case]
+    log = tmp_path / "log.csv"
+    log.write_bytes(data)
+    status, out, err = launchid("identify", log, "--json", tmp_path / "x.json", "--plot", tmp_path / "x.png")
+    assert (status, out) == (3, "")
+    assert_one_line(err, str(log), mention)
+    assert len(err) < 400 + len(str(log)) and err.rstrip("\n").isprintable()
+    assert files(tmp_path) == {"log.csv"}
+
+
+def test_missing_log_and_folder_are_status_3(launchid, tmp_path):
+    for path in (tmp_path / "none.csv", tmp_path, Path("/dev/zero"), tmp_path / ("x" * 300)):
+        status, out, err = launchid("identify", path)
+        assert (status, out) == (3, "")
+        assert_one_line(err, str(path))
+
+
+def test_path_with_a_line_feed_is_one_line_too(launchid, tmp_path):
+    status, _, err = launchid("identify", tmp_path / "two\nlines.csv")
+    assert status == 3
+    assert_one_line(err)
+
+
+def test_nominal_that_cannot_be_read_is_status_3(launchid, folder, tmp_path):
+    bad = tmp_path / "bad.toml"
+    bad.write_text("name = 3")
+    for words in (["simulate", bad, "--out", tmp_path / "log.csv"],
+                  ["simulate", "none.toml", "--out", tmp_path / "log.csv"],
+                  ["identify", folder / "flight.csv", "--nominal", bad]):
+        status, out, err = launchid(*words)
+        assert (status, out) == (3, "")
+        assert "toml" in err.splitlines()[-1] and "Traceback" not in err
+    assert files(tmp_path) == {"bad.toml"}
+
+
+# ---- what is data, however bad
+
+
+def test_bad_stamps_and_values_are_data_and_counted(launchid, tmp_path):
+    rows = [[f"{k / 100:.2f}", f"{0.1 * math.sin(k / 9):.6f}", f"{0.1 * math.cos(k / 5):.6f}"] for k in range(300)]
+    dirty = [list(row) for row in rows]
+    dirty[50:50] = [list(rows[49])]                          # DT_ZERO
+    dirty[100:100] = [["0.30", "0.1", "0.1"], ["0.20", "0.1", "0.1"]]  # DT_NEGATIVE, twice
+    dirty[150:150] = [["1.465", "1e9", "0.1"]]               # RANGE
+    dirty[200:200] = [["", "0.1", "0.1"], ["1.97", "nan", "0.1"], ["1.971", "0.1", "inf"], ["1e400", "0.1", "0.1"]]
+    clean, bad = tmp_path / "clean.csv", tmp_path / "bad.csv"
+    for path, table in ((clean, rows), (bad, dirty)):
+        path.write_text("t,theta,beta\n" + "".join(",".join(row) + "\n" for row in table))
+    _, expected, _ = launchid("identify", clean, "--json", "-")
+    status, out, err = launchid("identify", bad, "--json", "-")
+    result = strict_json(out)
+    assert status == 0 and len(err.splitlines()) == 1 and "repeated stamps in 1 row" in err
+    assert result["samples"]["accepted"] == 300
+    assert result["samples"]["rejected"] == {"NONFINITE": 4, "RANGE": 1, "DT_ZERO": 1, "DT_NEGATIVE": 2}
+    assert result["windows"] == strict_json(expected)["windows"]
+
+
+def test_missing_stamps_are_data(launchid, folder, tmp_path):
+    lines = (folder / "flight.csv").read_text().splitlines(keepends=True)
+    log = tmp_path / "gap.csv"
+    log.write_text("".join(lines[:311] + lines[391:]))  # 3.10 s to 3.89 s
+    status, out, _ = launchid("identify", log, "--json", "-")
+    result = strict_json(out)
+    assert status == 0
+    assert result["samples"]["accepted"] == 1120
+    assert [w["status"] for w in result["windows"]].count("OK") == 11
+    assert result["windows"][3]["status"] == "GAP" and result["windows"][3]["a6"] is None
+
+
+@pytest.mark.parametrize(("window", "stamp"), [
+    (window, stamp) for window in ("1", "all") for stamp in ("1e308", "-1e308", "1e11", "-5")])
+def test_one_absurd_stamp_does_not_stop_the_command(launchid, folder, tmp_path, window, stamp):
+    lines = (folder / "flight.csv").read_text().splitlines(keepends=True)
+    lines[600] = ",".join([stamp, *lines[600].split(",")[1:]])
+    log = tmp_path / "log.csv"
+    log.write_text("".join(lines))
+    status, out, _ = launchid("identify", log, "--json", "-", "--window", window)
+    assert status == 0
+    assert strict_json(out)["samples"]["accepted"] == 1199
+
+
+# ---- wrong words
+
+
+@every("words", [
+    [], ["fly"], ["identify"], ["simulate", "constant"], ["identify", "LOG", "--colour", "red"],
+    ["identify", "LOG", "extra"],
+    *(["identify", "LOG", option, value] for option, values in {
+        "--formulation": ("weak", "filtered", "measured"), "--solver": ("omp", ""),
+        "--library": ("nonsense", "", "theta^9"), "--window": ("soon", "0", "-1", "nan", "inf", "0.02", "1e9"),
+        "--compression": ("0", "-2", "1.5", "x", "99"), "--threshold": ("-1", "nan", "inf", "x"),
+        "--seed": ("-1", "x", "1.5", str(2**63))}.items() for value in values),
+    ["identify", "LOG", "--plot", "OUT/figure.txt"],
+    *(["simulate", "constant", "--out", "OUT/log.csv", option, value] for option, values in {
+        "--suite": ("perfect", ""), "--period": ("0.0105", "-0.01", "nan", "inf", "x"), "--seed": ("-1", "x")}.items()
+      for value in values),
+    ["simulate", "constant", "--out", "OUT/log.csv", "--period", "0"],
+    *(["plan", "constant", "--window", window, "--accuracy", accuracy, "--out", "OUT/new.toml"]
+      for window, accuracy in (("5", "0"), ("5", "1"), ("5", "nan"), ("0", "0.01"), ("1e9", "0.01"))),
+    *(["reproduce", "--out", "OUT/r", option, value] for option, value in (
+        ("--case", "nope"), ("--case", ""), ("--seeds", "0"), ("--seeds", "-3"), ("--seeds", "x"))),
+], ids=lambda words: " ".join(words) or "(nothing)")
+def test_wrong_words_are_status_2_in_one_line(launchid, folder, tmp_path, words):
+    log = tmp_path / "log.csv"
+    log.write_bytes(HEAD + ROWS)
+    words = [word.replace("LOG", str(log)) if word == "LOG" else word.replace("OUT", str(tmp_path)) for word in words]
+    status, out, err = launchid(*words)
+    assert (status, out) == (2, "")
+    assert_one_line(err)
+    assert files(tmp_path) == {"log.csv"}
+
+
+def test_measured_needs_its_column(launchid, folder):
+    status, _, err = launchid("identify", folder / "flight.csv", "--formulation", "measured")
+    assert status == 2
+    assert "theta_ddot" in err.splitlines()[-1]
+    assert launchid("identify", folder / "ideal.csv", "--formulation", "measured")[0] == 0
+
+
+@pytest.mark.parametrize("words", [["--help"], ["identify", "--help"], ["simulate", "--help"], ["reproduce", "--help"]])
+def test_help_is_status_0_on_stdout(capsys, words):
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    out, err = capsys.readouterr()
+    assert left.value.code == 0
+    assert out.startswith("usage: launchid") and err == ""
+
+
+# ---- outputs
+
+
+@pytest.mark.parametrize("words", [
+    ["simulate", "SHORT", "--out", "OUT/none/log.csv"], ["identify", "LOG", "--json", "OUT/none/x.json"],
+    ["identify", "LOG", "--plot", "OUT/none/x.png"], ["simulate", "SHORT", "--out", "OUT/file/log.csv"],
+    ["simulate", "SHORT", "--out", "OUT/folder"], ["identify", "LOG", "--json", "OUT/folder"],
+    ["reproduce", "--case", "windowed", "--seeds", "1", "--out", "OUT/file"],
+    ["reproduce", "--case", "windowed", "--seeds", "1", "--out", "OUT/file/below"]], ids=" ".join)
+def test_output_that_cannot_be_written_is_status_3_and_leaves_nothing(launchid, folder, tmp_path, words):
+    (tmp_path / "file").write_text("untouched")
+    (tmp_path / "folder").mkdir()
+    log = tmp_path / "log.csv"
+    log.write_bytes(HEAD + ROWS)
+    places = {"SHORT": folder / "short.toml", "LOG": log}
+    status, out, err = launchid(*(places.get(word, word.replace("OUT", str(tmp_path))) for word in words))
+    assert (status, out) == (3, "")
+    assert_one_line(err, str(tmp_path))
+    assert files(tmp_path) == {"file", "folder", "log.csv"}
+    assert (tmp_path / "file").read_text() == "untouched"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_folder_without_permission_is_status_3(launchid, folder, tmp_path):
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    status, _, err = launchid("simulate", folder / "short.toml", "--out", closed / "log.csv")
+    assert status == 3
+    assert_one_line(err, str(closed))
+
+
+def test_existing_output_is_replaced_whole_or_not_at_all(launchid, folder, tmp_path):
+    target = tmp_path / "x.json"
+    target.write_text("old")
+    bad = tmp_path / "bad.csv"
+    bad.write_bytes(HEAD)
+    assert launchid("identify", bad, "--json", target)[0] == 3
+    assert target.read_text() == "old"
+    assert launchid("identify", folder / "flight.csv", "--json", target)[0] == 0
+    assert strict_json(target.read_text())["windows"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_figure_is_written_as_its_suffix_says_the_same_twice(launchid, folder, tmp_path, suffix):
+    start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[suffix]
+    for k in range(2):
+        assert launchid("identify", folder / "flight.csv", "--plot", tmp_path / f"{k}{suffix}")[0] == 0
+    first, second = ((tmp_path / f"{k}{suffix}").read_bytes() for k in range(2))
+    assert first.startswith(start)
+    assert first == second
+
+
+# ---- reproduce
+
+
+def test_reproduce_writes_the_same_bytes_twice(launchid, tmp_path):
+    outputs = []
+    for name in ("a", "b"):
+        status, out, err = launchid("reproduce", "--case", "windowed", "--seeds", "1", "--out", tmp_path / name)
+        assert status == 0 and err.splitlines()[-1].startswith("windowed: holds, 70 of 70 windows")
+        assert "| windowed |" in out and "holds" in out
+        outputs.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    assert outputs[0] == outputs[1]
+    assert {"table.md", "results.json"} <= set(outputs[0])
+    assert any(name.endswith(".png") and data.startswith(b"\x89PNG") for name, data in outputs[0].items())
+    rows = strict_json(outputs[0]["results.json"].decode())["windowed"]
+    assert rows[0]["inside"] == rows[0]["counted"] == rows[0]["exact_support"] == 70
+    assert rows[0]["worst_a6"] < 0.01 and rows[0]["worst_k1"] < 0.01
+    assert rows[0]["verdict"] == "holds"
+
+
+# ---- as a process of its own
+
+
+def test_python_m_sim_is_the_command(folder, tmp_path):
+    def run(*words: object) -> subprocess.CompletedProcess:
+        return subprocess.run([sys.executable, "-m", "sim", *map(str, words)], cwd=ROOT, capture_output=True, text=True,
+                              timeout=300, check=False)
+
+    done = run("identify", folder / "ideal.csv", "--json", "-")
+    assert done.returncode == 0
+    assert len(strict_json(done.stdout)["windows"]) == 12
+    bad = run("identify", tmp_path / "none.csv")
+    assert (bad.returncode, bad.stdout) == (3, "")
+    assert_one_line(bad.stderr, "none.csv")
+    wrong = run("identify", folder / "ideal.csv", "--solver", "omp")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert_one_line(wrong.stderr, "omp")
+
+
+def test_confidence_case_draws_its_bands_and_margins(launchid, tmp_path):
+    status, out, err = launchid("reproduce", "--case", "confidence", "--seeds", "5", "--out", tmp_path / "r")
+    assert status == 0 and [line.split(":")[0] for line in err.splitlines() if ": done" in line] == [
+        "confidence, constant", "confidence, vega_like"]
+    assert "| constant | 5 |" in out and "| vega_like | 5 |" in out
+    written = {path.name for path in (tmp_path / "r").iterdir()}
+    assert {"confidence_constant.png", "margins_constant.png", "table.md"} <= written

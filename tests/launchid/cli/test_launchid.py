@@ -1,0 +1,318 @@
+"""`import launchid`: the commands' answers, from paths, frames and arrays, as results to look at."""
+
+import dataclasses
+import json
+import math
+import os
+import subprocess
+import sys
+import tomllib
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import launchid
+import launchid_core
+from launchid.cli.main import main
+from launchid.log.log import read_log
+from sim.effects import effect
+from sim.nominal import load_nominal, write_nominal
+from sim.shown import html_table, with_std
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A nominal of 20 s, and its log."""
+    path = tmp_path_factory.mktemp("front")
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    write_nominal(dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=20.0)),
+                  path / "n.toml")
+    launchid.simulate(path / "n.toml", seed=3).write(path / "log.csv")
+    return path
+
+
+def said(capsys, *words: object) -> str:
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 0
+    return capsys.readouterr().out
+
+
+# ---- the same as the commands
+
+
+def test_identify_is_the_command(folder, capsys):
+    log, nominal = folder / "log.csv", folder / "n.toml"
+    words = ["identify", log, "--nominal", nominal, "--window", "5", "--tracked"]
+    made = launchid.identify(str(log), nominal, window=5, tracked=True)
+    assert made.to_json() + "\n" == said(capsys, *words, "--json", "-")
+    assert made.summary() + "\n" == said(capsys, *words)
+    assert json.loads(made.to_json()) == made.report
+    plain = launchid.identify(log, library="theta,beta,sin(theta)", solver="ssr", compression=2, seed=4, window="all")
+    assert plain.to_json() + "\n" == said(capsys, "identify", log, "--library", "theta,beta,sin(theta)", "--solver",
+                                          "ssr", "--compression", "2", "--seed", "4", "--window", "all", "--json", "-")
+
+
+def test_uncertainty_is_the_command(folder, capsys):
+    log, nominal = folder / "log.csv", folder / "n.toml"
+    made = launchid.uncertainty(log, nominal, window=4)
+    assert made.to_json() + "\n" == said(capsys, "uncertainty", log, nominal, "--window", "4", "--json", "-")
+    assert made.summary() + "\n" == said(capsys, "uncertainty", log, nominal, "--window", "4")
+
+
+def test_diagnose_is_the_command(folder, tmp_path, capsys):
+    columns = read_log(folder / "log.csv").measured()
+    columns["beta"] = -columns["beta"]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in zip(
+        *(x.tolist() for x in columns.values()), strict=True))]))
+    made = launchid.diagnose(columns, folder / "n.toml")
+    assert made.verdict == "bad-data" and made.extension is None
+    assert made.to_json() + "\n" == said(capsys, "diagnose", tmp_path / "log.csv", folder / "n.toml", "--json", "-")
+    assert made.summary() + "\n" == said(capsys, "diagnose", tmp_path / "log.csv", folder / "n.toml")
+    made.write_report(tmp_path / "report")
+    assert json.loads((tmp_path / "report" / "verdict.json").read_text()) == made.report
+    assert made.columns()["cause"] == [] and "<table>" in made._repr_html_()
+
+
+def test_simulate_plan_fit_lft_and_export_c_write_the_command_s_bytes(folder, tmp_path, capsys):
+    nominal = folder / "n.toml"
+    effect = "steady_wind:angle=0.02"
+    flown = launchid.simulate(nominal, seed=5, period=0.02, effects=[effect])
+    planned = launchid.plan(nominal, accuracy=0.02, window=5)
+    fitted = launchid.fit_lft([folder / "log.csv"], nominal, share=0.9)
+    exported = launchid.export_c(nominal, window=2)
+    commands = {
+        "log.csv": (flown, ["simulate", nominal, "--seed", "5", "--period", "0.02", "--effect", effect]),
+        "plan.toml": (planned, ["plan", nominal, "--accuracy", "0.02", "--window", "5"]),
+        "range.toml": (fitted, ["fit-lft", folder / "log.csv", nominal, "--share", "0.9"]),
+        "c": (exported, ["export-c", nominal, "--window", "2"])}
+    for name, (made, words) in commands.items():
+        ours, theirs = tmp_path / f"ours.{name}", tmp_path / f"theirs.{name}"
+        made.write(ours)
+        printed = said(capsys, *words, "--out", theirs)
+        assert printed in ("", made.summary(str(theirs)) + "\n")
+        for path in ours.iterdir() if ours.is_dir() else [ours]:
+            same = (theirs / path.name) if ours.is_dir() else theirs
+            assert path.read_bytes() == same.read_bytes()
+
+
+# ---- what may stand for a log
+
+
+def sources(folder: Path) -> dict[str, object]:
+    log = read_log(folder / "log.csv")
+    return {"dict": log.measured(), "lists": {name: x.tolist() for name, x in log.measured().items()}, "log": log,
+            "path": folder / "log.csv", "flight": launchid.simulate(folder / "n.toml", seed=3),
+            "identification": launchid.identify(log)}
+
+
+@pytest.mark.parametrize("kind", ["dict", "lists", "log", "path", "flight", "identification"])
+def test_a_log_is_the_same_however_it_comes(folder, kind):
+    expected = launchid.identify(folder / "log.csv").report
+    assert launchid.identify(sources(folder)[kind]).report == expected
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_a_data_frame_of_any_library_is_a_log(folder, library):
+    frames = pytest.importorskip(library)
+    columns = read_log(folder / "log.csv").measured()
+    expected = launchid.identify(folder / "log.csv").report
+    frame = frames.DataFrame({name: columns[name] for name in reversed(columns)} | {"note": ["x"] * len(columns["t"])})
+    assert launchid.identify(frame).report == expected
+    assert launchid.read_log(frame).ignored == ("note",)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars"])
+def test_missing_cells_of_a_frame_are_not_measured(library):
+    frames = pytest.importorskip(library)
+    rate = [0.1, None, 0.3]
+    options = {"dtype": "Float64"} if library == "pandas" else {}
+    column = frames.Series("theta_dot", rate) if library == "polars" else frames.Series(rate, **options)
+    log = launchid.read_log(frames.DataFrame({"t": [0, 1, 2], "theta": [0, 1, 2], "beta": [0, 1, 2],
+                                              "theta_dot": column}))
+    assert np.array_equal(log.theta_dot, [0.1, math.nan, 0.3], equal_nan=True)
+    assert log.t.dtype == np.float64
+
+
+def test_a_frame_needs_no_more_than_columns_and_items():
+    class Frame:
+        columns = ("t", "theta", "beta")
+
+        def __getitem__(self, name: str) -> list[float]:
+            return {"t": [0.0, 1.0], "theta": [1.0, 2.0], "beta": [3.0, 4.0]}[name]
+
+    assert launchid.read_log(Frame()).beta.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(("columns", "mention"), [
+    ({"t": [0, 1], "theta": [0, 1]}, "'beta' is missing"), ({}, "'t' is missing"),
+    ({"t": [0, 1], "theta": [0, 1], "beta": [0]}, "unequal length"),
+    ({"t": [0, 1], "theta": [0, "high"], "beta": [0, 1]}, "row 1, column theta: 'high' is no number"),
+    ({"t": [0, 1], "theta": [[0, 1], [1, 2]], "beta": [0, 1]}, "column theta: 2 dimensions"),
+    ({"t": [], "theta": [], "beta": []}, "no usable row"),
+    ({"t": [0], "theta": [math.nan], "beta": [0]}, "no usable row"),
+    ({"t": [0, 1], "theta": [0, 1], "beta": [0, 1], "gamma": [0, 1], "alpha": [0, 1]}, "gamma and alpha")])
+def test_columns_that_are_no_log_are_one_line(columns, mention):
+    with pytest.raises(launchid.InputError, match=mention) as caught:
+        launchid.read_log(columns)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_wrong_words_are_usage_errors(folder):
+    log, nominal = folder / "log.csv", folder / "n.toml"
+    for wrong in (lambda: launchid.identify(log, window="soon"), lambda: launchid.identify(log, solver="omp"),
+                  lambda: launchid.identify(log, tracked=True), lambda: launchid.uncertainty(log, nominal, window=-1),
+                  lambda: launchid.fit_lft([], nominal), lambda: launchid.fit_lft([log], nominal, share=2.0),
+                  lambda: launchid.simulate(nominal, seed=-1), lambda: launchid.simulate(nominal, effects=["wings"]),
+                  lambda: launchid.plan(nominal, accuracy=2.0, window=5), lambda: launchid.export_c(nominal, window=0)):
+        with pytest.raises(launchid.UsageError):
+            wrong()
+    with pytest.raises(launchid.InputError):
+        launchid.load_nominal("none.toml")
+
+
+# ---- results
+
+
+def test_the_frame_of_an_identification_is_its_windows(folder):
+    made = launchid.identify(folder / "log.csv", folder / "n.toml", window=5, tracked=True)
+    columns, windows = made.columns(), made.report["windows"]
+    assert columns["a6"] == [w["a6"] for w in windows]
+    assert columns["tracked_k1_std"] == [w["tracked"]["k1_std"] for w in windows]
+    assert columns["terms_beta"] == columns["k1"]
+
+
+def test_what_a_page_shows_is_escaped():
+    assert "<b>" not in html_table({"<b>": ["<b>", 1.0, None]})
+
+
+def test_plotting_leaves_the_user_s_backend_alone(folder):
+    pytest.importorskip("matplotlib")
+    script = ("import launchid, sys; launchid.identify(sys.argv[1]).plot(sys.argv[2]); "
+              "print('matplotlib.pyplot' in sys.modules)")
+    done = subprocess.run([sys.executable, "-c", script, str(folder / "log.csv"), str(folder / "x.png")], cwd=ROOT,
+                          capture_output=True, text=True, check=True, timeout=300)
+    assert done.stdout == "False\n"
+
+
+def test_importing_costs_no_numba_and_no_optional_package():
+    script = "import launchid, sys; print([m for m in ('numba', 'matplotlib', 'pandas', 'polars') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True,
+                          timeout=300)
+    assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize(("module", "extra"), [("pandas", "frames"), ("matplotlib", "plots")])
+def test_a_missing_extra_is_named(folder, monkeypatch, module, extra):
+    made = launchid.simulate(folder / "n.toml", period=0.1)
+    for name in [name for name in sys.modules if name.split(".")[0] == module or name in
+                 ("sim.canvas", "launchid.figures.plots", "sim.pictures", "launchid.results.figures")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(launchid.UsageError, match=rf"launchid\[{extra}\]"):
+        made.to_frame() if module == "pandas" else made.plot()
+
+
+# ---- parameters
+
+
+@pytest.mark.parametrize("effects", [
+    "gyro_bias:rate=0.01", effect("gyro_bias", rate=0.01), {"name": "gyro_bias", "rate": 0.01},
+    [{"name": "gyro_bias", "rate": 0.01}], (effect("gyro_bias", rate=0.01),)])
+def test_an_effect_is_a_text_a_dict_or_an_effect(folder, effects):
+    plain, biased = (launchid.simulate(folder / "n.toml", seed=1, period=0.1, effects=each).log.theta_dot
+                     for each in ((), effects))
+    assert np.allclose(biased - plain, 0.01, atol=1e-6)
+
+
+@pytest.mark.parametrize(("effects", "words"), [
+    (3, "effects 3"), ([3], "effects 3"), ({"rate": 0.01}, "name = None"), ({"name": "x"}, "x"),
+    ([{"name": "gyro_bias", "size": 1.0}], "unknown parameter 'size'"), ({"name": "gyro_bias"}, "no parameter given")])
+def test_what_is_no_effect_is_said_in_one_line(folder, effects, words):
+    with pytest.raises(launchid.UsageError) as error:
+        launchid.simulate(folder / "n.toml", effects=effects)
+    assert words in str(error.value) and "--" not in str(error.value)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda log, n: launchid.identify(log, window=None), "window None: expected seconds or 'all'"),
+    (lambda log, n: launchid.identify(log, window="x"), "window 'x': expected seconds or 'all'"),
+    (lambda log, n: launchid.identify(log, tracked=True), "tracked needs the formulation filtered"),
+    (lambda log, n: launchid.diagnose(log, n, bootstrap=-1), "bootstrap -1: expected an integer"),
+    (lambda log, n: launchid.fit_lft([log], n, share=2.0), "share 2.0: expected a number between"),
+    (lambda log, n: launchid.simulate(n, seed="a"), "seed 'a': expected an integer"),
+    (lambda log, n: launchid.plan(n, accuracy=None, window=1.0), "accuracy None: expected a relative"),
+    (lambda log, n: launchid.campaign(n, out="x", flights=0), "flights 0: expected an integer")])
+def test_what_is_refused_has_the_parameter_s_name(folder, call, words):
+    with pytest.raises(launchid.UsageError, match=f"^{words}") as error:
+        call(folder / "log.csv", folder / "n.toml")
+    assert "--" not in str(error.value)
+
+
+# ---- the package
+
+
+def test_public_names_and_version():
+    assert launchid.__version__ == launchid_core.__version__
+    wanted = {"identify", "diagnose", "simulate", "plan", "fit_lft", "uncertainty", "export_c", "load_nominal",
+              "read_log"}
+    assert wanted <= set(launchid.__all__)
+    for name in launchid.__all__:
+        if isinstance(getattr(launchid, name), types.FunctionType):
+            assert getattr(launchid, name).__doc__
+
+
+def test_every_public_name_is_on_its_page():
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    assert [name for name in launchid.__all__ if f"`{name}" not in page and f"`launchid.{name}" not in page] == []
+
+
+def test_the_package_is_typed_and_installed():
+    assert (ROOT / "launchid" / "py.typed").is_file()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "launchid" in project["tool"]["setuptools"]["packages"]["find"]["include"]
+    assert set(project["project"]["optional-dependencies"]) >= {"plots", "frames"}
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="minutes without compiled kernels")
+def test_the_example_of_the_page_runs(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("pandas")
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    example = page.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "python.md", "exec"), {})
+    assert "sudden change of k1 at 60." in capsys.readouterr().out and (tmp_path / "v.png").is_file()
+
+
+# ---- numbers
+
+
+@pytest.mark.parametrize(("value", "std", "shown"), [
+    (4.5253, 1.6, "4.5 +- 1.6"), (-7.0123456, 0.01549, "-7.012 +- 0.015"), (0.0, 0.0996, "0.00 +- 0.10"),
+    (12345.6, 234.5, "12350 +- 230"), (2.0, 0.0, "2"), (2.0, None, "2"), (None, 1.0, "-"), (math.nan, 1.0, "-"),
+    (1.5, math.nan, "1.5"), (1.0, 9.96, "1 +- 10"), (2.0, 1.9e-7, "2.00000000 +- 0.00000019"),
+    (2.0, 1e-15, "2 +- 1.0e-15"), (-0.001, 1.0, "-0.0 +- 1.0")])
+def test_a_value_is_shown_to_two_digits_of_its_standard_deviation(value, std, shown):
+    assert with_std(value, std) == shown
+
+
+def test_a_log_of_two_rows_gives_a_sentence(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text("t,theta,beta\n0,0,0\n0.01,0.1,0.1\n")
+    printed = said(capsys, "identify", tmp_path / "log.csv")
+    assert "no window of 1 s is complete: the log has 2 rows over 0.01 s" in printed
+    assert "t_start" not in printed
+    printed = said(capsys, "uncertainty", tmp_path / "log.csv", "constant")
+    assert "no window of 1 s is complete" in printed and "in their range" not in printed
+
+
+def test_identify_prints_the_tracked_columns_when_asked(folder, capsys):
+    words = ["identify", folder / "log.csv", "--nominal", folder / "n.toml", "--window", "5"]
+    assert "tracked" not in said(capsys, *words)
+    head, *rows = said(capsys, *words, "--tracked").splitlines()[1:]
+    assert "tracked a6" in head and "tracked k1" in head
+    assert all(row.count("+-") == 4 for row in rows[:4])

@@ -1,0 +1,276 @@
+"""The pictures: what sets their scale, what is marked at the edge, what stands beside them; the residuals' numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import launchid
+from launchid.cli.main import main
+from launchid.identification.windows import table
+from launchid.log.check import ideal_note
+from launchid.log.log import Log, flown_log, read_log, write_flight
+from launchid.results import residuals as rs
+from launchid.results.of_logs import Identification
+from launchid.results.of_logs import identify as identified
+from launchid_core import Change, Config, Estimator, Level, Sample
+from sim.errors import InputError
+from sim.flight import fly_whole
+from sim.nominal import built_in, load_nominal
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
+
+from launchid.figures import plots
+from launchid.results import figures
+from sim import canvas
+
+WINDOWS = 12
+
+
+def window(k: int, a6: float, a6_std: float, **other) -> dict:
+    """A window of the identify JSON."""
+    given = {"t_start": 5.0 * k, "t_end": 5.0 * k + 5.0, "valid": True, "status": "OK", "a6": a6, "a6_std": a6_std,
+             "k1": -7.0, "k1_std": 0.1, "a6_bound": 0.8 * a6_std, "k1_bound": 0.08, "terms": {}, "wind": None,
+             "wind_std": None}
+    return given | other
+
+
+def a_log(seconds: float = 60.0) -> Log:
+    t = np.arange(0.0, seconds, 0.01)
+    none = np.full(len(t), np.nan)
+    return Log("log.csv", ("t", "theta", "beta"), (), t, np.sin(t), none, np.cos(t), none, none, none)
+
+
+def drawn(windows: list[dict], nominal=None, **report):
+    figure = figures.identify_figure(a_log(), {"windows": windows, **report}, nominal)
+    figure.canvas.draw()
+    return figure
+
+
+def labels(axis) -> set[str]:
+    legend = axis.get_legend()
+    return set() if legend is None else {text.get_text() for text in legend.get_texts()}
+
+
+# ---- identify
+
+
+def test_what_is_not_determined_does_not_set_the_scale_and_is_marked_at_the_edge():
+    """The first window of a flight: nothing has moved yet, 4.5 +- 3."""
+    axis = drawn([window(0, 4.5, 3.0), *(window(k, 0.1 * k, 0.01) for k in range(1, WINDOWS))]).axes[0]
+    assert axis.get_ylim()[1] < 2.0
+    assert "value beyond the edge" in labels(axis)
+
+
+def test_two_windows_one_of_them_undetermined():
+    axis = drawn([window(0, 3.0, 1.4), window(1, 0.066, 0.0088)]).axes[0]
+    assert axis.get_ylim()[1] < 0.2
+
+
+def test_a_large_value_with_a_usable_interval_is_within():
+    """a6 grows by a hundred in a flight, and its interval with it."""
+    axis = drawn([*(window(k, 0.01 * 2**k, 0.0005 * 2**k) for k in range(WINDOWS))]).axes[0]
+    assert axis.get_ylim()[1] > 0.01 * 2**(WINDOWS - 1)
+
+
+def test_legends_lie_outside_the_data():
+    figure = drawn([window(k, 2.0, 0.1) for k in range(WINDOWS)], load_nominal(built_in("constant")))
+    for axis in figure.axes:
+        if axis.get_legend() is not None:
+            assert axis.get_legend().get_window_extent().y0 >= axis.get_window_extent().y1 - 1.0
+
+
+def test_a_change_is_a_line_with_its_numbers_and_breaks_the_tracked_line():
+    tracked = [{"valid": True, "a6": 2.0, "a6_std": 0.01, "k1": k1, "k1_std": 0.01, "wind": None, "wind_std": None}
+               for k1 in [-8.0] * 6 + [-5.7] * 6]
+    change = {"t": 30.0, "t_std": 0.015, "parameter": "k1", "before": -8.0, "after": -5.7, "size": 2.3,
+              "size_std": 0.07}
+    windows = [window(k, 2.0, 0.1, tracked=each) for k, each in enumerate(tracked)]
+    figure = drawn(windows, changes=[change])
+    assert any(text.startswith("sudden change at 30.000 +- 0.015 s, size 2.300 +- 0.070")
+               for text in labels(figure.axes[1]))
+    assert not any("sudden" in text for text in labels(figure.axes[0]))
+    line, = (line for line in figure.axes[1].lines if len(line.get_xdata()) == WINDOWS + 1)
+    assert np.isnan(line.get_ydata()[6]) and np.isfinite(np.delete(line.get_ydata(), 6)).all()
+
+
+def test_refused_windows_say_why_and_a_bound_is_drawn_where_there_is_one():
+    nothing = {"valid": False, "a6": None, "a6_std": None, "k1": None, "k1_std": None, "a6_bound": None,
+               "k1_bound": None}
+    axis = drawn([window(0, 2.0, 0.1), window(1, 0.0, 0.0, status="SEPARATION") | nothing]).axes[0]
+    assert "SEPARATION" in [text.get_text() for text in axis.texts]
+    assert {"refused, with the reason", "Cramer-Rao bound of it, 95 %"} <= labels(axis)
+    figure = drawn([window(0, 0.0, 0.0, status="MODEL") | nothing], why="no window of this log is valid: X")
+    assert "no window of this log is valid: X" in figure.axes[-1].get_xlabel()
+    assert not any("95 %" in text for text in labels(figure.axes[0]))
+
+
+def test_wind_is_drawn_where_there_is_any():
+    calm, windy = (drawn([window(k, 2.0, 0.1, wind=w, wind_std=std) for k in range(3)])
+                   for w, std in ((0.0, 0.0), (0.01, 0.002)))
+    assert len(windy.axes) == len(calm.axes) + 1
+    assert [axis.get_ylabel() for axis in windy.axes] == ["a6 [1/s$^2$]", "k1 [1/s$^2$]", "wind [rad]", "theta [rad]",
+                                                          "beta [rad]"]
+
+
+def test_the_text_has_the_digits_of_the_standard_deviation():
+    change = Change(60.0, 0.029, "k1", -8.14412, -5.71123, 2.4321, 0.071, 60.5, True)._asdict()
+    said = table({"windows": [window(0, 4.5253, 1.6, terms={"theta": 4.5253, "sin(theta)": 1.25},
+                                     terms_std={"theta": 1.6, "sin(theta)": 0.25})], "changes": [change],
+                  "samples": {"accepted": 1, "rejected": {}}, "filter": {}})
+    assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25 +- 0.25" in said
+    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 1/s^2 (size 2.432 +- 0.071)" in said
+
+
+# ---- uncertainty, and the paper's figures
+
+
+def test_a_first_delta_of_7_7_does_not_crush_the_bands():
+    axis = canvas.panels(1, "test")[1][0]
+    levels = [Level(7.7, 5.0, "undecided", (), True, np.nan), *[Level(0.1, 0.05, "0-30", (), True, np.nan)] * 5]
+    figures._delta_panel(axis, np.arange(6.0), levels, "a6")
+    assert axis.get_ylim() == (-1.3, 1.3)
+    assert any(line.get_label() == "value beyond the edge" for line in axis.lines)
+    known = canvas.panels(1, "test")[1][0]
+    figures._delta_panel(known, np.arange(6.0), [Level(1.8, 0.1, "out", (), False, 0.0)] * 6, "a6")
+    assert known.get_ylim()[1] > 1.8, "a delta that is known, and out, is shown"
+
+
+def test_errors_at_rounding_leave_a_readable_range_and_are_counted():
+    """Eighteen decades for an error of 1e-16 and a tolerance of 1 %."""
+    axis = canvas.panels(1, "test")[1][0]
+    axis.plot(np.arange(10.0), np.array([*[4e-16] * 8, 1e-3, 2e-3]), ".")
+    plots._error_scale(axis, 0.01)
+    low, high = axis.get_ylim()
+    assert np.log10(high / low) <= 6.0 and low <= 1e-3 <= high
+    assert "8 of 10 windows below 1e-06, the median of them 4e-16" in [text.get_text() for text in axis.texts]
+
+
+@pytest.mark.parametrize(("library", "panels"), [
+    ("beta,theta_dot", ["k1", "theta", "beta"]), ("theta", ["a6", "theta", "beta"]), ("theta_dot", ["theta", "beta"]),
+    ("rigid-body", ["a6", "k1", "theta", "beta"])])
+def test_a_parameter_whose_term_the_library_lacks_has_no_panel(library, panels):
+    made = identified(replace(a_log(), theta_dot=np.cos(a_log().t)), window=5.0, library=library)
+    assert [axis.get_ylabel().split(" ")[0] for axis in made._figure().axes] == panels
+
+
+# ---- residuals
+
+
+@pytest.fixture(scope="module")
+def identification() -> Identification:
+    nominal = load_nominal(built_in("constant"))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=40.0))
+    return identified(flown_log(fly_whole(nominal, 3)), nominal, window=5.0)
+
+
+def test_the_residual_of_a_right_model_is_white_and_it_predicts(identification):
+    found = rs.residuals(identification.log, identification.estimates, identification.nominal)
+    white = found.correlation
+    assert white is not None and np.mean(np.abs(white.values) > white.band) <= 0.1
+    own, before = found.predicted[-1].fits
+    assert found.predicted[-1].horizon == 1.0 and own > 80.0 and before > 50.0
+
+
+def test_the_residual_of_a_wrong_model_is_not_white_and_predicts_worse(identification):
+    wrong = [replace(each, xi=each.xi * np.where(np.array(each.terms) == "beta", 0.5, 1.0)[:, None])
+             for each in identification.estimates]
+    right, found = (rs.residuals(identification.log, estimates, identification.nominal)
+                    for estimates in (identification.estimates, wrong))
+    assert found.correlation is not None
+    assert np.mean(np.abs(found.correlation.values) > found.correlation.band) > 0.3
+    assert found.predicted[-1].fits[0] < right.predicted[-1].fits[0] - 30.0
+
+
+def test_predictions_are_the_equations_solution():
+    """theta_ddot = -4 theta from rest: a cosine."""
+    t = np.arange(0.0, 10.0, 0.01)
+    log = replace(a_log(10.0), theta=np.cos(2.0 * t), theta_dot=-2.0 * np.sin(2.0 * t), beta=np.zeros(len(t)))
+    made = identified(log, window=2.5, library="theta,beta")
+    exact = [replace(each, valid=True, xi=np.array([[0.0, -4.0, 0.0], [0.0, 0.0, 0.0]]), terms=("theta", "beta"),
+                     support=np.array([[False, True, False], [False, False, False]])) for each in made.estimates]
+    found = rs.residuals(log, exact)
+    assert np.max(np.abs(found.residual)) < 1e-3
+    for each in found.predicted:
+        assert np.max(np.abs(each.within - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
+
+
+def test_too_few_predictions_have_no_fit():
+    few, enough = (rs.Predicted(1.0, *[np.linspace(1.0, 2.0, n)] * 5, np.zeros((n, rs.DRAWS)))
+                   for n in (rs.FEWEST - 1, rs.FEWEST))
+    assert np.isnan([*few.fits, few.ceiling]).all() and (*enough.fits, enough.ceiling) == (100.0, 100.0, 100.0)
+
+
+def truth(identification: Identification) -> list:
+    """The windows with the nominal's own a6 and k1."""
+    a6, k1 = identification.nominal.vehicle.at(np.zeros(1))
+    return [replace(each, xi=np.array([[0.0, a6[0] if term == "theta" else k1[0], 0.0] for term in each.terms]),
+                    support=np.array([[False, True, False]] * len(each.terms))) for each in identification.estimates]
+
+
+@pytest.mark.parametrize("has_rate", [True, False])
+def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
+    """The law holds where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope
+    too."""
+    rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
+    found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
+    for each in found.predicted[:2]:
+        error = [1.0 - fit / 100.0 for fit in (each.fits[0], each.ceiling)]
+        assert error[1] == pytest.approx(error[0], rel=0.2)
+    assert np.std(found.noise) == pytest.approx(np.std(found.residual), rel=0.2)
+
+
+def test_no_noise_leaves_a_whole_fit():
+    t = np.arange(0.0, 10.0, 0.01)
+    log = replace(a_log(10.0), theta=np.cos(2.0 * t), theta_dot=-2.0 * np.sin(2.0 * t), beta=np.zeros(len(t)))
+    made = identified(log, window=2.5, library="theta,beta")
+    exact = [replace(each, valid=True, xi=np.array([[0.0, -4.0, 0.0], [0.0, 0.0, 0.0]]), terms=("theta", "beta"),
+                     support=np.array([[False, True, False], [False, False, False]])) for each in made.estimates]
+    assert all(each.ceiling > 99.0 for each in rs.residuals(log, exact).predicted)
+
+
+def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):
+    nominal = replace(load_nominal(built_in("constant")))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=6.0))
+    flight = fly_whole(nominal, 3)
+    write_flight(tmp_path / "v.csv", flight)
+    words = ["identify", str(tmp_path / "v.csv"), "--nominal", "constant", "--window", "2", "--resid"]
+    assert not main([*words, str(tmp_path / "r.png")])
+    assert (tmp_path / "r.png").read_bytes()[:4] == b"\x89PNG"
+    figure = identification.residuals()
+    assert "autocorrelation" in figure.axes[1].get_title(loc="left")
+    assert any("own window: fit" in text for text in labels(figure.axes[-1]))
+    assert any("sensor noise alone: fit" in text for text in labels(figure.axes[-1]))
+    assert "of sensor noise alone" in figure.axes[0].get_title(loc="left")
+    blind = replace(identification.log, theta_dot=np.full(len(identification.log.t), np.nan))
+    assert rs.residuals(blind, identification.estimates).predicted   # of the attitude's slope
+    with pytest.raises(InputError, match="theta and beta over more"):
+        rs.residuals(replace(blind, theta=blind.theta_dot), identification.estimates)
+    with pytest.raises(InputError, match="no window has a fit"):
+        rs.residuals(identification.log, [])
+
+
+# ---- what a log and a sample look like
+
+
+def test_the_ideal_suite_is_recognised_and_a_real_sensor_is_not(tmp_path):
+    nominal = load_nominal(built_in("vega_like"))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=10.0))
+    write_flight(tmp_path / "i.csv", fly_whole(nominal, 1, "ideal"))
+    log = read_log(tmp_path / "i.csv")
+    said, = ideal_note(log)
+    assert "ideal suite" in said and "\n" not in said
+    assert any("ideal suite" in line for line in launchid.identify(log).warnings)
+    noise = np.random.default_rng(1).normal(0.0, 1e-6, len(log.t))
+    assert ideal_note(replace(log, theta_dot=log.theta_dot + noise)) == ()
+    assert ideal_note(flown_log(fly_whole(nominal, 1))) == ()
+
+
+@pytest.mark.parametrize("given", [None, 5, "a", (1.0, 2.0), (0.0, "a", None, 1.0, 1.0, 1.0, 1.0)])
+def test_what_is_no_sample_is_refused_in_plain_words(given):
+    estimator = Estimator(Config(window=1.0, sample_period=0.01))
+    plain = r"^update: expected a Sample, 7 floats \(t, theta, .*\); got [A-Za-z]+( of \d)?$"
+    with pytest.raises(TypeError, match=plain):
+        estimator.update(given)
+    assert estimator.update(Sample(0.0, 0.0, 0.0, 0.0)) == 0, "and the next sample is taken"
+

@@ -1,0 +1,104 @@
+"""The texts of `--help`: every option with its text, unit and default, an example that parses, and the page made of
+them."""
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from every import every
+
+from launchid.cli.main import main, parser
+from launchid.cli.reference import commands_page, effects_report
+from sim.effects import CATALOGUE
+from sim.effects.words import MEANING
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def commands() -> dict[str, argparse.ArgumentParser]:
+    (action,) = [action for action in parser()._actions if isinstance(action, argparse._SubParsersAction)]
+    return dict(action.choices)
+
+
+OPTIONS = [(name, action) for name, sub in commands().items() for action in sub._actions
+           if not isinstance(action, argparse._HelpAction)]
+UNITS = {"S": "[s]", "S|all": "[s]"}  # metavar -> what the help must say
+
+
+@every(("name", "action"), OPTIONS, ids=lambda x: x if isinstance(x, str) else x.dest)
+def test_every_option_has_text_unit_and_default(name, action):
+    assert action.help, f"{name} {action.dest}"
+    assert UNITS.get(str(action.metavar), "") in action.help
+    if action.option_strings and action.nargs != 0 and not action.required:
+        assert "default" in action.help
+        assert action.default in (None, []) or "%(default)s" in action.help
+
+
+@every("name", commands())
+def test_every_command_has_an_example_that_parses(name, capsys):
+    example = re.fullmatch(r"example: launchid (.+)", commands()[name].epilog or "")
+    assert example is not None, "one, as the last line of its help"
+    assert parser().parse_args(shlex.split(example[1])).command == name
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    assert " ".join(capsys.readouterr().out.split()).endswith(example[0])
+
+
+def test_the_page_of_commands_is_the_parser_s():
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert page == commands_page(parser()), "write it anew, as launchid/cli/reference.py says"
+
+
+# ---- completion
+
+
+@pytest.mark.parametrize(("line", "wanted"), [
+    ("launchid unc", {"uncertainty"}), ("launchid identify --sol", {"--solver"}),
+    ("launchid identify v.csv --solver ", {"stls", "sr3", "ssr", "lasso"})])
+def test_the_shell_is_told_what_could_come_next(line, wanted, tmp_path):
+    pytest.importorskip("argcomplete")
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n",
+             "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "told")}
+    subprocess.run([sys.executable, "-m", "sim"], cwd=ROOT, env=os.environ | asked, check=True, timeout=60)
+    assert {word.strip() for word in (tmp_path / "told").read_text().splitlines()} == wanted
+
+
+# ---- effects
+
+
+def test_effects_lists_the_catalogue(capsys):
+    assert main(["effects"]) == 0
+    text = capsys.readouterr().out
+    for name, cause in CATALOGUE.items():
+        block = next(part for part in text.split("\n\n") if part.startswith(f"{name} "))
+        assert f"[{cause.where}]" in block and MEANING[name] in block
+        for parameter in cause.parameters:
+            (line,) = [line for line in block.splitlines() if line.startswith(f"    {parameter.name}: ")]
+            assert parameter.unit in line and ("required" in line) == parameter.is_required
+
+
+def test_effects_as_json(capsys, tmp_path):
+    assert main(["effects", "--json", "-"]) == 0
+    listed = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert listed == effects_report()
+    assert main(["effects", "--json", str(tmp_path / "x.json")]) == 0
+    assert json.loads((tmp_path / "x.json").read_text()) == listed
+    rows = {row["effect"]: row for row in listed["effects"]}
+    assert list(rows) == list(CATALOGUE)
+    assert rows["control_loss"]["diagnosed"] and rows["control_loss"]["where"] == "plant"
+    time = rows["control_loss"]["parameters"][1]
+    assert (time["name"], time["unit"], time["required"], time["default"]) == ("time", "s", True, None)
+    slosh = rows["slosh"]["parameters"]
+    assert [p["default"] for p in slosh] == [0.0, None, 0.02] and slosh[0]["low"] == -0.9
+
+
+def test_the_words_of_every_effect_are_those_of_the_formats():
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| \w+ \| `(\w+)` \| [^|]+ \| ([^|]+?) \|$", page, re.MULTILINE))
+    assert {name: MEANING.get(name) for name in CATALOGUE} == {name: rows.get(name) for name in CATALOGUE}

@@ -1,0 +1,140 @@
+"""Every result of `import launchid`: summary, plot, frame and a notebook's page, one test a result."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import launchid
+from launchid.log.log import REQUIRED
+from sim.nominal import load_nominal, write_nominal
+from sim.shown import MOST_ROWS, with_std
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
+pandas = pytest.importorskip("pandas", reason="pandas is not installed: no frames")
+
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A nominal of 12 s, and its log."""
+    path = tmp_path_factory.mktemp("results")
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    write_nominal(dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=12.0)),
+                  path / "n.toml")
+    launchid.simulate(path / "n.toml", seed=3).write(path / "log.csv")
+    return path
+
+
+def reversed_log(folder: Path) -> dict[str, Any]:
+    """A log whose nozzle has the other sign: the data check says it, no search is made."""
+    columns = launchid.read_log(folder / "log.csv").measured()
+    return columns | {"beta": -columns["beta"]}
+
+
+RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {  # how it is made, a word of its first line
+    "identify": (lambda f: launchid.identify(f / "log.csv", f / "n.toml", window=3, tracked=True), "window 3 s"),
+    "uncertainty": (lambda f: launchid.uncertainty(f / "log.csv", f / "n.toml", window=3), "delta of a"),
+    "margins": (lambda f: launchid.margins(f / "log.csv", f / "n.toml", window=4), "margins"),
+    "diagnose": (lambda f: launchid.diagnose(reversed_log(f), f / "n.toml"), "BAD DATA"),
+    "fit_lft": (lambda f: launchid.fit_lft([f / "log.csv"], f / "n.toml"), "range"),
+    "simulate": (lambda f: launchid.simulate(f / "n.toml", seed=1), "1200 rows"),
+    "plan": (lambda f: launchid.plan(f / "n.toml", accuracy=0.02, window=3), "bound"),
+    "export_c": (lambda f: launchid.export_c(f / "n.toml", window=2), "launchid.c"),
+    "campaign": (lambda f: launchid.campaign(f / "n.toml", out=f / "campaign", flights=2, workers=1), "2"),
+    "load_nominal": (lambda f: launchid.load_nominal(f / "n.toml"), "constant: a6 2, k1 -7 1/s^2"),
+    "read_log": (lambda f: launchid.read_log(f / "log.csv"), "1200 rows over 11.99 s, 0.01 s apart")}
+
+
+@functools.cache
+def made(name: str, folder: Path) -> Any:
+    return RESULTS[name][0](folder)
+
+
+def test_every_function_is_in_the_list():
+    functions = {name for name in launchid.__all__ if callable(getattr(launchid, name))
+                 and not isinstance(getattr(launchid, name), type) and name.islower()} - {"onboard_model"}
+    assert functions == set(RESULTS)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_its_summary_is_text_and_its_first_line_says_what_it_is(folder, name):
+    first = made(name, folder).summary().splitlines()[0]
+    assert RESULTS[name][1] in first
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_its_frame_has_a_row_for_each_of_its_parts(folder, name):
+    frame = made(name, folder).to_frame()
+    assert isinstance(frame, pandas.DataFrame)
+    assert len(frame.columns) >= 2 and (len(frame) > 0) == (name != "diagnose"), "no cause is named of bad data"
+
+
+TEXTS = {"status", "a6_band", "k1_band"}
+
+
+@pytest.mark.parametrize("found", [launchid.identify, launchid.uncertainty])
+def test_a_frame_without_a_valid_window_has_numbers_that_are_nan(folder, found):
+    """A log that stands still: nothing is known of it, and its columns are still those of numbers."""
+    still = {"t": 0.01 * np.arange(600), "theta": np.zeros(600), "beta": np.zeros(600)}
+    made = found(still, folder / "n.toml", window=2)
+    frame = made.to_frame()
+    assert len(frame) == 3 and not frame["valid"].any()
+    assert {name for name, kind in frame.dtypes.items() if not pandas.api.types.is_numeric_dtype(kind)} <= TEXTS
+    assert all(frame[name].isna().all() for name in frame.columns if name.startswith(("a6_d", "k1_s", "wind")))
+
+
+def test_a_term_s_standard_deviation_is_in_the_table_and_in_the_frame(folder):
+    made = launchid.identify(folder / "log.csv", window=6, library="theta,beta,theta_dot")
+    window = next(w for w in made.report["windows"] if "theta_dot" in w["terms"])
+    term, std = window["terms"]["theta_dot"], window["terms_std"]["theta_dot"]
+    frame = made.to_frame()
+    assert std > 0.0 and std in frame["terms_std_theta_dot"].tolist() and term in frame["terms_theta_dot"].tolist()
+    assert f"theta_dot {with_std(term, std)}" in made.summary() and " +- " in with_std(term, std)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_it_is_drawn_into_a_file_and_on_a_page(folder, tmp_path, name):
+    figure = made(name, folder).plot(tmp_path / "x.png")
+    assert (tmp_path / "x.png").read_bytes().startswith(PNG)
+    assert figure._repr_png_().startswith(PNG)
+    assert figure.axes and all(axis.get_ylabel() or axis.get_xlabel() or axis.get_title() for axis in figure.axes)
+    with pytest.raises(launchid.UsageError, match="png"):
+        made(name, folder).plot(tmp_path / "x.txt")
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_notebook_shows_its_first_line_and_a_short_table(folder, name):
+    result = made(name, folder)
+    page = result._repr_html_()
+    assert page.startswith("<p><b>") and "<table>" in page and "<script" not in page
+    assert page.count("<tr>") == min(len(result.to_frame()), MOST_ROWS) + 1
+
+
+# ---- a log and a nominal
+
+
+def test_a_log_s_frame_is_a_log(folder):
+    log = launchid.read_log(folder / "log.csv")
+    again = launchid.read_log(log.to_frame())
+    assert again.columns == log.columns and all((getattr(again, name) == getattr(log, name)).all() for name in REQUIRED)
+
+
+def test_a_log_that_holds_little_is_said_as_it_is():
+    few = launchid.read_log({"t": [1.0], "theta": [0.0], "beta": [0.0], "theta_dot": [None]})
+    assert few.summary() == "log: 1 rows over 0 s; measured: theta 100 %, beta 100 %, theta_dot 0 %"
+
+
+def test_a_nominal_says_its_range_its_terms_and_its_sections():
+    said = launchid.load_nominal("vega_like").summary()
+    assert "over 0 .. 95 s; range sigma 0.25, 0.25" in said and "sections: actuator, controller" in said
+    assert "terms: " not in said
+    assert list(launchid.load_nominal("vega_like").table()) == ["t", "a6", "k1", "sigma_a6", "sigma_k1"]
+    bare = launchid.load_nominal("single_pendulum_linear")
+    assert "range" not in bare.summary() and bare.plot() is not None

@@ -1,0 +1,207 @@
+"""The cost of starting: help, wrong words and missing files import no numba; the core little beside it."""
+
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import launchid_core
+from launchid.cli.announcement import Announcement
+from launchid.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[3]
+MOST_MODULES = 70  # of the core, that an estimator imports
+
+
+def python(*words: object, **variables: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, *map(str, words)], cwd=ROOT, capture_output=True, text=True, timeout=300,
+                          check=False, env={**os.environ, **variables})
+
+
+@pytest.mark.parametrize(("words", "status"), [
+    (["--help"], 0), (["--version"], 0), (["identify", "--help"], 0), ([], 2), (["fly"], 2),
+    (["identify", "x.csv", "--solver", "omp"], 2), (["identify", "none.csv"], 3),
+    (["simulate", "none.toml", "--out", "x.csv"], 3), (["diagnose", "none.csv", "constant"], 3),
+    (["uncertainty", "none.csv", "constant"], 3), (["fit-lft", "none.csv", "vega_like", "--out", "x.toml"], 3),
+    (["plan", "none.toml", "--accuracy", "0.1", "--window", "1", "--out", "x.toml"], 3),
+    (["export-c", "none.toml", "--out", "x"], 3)], ids=lambda x: " ".join(x) if isinstance(x, list) else "")
+def test_what_needs_no_kernel_imports_no_numba(words, status):
+    done = python("-X", "importtime", "-m", "sim", *words)
+    assert done.returncode == status
+    loaded = set(re.findall(r"\| +([\w.]+)$", done.stderr, re.MULTILINE))
+    assert "launchid_core" in loaded
+    assert not {name for name in loaded if name.split(".")[0] in {"numba", "llvmlite", "matplotlib"}}
+
+
+def test_the_version_has_one_source():
+    assert re.fullmatch(r"\d+\.\d+\.\d+.*", launchid_core.__version__)
+    assert python("-m", "sim", "--version").stdout == f"launchid {launchid_core.__version__}\n"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "version" not in project["project"]
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "launchid_core.version.VERSION"}
+
+
+# ---- streams that are not there, and interrupts
+
+
+def closed(*numbers: int, words: str) -> subprocess.CompletedProcess:
+    def close() -> None:
+        for number in numbers:
+            os.close(number)
+    return subprocess.run([sys.executable, "-m", "sim", *words.split()], cwd=ROOT, capture_output=True, text=True,
+                          timeout=300, check=False, preexec_fn=close)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX descriptors")
+def test_a_closed_stdout_matters_to_what_writes_there_alone(tmp_path):
+    for words in ("effects", "--help", "--version", "identify --help"):
+        done = closed(1, words=words)
+        assert (done.returncode, len(done.stderr.splitlines())) == (3, 1) and "standard output" in done.stderr
+    done = closed(1, words=f"effects --json {tmp_path}/effects.json")
+    assert done.returncode == 3 and (tmp_path / "effects.json").read_text().startswith("{")
+    done = closed(0, 1, words=f"simulate constant --period 0.1 --out {tmp_path}/log.csv")
+    assert done.returncode == 0 and (tmp_path / "log.csv").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX descriptors")
+def test_without_stderr_stdout_holds_the_data_alone(tmp_path):
+    done = closed(2, words=f"simulate constant --period 0.1 --out {tmp_path}/log.csv")
+    assert (done.returncode, done.stdout) == (0, "") and (tmp_path / "log.csv").is_file()
+    assert closed(2, words="identify none.csv").stdout == ""
+
+
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path):
+    node = tmp_path / "full"
+    try:
+        os.mknod(node, 0o666 | stat.S_IFCHR, os.makedev(1, 7))
+        full = node.open("w")
+    except (AttributeError, OSError) as error:
+        pytest.skip(f"no private device can be made or opened here ({error})")
+    with full:
+        for words in (["effects"], ["--help"]):
+            done = subprocess.run([sys.executable, "-m", "sim", *words], cwd=ROOT, stdout=full, text=True,
+                                  stderr=subprocess.PIPE, timeout=300, check=False)
+            assert done.returncode == 3
+            assert len(done.stderr.splitlines()) == 1 and "standard output: cannot be written" in done.stderr
+
+
+STOPPED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "MODULE":
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from launchid.__main__ import command
+sys.exit(command())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.parametrize("module", ["argparse", "launchid_core", "launchid.cli.main", "launchid.experiments", "numpy",
+                                    "sim.effects"])
+def test_an_interrupt_while_modules_are_imported_is_one_line(module):
+    done = python("-c", STOPPED.replace("MODULE", module), "effects")
+    assert done.returncode == 130
+    assert done.stderr == "launchid: interrupted; files already written are whole\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+def test_who_ignores_interrupts_goes_on_ignoring_them():
+    done = subprocess.run([sys.executable, "-c", STOPPED.replace("MODULE", "launchid.cli.main"), "--version"], cwd=ROOT,
+                          text=True, capture_output=True, timeout=300, check=False,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("launchid ")
+
+
+@pytest.mark.parametrize("words", ["identify LOG --plot x.png", "uncertainty LOG vega_like --plot x.png"])
+def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
+    """The environment is like one with the wheel alone."""
+    log = tmp_path / "log.csv"
+    log.write_text("t,theta,beta\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
+    (tmp_path / "without.py").write_text("import sys; sys.modules['matplotlib'] = None\n"
+                                         "from launchid.cli.main import main; sys.exit(main(sys.argv[1:]))")
+    done = python(tmp_path / "without.py", *words.replace("LOG", str(log)).split(), PYTHONPATH=str(ROOT))
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines()[-1].endswith("pip install 'launchid[plots]'")
+    assert len(done.stderr.splitlines()) == 1 or done.stderr.startswith("launchid: compiling")
+    assert not (ROOT / "x.png").exists()
+
+
+def test_the_core_imports_its_own_modules_alone_beside_numba():
+    script = ("import sys, numba; before = set(sys.modules); from launchid_core import Estimator; "
+              "print(*sorted(name.split('.')[0] for name in set(sys.modules) - before))")
+    found = python("-c", script).stdout.split()
+    assert set(found) - set(sys.stdlib_module_names) <= {"launchid_core", "numba", "numpy", "llvmlite"}
+    assert found.count("launchid_core") <= MOST_MODULES
+
+
+def test_export_c_compiles_nothing_and_writes_the_bytes_of_the_compiled_estimator(tmp_path):
+    words = ["export-c", "constant", "--window", "1", "--library", "quadratic"]
+    done = python("-m", "sim", *words, "--out", tmp_path / "plain", LAUNCHID_CACHE=str(tmp_path / "cache"),
+                  NUMBA_CACHE_DIR="")
+    assert done.returncode == 0 and "compiling" not in done.stderr and len(done.stderr.splitlines()) == 1
+    assert not list(tmp_path.rglob("*.nb?"))
+    assert main([*words, "--out", str(tmp_path / "compiled")]) == 0
+    made = sorted((tmp_path / "plain").iterdir())
+    assert len(made) > 10
+    for path in made:
+        assert path.read_bytes() == (tmp_path / "compiled" / path.name).read_bytes(), path.name
+
+
+def test_every_public_name_is_found_and_no_other():
+    for name in launchid_core.__all__:
+        assert getattr(launchid_core, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'wings'"):
+        _ = launchid_core.wings
+
+
+KERNELS = """
+from launchid_core import compiled
+
+@compiled()
+def first(x):
+    return x + 1.0
+
+@compiled()
+def second(x):
+    return x + 2.0
+"""
+RUN = """
+from launchid_core import compile_listeners
+from launchid.cli.announcement import Announcement
+compile_listeners += [Announcement()] * {said}
+import toy
+print(toy.first(1.0) + toy.second(1.0))
+"""
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled")
+def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
+    (tmp_path / "toy.py").write_text(KERNELS)
+    variables = {"LAUNCHID_CACHE": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    cold, warm = (python("-c", RUN.format(said=1), **variables) for _ in range(2))
+    silent = python("-c", RUN.format(said=0), **{**variables, "LAUNCHID_CACHE": str(tmp_path / "another")})
+    assert cold.stdout == warm.stdout == silent.stdout == "5.0\n"
+    assert cold.stderr.startswith("launchid: compiling") and len(cold.stderr.splitlines()) == 1
+    assert warm.stderr == silent.stderr == ""
+
+
+def test_forked_workers_say_it_once_together(capsys):
+    announce = Announcement()
+    if not hasattr(os, "fork"):
+        pytest.skip("no fork here")
+    child = os.fork()
+    if child == 0:
+        announce.said[0] = 1
+        os._exit(0)
+    os.waitpid(child, 0)
+    announce("sim.flight", "advance")
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,114 @@
+"""launchid diagnose on logs as people bring them: channels of other rates filled forward, stamps printed with few
+digits, a sign convention of their own, wind declared for a day that was calm."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_diagnosis import log_of
+from test_diagnosis_lost import FEW, NOMINAL, flown, judged
+
+from launchid.diagnosis.causes import SOUGHT
+from launchid.diagnosis.controller.command import _is_held
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.data.record import _is_printed, on_grid
+from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.verdict import diagnose
+from sim.flight import fly_whole
+from sim.nominal import Forecast, Wind
+
+
+def forward(x, every):
+    """Each so manieth value, repeated in the rows up to the next."""
+    return x[np.arange(len(x)) // every * every]
+
+
+@pytest.mark.parametrize(("channel", "every"), [("theta", 10), ("beta", 4)])
+def test_a_channel_of_another_rate_that_was_filled_forward_is_as_slow_as_it_is(channel, every):
+    """The verdict was a late attitude, or a slow servo."""
+    log = dataclasses.replace(flown(""), **{channel: forward(getattr(flown(""), channel), every)})
+    made = check(log, NOMINAL)
+    assert made.masks[channel].sum() == pytest.approx(len(log.t) / every, abs=1)
+    assert [fault.message for fault in made.faults] == [
+        f"{channel} is of {100 / every:.3g} Hz, each value repeated in the rows up to the next; these rows are "
+        "left out"]
+    assert judged(log)["verdict"] == "consistent"
+
+
+@pytest.mark.parametrize("x", [
+    pytest.param(1e-3 * np.round(3.0 * np.sin(0.01 * np.arange(3000.0))), id="a coarse quantum"),
+    pytest.param(1e-3 * np.floor(0.25 * np.arange(3000.0)), id="a ramp in steps of a quantum"),
+    pytest.param(np.sin(0.01 * np.arange(3000.0)), id="no noise"),
+    pytest.param(np.zeros(3000), id="nothing")])
+def test_what_repeats_because_it_is_quantised_is_not_filled_forward(x):
+    log = dataclasses.replace(flown(""), theta=x)
+    assert not any("Hz" in fault.message for fault in check(log, NOMINAL).faults)
+
+
+def test_stamps_of_a_uniform_log_that_were_rounded_are_uniform():
+    """128 Hz in milliseconds: 4 % of a row, yet no jitter.  The same off by more than the last digit is jitter."""
+    true = 3.0 + np.arange(4000) / 128.0
+    index = np.arange(4000)
+    assert _is_printed(np.round(true, 3), index)
+    assert not _is_printed(true + np.random.default_rng(1).uniform(-1e-3, 1e-3, 4000), index)
+    assert not _is_printed(np.round(true + np.random.default_rng(1).uniform(-2e-3, 2e-3, 4000), 3), index)
+    epoch = 1.7e9 + true   # of a double's resolution there, 2e-7 s
+    assert _is_printed(np.round(epoch, 3), index)
+    assert not _is_printed(epoch + np.random.default_rng(1).uniform(-1e-3, 1e-3, 4000), index)
+    log = flown("")
+    shifted = dataclasses.replace(log, t=np.round(log.t * 0.78125, 3))  # 128 Hz
+    nominal = dataclasses.replace(NOMINAL, controller=None,
+                                  sensors=dataclasses.replace(NOMINAL.sensors, period=0.0078125))
+    assert on_grid(shifted, nominal, check(shifted, nominal))[0].fine == 1
+
+
+def test_stamps_of_too_few_digits_are_no_rows_written_twice():
+    log = flown("")
+    short = check(dataclasses.replace(log, t=np.round(log.t, 1)), NOMINAL).faults[0].message
+    assert "repeated stamps in" in short and short.endswith("too few digits for these rows; print them with more")
+
+
+def test_a_command_is_held_where_it_changes_seldom_and_idle_where_it_does_not():
+    """A pilot who rests for half of the log holds no command over rows; a controller of a third of the rate does."""
+    idle = np.arange(3000) % 600 < 300
+    assert not _is_held(idle)
+    assert _is_held(np.arange(3000) % 3 == 0)
+    assert _is_held((np.arange(3000) % 3 == 0) & idle)
+    assert not _is_held(np.zeros(3000, bool))
+
+
+def test_a_vehicle_of_the_other_sign_is_told_so():
+    """beta and its command reversed: no cause of the catalogue, but a convention."""
+    log = flown("")
+    made = report(diagnose(dataclasses.replace(log, beta=-log.beta, beta_cmd=-log.beta_cmd),
+                           dataclasses.replace(NOMINAL, controller=None), hypotheses=FEW))
+    assert made["verdict"] == "unexplained"
+    assert made["doubts"][0].startswith("beta, or theta and its rate, has the opposite sign over the whole log: k1")
+
+
+@pytest.mark.parametrize("walk", [0.005, 0.03])
+def test_a_calm_day_contradicts_no_wind_that_was_declared(walk):
+    """The wind held at half the declared was too strong for the log, and a6 or a friction made it weaker."""
+    result = judged(flown(""), dataclasses.replace(NOMINAL, wind=Wind(walk=walk, turbulence=2.0 * walk)))
+    assert result["verdict"] == "consistent"
+
+
+def test_what_is_beside_found_weather_and_takes_nothing_away_is_not_named():
+    """A shear that nobody declared is a walk of the wind; the drift beside it took 1 % of the error away."""
+    shear = Forecast(np.array([0.0, 5.0, 25.0, 30.0]), np.array([0.0, 0.0, 0.06, 0.06]))
+    log = log_of(fly_whole(dataclasses.replace(NOMINAL, wind=Wind(profile=shear)), 4))
+    few = tuple(each for each in SOUGHT if each.cause in ("lateral_drift", "aero_instability", "actuator_delay"))
+    result = report(diagnose(log, NOMINAL, hypotheses=few))
+    assert result["verdict"] in ("explained", "dominant", "unexplained")
+    assert [each["cause"] for each in result["causes"]] in ([], ["wind_walk"], ["turbulence"])
+
+
+def test_a_line_that_the_gyro_alone_sees_is_no_moment():
+    """An engine's vibration of 9 Hz in the gyro: the attitude does not follow.  As a moment it is named."""
+    lines = tuple(each for each in SOUGHT if each.cause == "periodic_disturbance")
+    log = flown("")
+    shaken = dataclasses.replace(log, theta_dot=log.theta_dot + 0.01 * np.sin(56.5 * log.t))
+    result = report(diagnose(shaken, NOMINAL, hypotheses=lines))
+    assert result["verdict"] == "unexplained" and "at the theta_dot alone explains" in result["doubts"][0]
+    moment = report(diagnose(flown("periodic_disturbance:amplitude=0.5,frequency=56.5"), NOMINAL, hypotheses=lines))
+    assert [each["cause"] for each in moment["causes"]] == ["periodic_disturbance"]

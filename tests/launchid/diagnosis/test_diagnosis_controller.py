@@ -1,0 +1,242 @@
+"""launchid diagnose on a command that is not the nominal controller's: gains, computing time and filter, from every
+command exactly and from every other one by the rows beside a gap."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from test_diagnosis import AMONG, LONG, NEAR, NOMINAL, every_second, flown, found, lasting, named
+
+from launchid.diagnosis.controller.check import check_controller
+from launchid.diagnosis.controller.command import record
+from launchid.diagnosis.controller.fill import filled, on_board
+from launchid.diagnosis.controller.issued import with_commands
+from launchid.diagnosis.controller.kind import NONE, UNKNOWN
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.model.follower import NominalFollower
+from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.search import selection
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import OPTIONAL, REQUIRED
+from sim.effects import from_text
+from sim.nominal.control import tustin
+from sim.sections import Multisine, Section
+
+
+@pytest.mark.parametrize(("effect", "expected"), [
+    pytest.param("controller_mismatch:kp_scale=1.1", (1.1, 1.0, 0.0), marks=LONG),
+    pytest.param("controller_mismatch:kd_scale=0.8", (1.0, 0.8, 0.0), marks=LONG),
+    pytest.param("controller_mismatch:delay=0.013", (1.0, 1.0, 0.013), marks=LONG),
+    ("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", (0.9, 1.2, 0.01))])
+def test_the_controllers_mismatch_is_named_exactly(effect, expected):
+    result = found(effect)
+    assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
+    values = [result["causes"][0]["parameters"][name]["value"] for name in ("kp_scale", "kd_scale", "delay")]
+    assert values == pytest.approx(expected, abs=1e-6)
+
+
+def test_commands_that_cannot_be_of_this_attitude_and_reference_are_another_s():
+    """An attitude 3 rad from its reference would have held the command at its limit: that no command told gains was no
+    reason to say nothing."""
+    log = flown()
+    far = dataclasses.replace(log, theta=log.theta + 3.0)
+    made = check_controller(record(far, NOMINAL, check(log, NOMINAL)))
+    assert made is not None and made.is_foreign and made.before > 0.1
+    both = dataclasses.replace(far, theta_ref=log.theta_ref + 3.0)
+    assert check_controller(record(both, NOMINAL, check(log, NOMINAL))).kind == NONE
+
+
+FEW = tuple(each for each in NEAR if each.cause in ("gyro_bias", "control_effectiveness"))
+SLOW = 0.02  # s: a log of every other command
+
+
+QUICK = [("kp_scale=1.1", 0.045)]  # in the default run
+
+
+@pytest.mark.parametrize(("effect", "tau"), [*QUICK, *(
+    pytest.param(effect, tau, marks=LONG)
+    for effect in ("kp_scale=1.1", "kd_scale=0.8", "kp_scale=0.95,kd_scale=0.95", "delay=0.02",
+                   "kp_scale=1.1,delay=0.02") for tau in (0.05, 0.045) if (effect, tau) not in QUICK)])
+def test_the_mismatch_is_named_from_every_other_command(effect, tau):
+    """The log has neither command nor attitude between its rows; with another derivative filter or without."""
+    nominal = lasting(45.0)
+    controller = dataclasses.replace(nominal.controller, derivative_time_constant=tau)
+    made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW,
+                          nominal=dataclasses.replace(nominal, controller=controller)), nominal)
+    result = report(made)
+    assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
+    true = {"kp_scale": 1.0, "kd_scale": 1.0, "delay": 0.0} | {
+        key: float(value) for key, value in (part.split("=") for part in effect.split(","))}
+    for name, value in true.items():
+        near = 0.02 if name == "kd_scale" else 0.005
+        assert result["causes"][0]["parameters"][name]["value"] == pytest.approx(value, abs=near)
+    if "kd" not in effect or "kp" not in effect:
+        log = made.log
+        assert diagnose(log, made.extension).verdict == "consistent"
+
+
+@pytest.mark.parametrize("effect", ["delay=0.01", pytest.param("kp_scale=1.1,delay=0.01", marks=LONG)])
+def test_computing_time_that_is_no_whole_number_of_rows_is_not_told(effect):
+    """The commands answer errors that no row measured: they are another controller's, and no cause of the vehicle."""
+    made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.where, made.causes, made.controller.kind) == ("unexplained", "controller", (), UNKNOWN)
+
+
+@pytest.mark.parametrize("period", [pytest.param(0.005, marks=LONG), 0.01])
+def test_gains_and_computing_time_are_named_beside_another_filter(period):
+    """Exactly, and the extension has both: a second run on it says consistent."""
+    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.045)
+    log = flown("controller_mismatch:kp_scale=0.9,kd_scale=1.1,delay=0.02", period=period,
+                nominal=dataclasses.replace(NOMINAL, controller=controller))
+    made = diagnose(log, NOMINAL, hypotheses=NEAR)
+    assert [cause.cause for cause in made.causes] == ["controller_mismatch"]
+    assert list(made.causes[0].values.values()) == pytest.approx([0.9, 1.1, 0.02], abs=1e-6)
+    assert made.extension.controller.derivative_time_constant == pytest.approx(0.045, abs=1e-8)
+    assert diagnose(log, made.extension, hypotheses=NEAR).verdict == "consistent"
+
+
+def test_another_filter_is_no_gain_in_every_other_command_either():
+    """A derivative that is a fifth quicker answers much like a fifth more gain."""
+    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.04)
+    log = flown(period=SLOW, nominal=dataclasses.replace(NOMINAL, controller=controller))
+    made = diagnose(log, NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.where, made.controller.kind) == ("unexplained", "controller", "filter")
+    assert made.controller.time_constant == pytest.approx(0.04, rel=0.02)
+
+
+@pytest.mark.parametrize("effect", [pytest.param("gyro_bias:rate=0.005", marks=LONG), "gyro_scale:scale=0.94"])
+def test_a_wrong_gyro_is_no_other_controller(effect):
+    """The errors between the rows of a slow log are predicted by that gyro."""
+    made = diagnose(flown(effect, period=SLOW), NOMINAL)
+    assert made.controller.kind == "none"
+    assert [cause.cause for cause in made.causes] == [effect.split(":")[0]]
+
+
+def test_another_derivative_filter_is_no_gain():
+    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.08)
+    log = flown(nominal=dataclasses.replace(NOMINAL, controller=controller))
+    checked = check_controller(record(log, NOMINAL, check(log, NOMINAL)))
+    assert checked.kind == "filter"
+    assert checked.time_constant == pytest.approx(0.08, rel=1e-4)
+    result = report(diagnose(log, NOMINAL))
+    assert (result["verdict"], result["where"], result["causes"]) == ("unexplained", "controller", [])
+
+
+# ---- degenerate logs
+
+
+def without(log, name, rows):
+    """The log with a column not measured in some rows."""
+    values = getattr(log, name).copy()
+    values[rows] = math.nan
+    return dataclasses.replace(log, **{name: values})
+
+
+def test_a_long_gap_in_a_slow_log_is_no_crash_and_nothing_is_claimed_of_the_controller():
+    log = flown(period=SLOW)
+    for name in ("theta", "theta_dot", "beta"):
+        log = without(log, name, slice(200, 1000))
+    made = diagnose(log, NOMINAL, hypotheses=NEAR)
+    assert made.controller is None or made.controller.kind == "none"
+
+
+@pytest.mark.parametrize("period", [0.01, SLOW])
+def test_commands_that_were_not_logged_are_not_compared(period):
+    made = diagnose(without(flown(period=period), "beta_cmd", [500, 501, 900]), NOMINAL, hypotheses=FEW)
+    assert (made.verdict, made.controller.kind) == ("consistent", "none")
+
+
+def test_without_an_attitude_nothing_is_said_of_the_controller():
+    log = without(flown(), "theta", slice(None))
+    assert check_controller(record(log, NOMINAL, check(log, NOMINAL))) is None
+
+
+def test_a_log_that_drifts_through_the_controllers_periods_says_nothing_of_it():
+    log = flown(period=0.015)
+    assert check_controller(record(log, NOMINAL, check(log, NOMINAL))) is None
+
+
+def test_a_computing_time_longer_than_the_log():
+    nominal = dataclasses.replace(NOMINAL, effects=(from_text("controller_mismatch:delay=6"),))
+    log = flown(period=SLOW)
+    short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in REQUIRED + OPTIONAL})
+    assert diagnose(short, nominal).controller is None  # no command of the log answers an error of the log
+
+
+def test_coarse_attitude_of_a_slow_log_is_no_other_controller():
+    coarse = dataclasses.replace(NOMINAL, sensors=dataclasses.replace(NOMINAL.sensors, theta_std=1e-5, theta_step=5e-4))
+    made = diagnose(flown(period=SLOW, nominal=coarse), coarse, hypotheses=FEW)
+    assert made.controller.kind == "none"
+
+
+@AMONG
+def test_the_last_look_at_a_form_leaves_every_cause_its_evidence(monkeypatch, among):
+    """No swap is allowed any more, so a form that explains more is not taken either."""
+    monkeypatch.setattr(selection, "SWAPS", 0)
+    made = diagnose(flown("actuator_bandwidth:scale=0.3,lag=1"), NOMINAL, hypotheses=among)
+    assert made.selection.evidence and len(made.selection.evidence) == len(made.selection.model.causes)
+
+
+# ---- with filters
+
+
+TICK = NOMINAL.controller.period
+FILTERED = dataclasses.replace(NOMINAL, controller=dataclasses.replace(NOMINAL.controller, filters=(
+    tustin("notch", TICK, 30.0, 0.05, 0.5), tustin("lowpass", TICK, 60.0, 0.7))))
+
+
+def told_of_filtered(effect, rows=slice(None), period=None):
+    """The check of a controller with filters by these rows of a flight."""
+    log = flown(*effect, nominal=FILTERED, period=period)
+    log = dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+    return with_commands(record(log, FILTERED, check(log, FILTERED)), NominalFollower())[1]
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(1000, None), np.r_[:800, 803:3000]])
+def test_a_filtered_controller_is_recognised_wherever_the_log_begins_and_whatever_it_lost(rows):
+    assert told_of_filtered((), rows).kind == NONE
+    told = told_of_filtered(("controller_mismatch:kp_scale=1.06,kd_scale=0.91,delay=0.01",), rows)
+    assert told.kind == "gain and delay"
+    assert (told.kp_scale, told.kd_scale, told.delay) == pytest.approx((1.06, 0.91, 0.01), abs=2e-4)
+
+
+def test_a_filter_that_never_forgets_is_recognised_from_its_rest_only():
+    """An integrator: the command and 0.02 % of all before it."""
+    own = dataclasses.replace(NOMINAL.controller, filters=(Section((1.0002, -1.0, 0.0), (1.0, -1.0, 0.0)),))
+    nominal = dataclasses.replace(NOMINAL, controller=own)
+    log = flown(nominal=nominal)
+    part = dataclasses.replace(log, **{name: getattr(log, name)[1000:] for name in (*REQUIRED, *OPTIONAL)})
+    whole, cut = (with_commands(record(each, nominal, check(each, nominal)), NominalFollower())[1]
+                  for each in (log, part))
+    assert whole.kind == NONE and cut is None
+
+
+def test_of_a_filtered_controller_nothing_is_asked_at_another_rate():
+    assert told_of_filtered((), period=0.02) is None
+
+
+TESTED = dataclasses.replace(NOMINAL, test_input=Multisine(
+    start=5.0, duration=20.0, frequency=(1.3, 2.9, 5.1), amplitude=(0.006, 0.006, 0.005), phase=(0.3, 1.9, 4.0)))
+
+
+@pytest.mark.parametrize(("gains", "period"), [
+    *every_second([(0.94, 1.0, 0.0), (1.0, 1.2, 0.0)], [SLOW, 0.01]), ((0.9, 1.0, 0.02), SLOW),
+    ((0.9, 1.0, 0.01), 0.01)])
+def test_no_gain_of_the_controller_scales_its_test_input(gains, period):
+    """The input is added to what the controller answers, and as late as that."""
+    kp, kd, delay = gains
+    log = flown(f"controller_mismatch:kp_scale={kp},kd_scale={kd},delay={delay}", period=period, nominal=TESTED)
+    made = diagnose(log, TESTED, hypotheses=FEW)
+    assert [(cause.cause, made.verdict) for cause in made.causes] == [("controller_mismatch", "explained")]
+    near = 1e-6 if period == TESTED.controller.period else 0.02
+    assert list(made.causes[0].values.values())[:3] == pytest.approx(gains, abs=near)
+
+
+def test_a_test_input_between_the_rows_is_in_the_commands():
+    nominal = dataclasses.replace(TESTED, actuator=dataclasses.replace(TESTED.actuator, command_noise_std=0.0))
+    whole, log = flown(nominal=nominal), flown(nominal=nominal, period=SLOW)
+    r = record(log, nominal, check(log, nominal))
+    made = filled(r, whole.theta[:len(r.commands)], on_board(r))
+    missing = (made.commands - whole.beta_cmd[:len(made.commands)])[1::2]
+    assert np.max(np.abs(missing[60:-1])) < 1e-8

@@ -1,0 +1,109 @@
+"""launchid diagnose on logs that lost rows: what the nozzle was sent meanwhile is not known, and nobody pretends that
+it is, neither to the vehicle's model nor to the controller's check."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+from test_diagnosis import WHOLE, log_of
+
+from launchid.diagnosis.causes import SOUGHT
+from launchid.diagnosis.controller.command import off_by, record
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.model.noise import dynamics
+from launchid.diagnosis.model.point import Point
+from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import OPTIONAL, REQUIRED
+from sim.effects import from_text
+from sim.flight import fly_whole
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=30.0))
+FEW = tuple(each for each in SOUGHT if each.cause in ("control_effectiveness", "gust", "actuator_delay", "gyro_bias"))
+SINGLE = {"share": 0.03, "long": 1}   # rows lost
+BURSTS = {"share": 0.02, "long": 20}
+
+
+@functools.cache
+def flown(effect, seed=1):
+    """The log of a flight; shared, so nobody changes it."""
+    return log_of(fly_whole(NOMINAL, seed, effects=[from_text(effect)] if effect else []))
+
+
+def holed(log, share, long, seed=5):
+    """The log without a share of its rows, so many at a time."""
+    rows = len(log.t)
+    kept = np.ones(rows, bool)
+    for first in np.random.default_rng(seed).integers(50, rows - 50, round(share * rows / long)):
+        kept[first:first + long] = False
+    return dataclasses.replace(log, t=log.t[kept], **{name: getattr(log, name)[kept] for name in (*REQUIRED, *OPTIONAL)
+                                                      if name != "t"})
+
+
+def judged(log, nominal=NOMINAL):
+    return report(diagnose(log, nominal, hypotheses=FEW))
+
+
+@pytest.mark.parametrize("lost", [SINGLE, BURSTS])
+def test_lost_rows_are_no_fault_of_the_vehicle_or_its_controller(lost):
+    """Held commands over the gaps were two gusts, and the attitudes that the derivative had seen another controller."""
+    result = judged(holed(flown(""), **lost))
+    assert result["verdict"] == "consistent"
+    assert any("missing" in fault["message"] for fault in result["data"]["faults"])
+
+
+@pytest.mark.parametrize(("effect", "cause", "parameter", "true", "near"), [
+    ("control_effectiveness:scale=0.8", "control_effectiveness", "scale", 0.8, 0.02),
+    pytest.param("actuator_delay:delay=0.03", "actuator_delay", "delay", 0.03, 0.001, marks=pytest.mark.campaign),
+    pytest.param("controller_mismatch:kp_scale=1.1", "controller_mismatch", "kp_scale", 1.1, 1e-3,
+                 marks=pytest.mark.campaign),
+    ("controller_mismatch:delay=0.013", "controller_mismatch", "delay", 0.013, 1e-4)])
+def test_a_fault_is_named_with_its_size_all_the_same(effect, cause, parameter, true, near):
+    result = judged(holed(flown(effect), **SINGLE))
+    assert (result["verdict"], [each["cause"] for each in result["causes"]]) == ("explained", [cause])
+    assert result["causes"][0]["parameters"][parameter]["value"] == pytest.approx(true, abs=near)
+
+
+def test_what_is_not_known_of_a_command_is_what_it_does_over_as_many_rows():
+    """White commands of 1 rad: over a gap of n rows the line between its ends is off by n^2/2 + n in square."""
+    command = np.random.default_rng(2).normal(size=200_000)
+    for long in (1, 5, 20):
+        lost = np.zeros(len(command), bool)
+        lost[1000:1000 + long] = True
+        assert off_by(command, lost, 0.01) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
+    ramp = 0.01 * np.arange(1000.0)
+    lost = np.arange(1000) == 500
+    assert off_by(ramp, lost, 0.01) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "rows"), [(25, 12), (100, 50), (400, 200)])
+def test_over_more_than_half_a_second_a_command_is_taken_to_wander_no_further_at_any_rate(rate, rows):
+    command = np.random.default_rng(2).normal(size=200_000)
+    lost = np.zeros(len(command), bool)
+    lost[1000:1000 + rate] = True
+    assert off_by(command, lost, 1.0 / rate) == pytest.approx(math.sqrt(0.5 * rows + 1.0), rel=0.1)
+
+
+def test_a_command_that_is_logged_when_it_changes_is_held_and_believed():
+    """Rows that lack the command alone are not lost."""
+    log = flown("")
+    sparse = np.where(np.arange(len(log.t)) % 5 == 0, log.beta_cmd, math.nan)
+    nominal = dataclasses.replace(NOMINAL, controller=None)
+    kept = dataclasses.replace(log, beta_cmd=sparse)
+    assert record(kept, nominal, check(kept, nominal)).lost is None
+
+
+def test_only_lost_rows_have_the_commands_noise():
+    """The lost rows have blocks of their own, with the variance that enters the nozzle; the others are as in a log that
+    lost none."""
+    log = holed(flown(""), **SINGLE)
+    r = record(log, NOMINAL, check(log, NOMINAL))
+    whole, own = dynamics(dataclasses.replace(r, lost=None), Point()), dynamics(r, Point())
+    blocks = len(whole.f)
+    assert np.array_equal(own.block[~r.lost], whole.block[~r.lost])
+    assert np.array_equal(own.block[r.lost], whole.block[r.lost] + blocks)
+    assert not own.unknown_q[:blocks].any()
+    entry = r.unknown * whole.entry[:, :, 0]
+    assert np.allclose(own.unknown_q[blocks:], entry[:, :, None] * entry[:, None, :], rtol=1e-12)

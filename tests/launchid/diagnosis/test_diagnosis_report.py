@@ -1,0 +1,461 @@
+"""The report: whole, self-contained, the same bytes twice, readable by a browser; every verdict has one."""
+
+import base64
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid import charts
+from launchid.diagnosis.causes import HYPOTHESES, RECORDS, Cause
+from launchid.diagnosis.judge.limits import Isolability
+from launchid.diagnosis.judge.measure import Remainder
+from launchid.diagnosis.report import first_screen, whiteness
+from launchid.diagnosis.report import page as report_module
+from launchid.diagnosis.report.answer import report as json_of
+from launchid.diagnosis.report.page import PICTURES, write_report
+from launchid.diagnosis.report.words import amount, headline, lines, worth
+from launchid.diagnosis.verdict import Diagnosis, diagnose
+from launchid.log.log import OPTIONAL, REQUIRED, Log
+from sim.effects import effect
+from sim.errors import InputError
+from sim.flight import fly_whole
+from sim.nominal import built_in, load_nominal
+from sim.shown import with_std
+
+DURATION = 20.0        # s
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
+CHARTS = Path(charts.__file__).parent
+PATIENCE = 30.0        # s for a browser to load a page
+LOADED = "the page is loaded"
+VOID = {"meta", "link", "img", "br", "hr"}
+ALWAYS = {"misfit.png", "closed_loop.png", "innovations.png", "correlations.png", "spectra.png", "isolability.png"}
+REMAINING = "a disturbance of unknown shape at the plant explains 19 nats more"
+EXPECTED = {
+    "consistent": ALWAYS,
+    "explained": ALWAYS | {"ranking.png", "sizes.png"},
+    "dominant": ALWAYS | {"ranking.png", "sizes.png"},
+    "unexplained": ALWAYS | {"ranking.png", "sizes.png", "disturbance.png"},
+    "bad-data": {"faults.png"}}
+
+
+def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
+    """A short flight as a log; in_degrees: its theta_dot."""
+    nominal = load_nominal(built_in("constant"))
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
+    flight = fly_whole(nominal, 1, effects=effects)
+    columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
+    arrays = {column: getattr(flight, column).copy() for column in columns}
+    if in_degrees:
+        arrays["theta_dot"] = np.degrees(arrays["theta_dot"])
+    return Log(name, columns, (), theta_ddot=np.full(len(flight.t), np.nan), **arrays), nominal
+
+
+def judged(names, **given):
+    log, nominal = measured(**given)
+    return diagnose(log, nominal, hypotheses=tuple(h for h in HYPOTHESES if h.cause in names))
+
+
+@pytest.fixture(scope="module")
+def diagnoses() -> dict[str, Diagnosis]:
+    """One of each verdict, few hypotheses each, so that it is quick."""
+    loss = effect("control_loss", fraction=0.4, time=10.0)
+    made = [judged(("control_effectiveness",)), judged(("control_loss", "control_effectiveness"), effects=[loss]),
+            judged(("control_effectiveness",), effects=[loss]), judged((), in_degrees=True)]
+    found = {each.verdict: each for each in made}
+    found["dominant"] = replace(found["explained"], verdict="dominant", remaining=(REMAINING,),
+                                remainder=Remainder(0.2, "plant", REMAINING))
+    return found
+
+
+@pytest.fixture(scope="module")
+def folders(diagnoses, tmp_path_factory) -> dict[str, Path]:
+    """The reports, written."""
+    top = tmp_path_factory.mktemp("reports")
+    for verdict, made in diagnoses.items():
+        write_report(made, json_of(made), str(top / verdict / "new"))
+    return {verdict: top / verdict / "new" for verdict in diagnoses}
+
+
+class Page(HTMLParser):
+    """Open and closed tags, what it links to, its images and its words."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.faults: list[str] = []
+        self.links: list[str] = []
+        self.ids: set[str] = set()
+        self.tags: set[str] = set()
+        self.words = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.tags.add(tag)
+        self.links += [given[key] for key in ("src", "href") if key in given]
+        self.ids |= {given["id"]} if "id" in given else set()
+        if tag == "img" and not given.get("alt"):
+            self.faults.append("an image without words")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(f"</{tag}>")
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def read(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_there_is_one_of_each_verdict(diagnoses):
+    assert set(diagnoses) == set(EXPECTED)
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_a_report_is_one_balanced_page_that_needs_nothing_else(folders, verdict):
+    page = read(folders[verdict])
+    assert page.faults == [] and page.open == []
+    assert not page.tags & {"iframe", "object", "embed"}
+    inside = [link for link in page.links if link.startswith("#")]
+    assert {link[1:] for link in inside} <= page.ids
+    assert all(link.startswith("data:") for link in page.links if link not in inside)
+    html = (folders[verdict] / "report.html").read_text(encoding="utf-8")
+    for name in ("uPlot.iife.min.js", "uPlot.min.css"):   # of which tests/test_charts.py says the same
+        html = html.replace((CHARTS / name).read_text(encoding="utf-8"), "")
+    assert "http:" not in html and "https:" not in html and "url(" not in html and "@import" not in html
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_every_figure_is_a_png_in_the_folder_and_in_the_page(folders, verdict):
+    image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed: no figures")
+    written = {path.name for path in folders[verdict].glob("*.png")}
+    assert written == EXPECTED[verdict] and written <= set(PICTURES)
+    files = {(folders[verdict] / name).read_bytes() for name in written}
+    head = "data:image/png;base64,"
+    embedded = [base64.b64decode(link[len(head):], validate=True) for link in read(folders[verdict]).links
+                if link.startswith(head)]
+    assert set(embedded) == files and len(embedded) == len(files)
+    for name in written:
+        pixels = image.imread(folders[verdict] / name)
+        assert min(pixels.shape[:2]) > 80 and float(np.std(pixels[..., :3])) > 0.01, f"{name} is empty"
+
+
+@pytest.mark.parametrize("verdict", EXPECTED)
+def test_the_json_is_the_commands_and_nothing_half_written_is_left(folders, diagnoses, verdict):
+    assert json.loads((folders[verdict] / "verdict.json").read_text()) == json.loads(json.dumps(
+        json_of(diagnoses[verdict])))
+    assert [path.name for path in folders[verdict].iterdir() if path.name.startswith(".")] == []
+    assert (folders[verdict] / "extension.toml").exists() == (verdict in ("explained", "dominant"))
+
+
+def test_the_extension_reads_back(folders, diagnoses):
+    made = diagnoses["explained"]
+    extension = load_nominal(folders["explained"] / "extension.toml")
+    assert [of.name for of in extension.effects] == ["control_loss"]
+    assert extension.effects == made.extension.effects and extension.controller == made.nominal.controller
+
+
+def test_the_first_lines_say_verdict_cause_size_and_doubt(folders, diagnoses):
+    words = {verdict: " ".join(read(folder).words.split()) for verdict, folder in folders.items()}
+    assert all("<flight & test>.csv" in said for said in words.values())
+    assert "EXPLAINED (plant): control_loss" in words["explained"] and "k1 drops by 0." in words["explained"]
+    assert "nats (12 needed)" in words["explained"] and "Held out" in words["explained"]
+    assert "UNEXPLAINED" in words["unexplained"] and "not the cause" in words["unexplained"]
+    said_doubts = diagnoses["unexplained"].doubts
+    assert said_doubts and all(doubt.replace("+-", "\u00b1") in words["unexplained"] for doubt in said_doubts)
+    assert "CONSISTENT" in words["consistent"] and "cannot be excluded" in words["consistent"]
+    fault, = diagnoses["bad-data"].data.faults
+    assert "BAD DATA" in words["bad-data"] and fault.message in words["bad-data"]
+    for verdict, said in words.items():
+        for term in ("Doubts", "nats", "held out", "constancy", "NRMSE", "tolerance", "launchid diagnose"):
+            assert term in said, f"{verdict}: {term}"
+
+
+def test_the_page_opens_with_plain_words_and_the_picture_of_the_misfit(folders):
+    for verdict in ("explained", "dominant", "unexplained", "consistent"):
+        html = (folders[verdict] / "report.html").read_text(encoding="utf-8")
+        assert html.index('class="plain"') < html.index("Measured against predicted") < html.index("<dl>"), verdict
+    said = " ".join(read(folders["dominant"]).words.split())
+    first = said[:said.index("Measured against predicted")]
+    for words in ("k1 drops by 0.", "what remains is at the plant: " + REMAINING, "the log-likelihood rises"):
+        assert words in first
+
+
+def test_what_predicts_no_better_is_neither_drawn_nor_numbered(diagnoses):
+    figures = pytest.importorskip("launchid.diagnosis.report.misfit", reason="matplotlib is not installed: no figures")
+    made = diagnoses["explained"]
+    before, after = (np.nanmean(each.error[:, 1]**2) for each in figures.predicted(made))
+    assert after < 0.5 * before, "the loss of control is in the one and not in the other"
+    worse = replace(made, verdict="unexplained", causes=(), nearest=made.causes, gain=replace(made.gain, nats=-5.0))
+    assert [each.label for each in figures.predicted(worse)] == ["nominal"]
+    assert not any("->" in line for line in lines(worse)) and "no better" in "\n".join(lines(worse))
+
+
+@pytest.mark.parametrize(("left", "words"), [(0.0, "> 99 % of the error explained, < 1 % remain"),
+                                             (0.004, "> 99 % of the error explained, < 1 % remain"),
+                                             (0.096, "90 % of the error explained, 10 % remain"),
+                                             (1.0, "< 1 % of the error explained, > 99 % remain")])
+def test_shares_are_one_pair_of_numbers_and_never_all_where_something_remains(diagnoses, left, words):
+    made = diagnoses["dominant"]
+    made = replace(made, gain=replace(made.gain, squared={"theta": (101.0, 1.0 + 100.0 * left, 1.0)}, horizons={}))
+    assert made.gain.share == pytest.approx(left)
+    shown = (headline(made), worth(made), "\n".join(lines(made)), first_screen.plain(made).replace("&lt;", "<").replace(
+        "&gt;", ">"))
+    assert all(words.lower() in each.lower() for each in shown)
+    assert not any(re.search(r"\b(0|100) %", each) for each in shown)
+
+
+def test_evidence_has_another_name_where_it_is_another_number(folders):
+    """The evidence beside the causes of the steps before alone, and beside all that joined later, are two numbers."""
+    words = read(folders["explained"]).words
+    assert "evidence at that step [nats]" in words and "evidence beside all others in it [nats]" in words
+    assert "evidence [nats]" not in words
+
+
+def test_a_log_too_short_for_a_model_has_a_report(tmp_path):
+    log, nominal = measured()
+    few = replace(log, **{name: getattr(log, name)[:30] for name in (*REQUIRED, *OPTIONAL)})
+    made = diagnose(few, nominal)
+    write_report(made, json_of(made), str(tmp_path))
+    words = read(tmp_path).words
+    assert made.verdict == "consistent" and made.selection is None
+    assert "No hypothesis promised anything" not in words and "tells them all apart" not in words
+
+
+def test_a_set_that_spans_places_says_so_and_gives_the_sizes(diagnoses):
+    made = diagnoses["explained"]
+    cause, ranked = made.causes[0], made.selection.rivals[0][0]
+    rival = replace(ranked, cause=Cause(RECORDS["gyro_bias"], (0.0123456,)))
+    several = replace(made, causes=(replace(cause, rivals=("gyro_bias", "gust")),),
+                      selection=replace(made.selection, rivals=[[ranked, rival]]))
+    assert headline(several).startswith("EXPLAINED (plant, sensor or environment): control_loss or gyro_bias or gust")
+    assert "gyro_bias (rate 0.0123 rad/s" in "\n".join(lines(several))
+    assert "; or, as well, gyro_bias (rate 0.0123 rad/s" in first_screen.plain(several)
+    assert headline(made).startswith("EXPLAINED (plant): control_loss")
+
+
+def test_a_size_has_the_digits_of_its_deviation():
+    assert amount(4.5253, 1.6, "1/s") == "4.5 +- 1.6 1/s"
+    assert amount(20.4234, 1.0, "") == "20.4 +- 1.0"
+    assert amount(0.123456, None, "") == "0.123"
+
+
+def test_plus_minus_is_one_standard_deviation_and_the_first_says_so(diagnoses):
+    """The number was a 95 % half-width here, and a standard deviation in `identify`."""
+    made = diagnoses["explained"]
+    cause = made.causes[0]
+    said = [line for line in lines(made) if " +- " in line]
+    assert said[0].count("+- is one standard deviation)") == 1 and not any("+- is" in line for line in said[1:])
+    name, std = next((name, std) for name, std in cause.std.items() if std)
+    assert with_std(cause.values[name], std) in said[0]
+    assert "\u00b1 is one standard deviation." in unescape(first_screen.plain(made))
+    assert not any(" +- " in line for line in lines(diagnoses["consistent"]))
+
+
+def test_what_a_limit_is_given_for_has_its_unit(diagnoses):
+    limits = [line for line in lines(diagnoses["consistent"]) if "(time" in line or "(frequency" in line]
+    assert limits and all(" s" in line.split("(")[1] or "rad/s" in line.split("(")[1] for line in limits)
+
+
+def test_only_what_looks_alike_is_in_the_matrix(diagnoses):
+    figures = pytest.importorskip("launchid.diagnosis.report.figures", reason="matplotlib is not installed: no figures")
+    names = tuple("abcdefgh")
+    products = np.eye(8)
+    products[2, 5] = products[5, 2] = 0.97
+    figure = figures.isolability(replace(diagnoses["explained"], isolability=Isolability(names, products)))
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["c", "f"]
+    assert figures.isolability(replace(diagnoses["explained"], isolability=Isolability(names, np.eye(8)))) is None
+
+
+def test_the_same_diagnosis_gives_the_same_bytes(folders, diagnoses, tmp_path):
+    write_report(diagnoses["unexplained"], json_of(diagnoses["unexplained"]), str(tmp_path))
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == sorted(path.name for path in folders["unexplained"].iterdir())
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (folders["unexplained"] / name).read_bytes(), name
+
+
+def test_what_an_earlier_report_left_is_removed(diagnoses, tmp_path):
+    for name in ("extension.toml", "disturbance.png"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "mine.txt").write_text("not of a report")
+    write_report(diagnoses["bad-data"], json_of(diagnoses["bad-data"]), str(tmp_path))
+    left = {path.name for path in tmp_path.iterdir()} - {"faults.png"}
+    assert left == {"mine.txt", "report.html", "verdict.json"}
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(diagnoses, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    for folder in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        with pytest.raises(InputError) as caught:
+            write_report(diagnoses["bad-data"], {}, str(folder))
+        assert str(folder) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("sim.canvas", "launchid.figures.plots", "launchid.diagnosis.report.figures"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.delattr(sys.modules["launchid.diagnosis.report"], "figures", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    write_report(diagnoses["explained"], json_of(diagnoses["explained"]), str(tmp_path))
+    assert report_module.NO_FIGURES in " ".join(read(tmp_path).words.split())
+    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "verdict.json", "extension.toml"}
+
+
+def test_a_log_without_nozzle_command_and_reference_has_a_report(tmp_path):
+    """The log has theta alone beside beta: no closed loop, no controller check, no actuator."""
+    log, nominal = measured()
+    none = np.full(len(log.t), np.nan)
+    made = diagnose(replace(log, beta_cmd=none, theta_ref=none, theta_dot=none), nominal,
+                    hypotheses=HYPOTHESES[:1])
+    write_report(made, json_of(made), str(tmp_path))
+    page = read(tmp_path)
+    assert page.faults == [] and "the log has no gyro" in page.words and "Not checked" in page.words
+    assert not (tmp_path / "closed_loop.png").exists()
+
+
+# ---- what the figures compute
+
+
+def test_a_line_is_named_at_its_frequency_and_white_noise_names_none():
+    rng = np.random.default_rng(5)
+    period, n, named = 0.01, 7000, 0
+    for _ in range(100):
+        white = rng.standard_normal(n)
+        frequency, density, freedom = whiteness.spectrum(white, period)
+        level = whiteness.chance_level(len(frequency), freedom)
+        named += bool(whiteness.strongest(frequency, density, level))
+        assert abs(np.mean(density) - 1.0) < 0.1
+    assert named <= 5, "declared: 1 of 100 spectra"
+    for hertz in (0.7, 3.21, 20.0):
+        x = white + 0.7 * np.sin(2.0 * np.pi * hertz * period * np.arange(n) + 0.3)
+        found = whiteness.strongest(*whiteness.spectrum(x, period)[:2], level)
+        assert len(found) == 1 and abs(found[0][0] - hertz) < 0.3 / (whiteness.SEGMENT * period)
+
+
+def test_the_reconstructed_disturbance_is_the_one_flown():
+    figures = pytest.importorskip("launchid.diagnosis.report.figures", reason="matplotlib is not installed: no figures")
+    made = judged((), effects=[effect("periodic_disturbance", amplitude=0.02, frequency=2.0, phase=1.0)])
+    d = figures.reconstructed(figures.bare(made))
+    truth = 0.02 * np.sin(2.0 * made.record.t + 1.0)
+    assert made.verdict == "unexplained"
+    assert np.corrcoef(d, truth)[0, 1] > 0.9 and 0.8 < np.std(d) / np.std(truth) < 1.2
+
+
+# ---- in a browser
+
+
+def browser() -> str:
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found:
+            return found
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        pytest.skip(f"no browser to look with: none of {', '.join(BROWSERS)} in PATH and no playwright")
+    with sync_playwright() as player:
+        path = player.chromium.executable_path
+    if not Path(path).exists():
+        pytest.skip("playwright is here, but its Chromium is not installed")
+    return path
+
+
+def console(page: Path, profile: Path) -> list[str]:
+    """The lines of the browser's console while it loads a page, up to a last line of the page's own."""
+    command = [browser(), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+               f"--user-data-dir={profile}", "--enable-logging=stderr", "--virtual-time-budget=3000", "--dump-dom",
+               page.as_uri()]
+    said = profile.with_suffix(".log")
+    with said.open("wb") as out:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=out, start_new_session=True)
+    try:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end and LOADED.encode() not in said.read_bytes():
+            time.sleep(0.1)
+    finally:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        process.wait()
+    return [line for line in said.read_text(errors="replace").splitlines() if "CONSOLE" in line]
+
+
+def with_last_line(page: Path, to: Path) -> Path:
+    """The page and a script at its end that tells the console when all images have been decoded."""
+    last = ("<script>window.addEventListener('load', () => {"
+            "for (const i of document.images) if (!i.naturalWidth) console.error('broken image ' + i.alt);"
+            f"console.log('{LOADED}')}})</script></body>")
+    to.write_text(page.read_text(encoding="utf-8").replace("</body>", last), encoding="utf-8")
+    return to
+
+
+@pytest.mark.parametrize("verdict", ["explained", *(pytest.param(verdict, marks=pytest.mark.campaign)
+                                                   for verdict in ("unexplained", "bad-data"))])
+def test_chromium_shows_it_without_a_console_error(folders, tmp_path, verdict):
+    said = console(with_last_line(folders[verdict] / "report.html", tmp_path / "page.html"), tmp_path / "profile")
+    assert len(said) == 1 and LOADED in said[0], said
+
+
+DRAG = """<script>window.addEventListener("load", () => setTimeout(() => {
+  const over = document.querySelector("#misfit .u-over"), box = over.getBoundingClientRect();
+  const hand = (kind, x, on) => on.dispatchEvent(new MouseEvent(kind, {clientX: box.left + x * box.width,
+    clientY: box.top + 0.5 * box.height, bubbles: true, movementX: 9, view: window}));
+  const told = () => [...document.querySelectorAll("#misfit .u-legend")].map(
+    each => each.innerText.replace(/\\s+/g, " "));
+  hand("mousemove", 0.5, over);
+  setTimeout(() => {
+    const before = told();
+    hand("mousedown", 0.25, over); hand("mousemove", 0.5, over); hand("mouseup", 0.5, document);
+    setTimeout(() => { hand("mousemove", 0.5, over); setTimeout(() => {
+      console.log(JSON.stringify({before, after: told(), charts: document.querySelectorAll(".chart").length,
+        drawn: [...document.images].filter(each => each.hidden).length, left: document.images.length}));
+      console.log("LOADED"); }, 100); }, 100); }, 100); }, 100))</script></body>"""
+
+
+def test_in_a_browser_a_report_s_curves_are_read_and_zoomed(folders, tmp_path):
+    """The cursor in the middle says its time in both panels; after a drag over the second quarter it is another."""
+    page = tmp_path / "page.html"
+    html = (folders["explained"] / "report.html").read_text(encoding="utf-8")
+    page.write_text(html.replace("</body>", DRAG.replace("LOADED", LOADED)), encoding="utf-8")
+    said = console(page, tmp_path / "profile")
+    assert len(said) == 2, said
+    found = json.loads(re.sub(r'\\"', '"', said[0][said[0].index("{"):said[0].rindex("}") + 1]))
+    times = {name: [float(re.search(r"t \[s\]\s*([\d.]+)", each)[1]) for each in found[name]]
+             for name in ("before", "after")}
+    assert len(set(times["before"])) == len(set(times["after"])) == 1, "one cursor in both panels"
+    live = json.loads(re.search(r'id="misfit"><script type="application/json">(.*?)</script>', html)[1])
+    low, high = live["panels"][0]["xlim"]
+    spacing = 2.0 * float(np.median(np.diff(live["arrays"][0])))
+    assert times["before"][0] == pytest.approx(0.5 * (low + high), abs=spacing)
+    assert times["after"][0] == pytest.approx(low + 0.375 * (high - low), abs=spacing)
+    assert all(re.search(r"measured\s*\u2212?[\d.]", found[name][0]) for name in times)
+    assert 0 < found["drawn"] == found["charts"] < found["left"], "what is no curve stays a picture"
+
+
+def test_the_browser_test_sees_an_error_and_a_broken_image(folders, tmp_path):
+    page = with_last_line(folders["bad-data"] / "report.html", tmp_path / "page.html")
+    html = page.read_text(encoding="utf-8").replace("base64,iVBOR", "base64,AAAAA")
+    page.write_text(html.replace("<main>", "<main><script>undefinedName()</script>"), encoding="utf-8")
+    said = " ".join(console(page, tmp_path / "profile"))
+    assert "undefinedName" in said and "broken image" in said and LOADED in said

@@ -1,0 +1,138 @@
+"""launchid diagnose on logs slower than the controller that lack its reference, or its commands: what it commanded
+between the rows is not in the log, and nobody takes that for a fault of the vehicle."""
+
+import dataclasses
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hidden import Weather, draw_spec, fly
+from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
+
+from launchid.diagnosis.controller.command import record
+from launchid.diagnosis.controller.issued import with_commands
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.model.follower import NominalFollower
+from launchid.diagnosis.model.noise import dynamics
+from launchid.diagnosis.model.point import Point
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import OPTIONAL
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.nominal import Wind, load_nominal
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+SLOW, SLOWER = 0.02, 0.04   # s, of a controller of 0.01 s
+
+
+@functools.cache
+def flight(effect="", period=SLOW, seed=6):
+    return fly_whole(NOMINAL, seed, period=period, effects=[from_text(effect)] if effect else [])
+
+
+def without(drop, effect="", period=SLOW):
+    return log_of(flight(effect, period), tuple(drop.split(",")))
+
+
+def recorded(drop, period=SLOW):
+    log = without(drop, period=period)
+    return record(log, NOMINAL, check(log, NOMINAL))
+
+
+@pytest.mark.parametrize(("period", "drop"), every_second([SLOW, SLOWER], [
+    "theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"]))
+def test_a_clean_flight_is_consistent_without_reference_or_commands(drop, period):
+    made = diagnose(without(drop, period=period), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+@pytest.mark.parametrize(("drop", "effect"), [
+    pytest.param("theta_ref", "control_effectiveness:scale=1.3", marks=LONG),
+    pytest.param("beta_cmd", "control_effectiveness:scale=1.3", marks=LONG),
+    ("beta_cmd,beta", "control_effectiveness:scale=0.7"), ("theta_ref", "thrust_misalignment:angle=0.01")])
+def test_a_cause_larger_than_what_they_feign_is_named(drop, effect):
+    among = tuple(each for each in NEAR if each.cause not in ("steady_wind", "attitude_bias", "actuator_gain"))
+    made = diagnose(without(drop, effect), NOMINAL, hypotheses=among)
+    name, value = effect.split(":")[0], float(effect.split("=")[1])
+    assert [cause.cause for cause in made.causes] == [name]
+    size = next(iter(made.causes[0].values))
+    assert made.causes[0].values[size] == pytest.approx(value, rel=0.1)
+    assert made.threshold == max(12.0, made.record.unsure * made.record.rows)
+
+
+def flown(period):
+    """The commands (rows - 1, ticks a row) [rad] of the same flight."""
+    every = round(period / NOMINAL.controller.period)
+    whole = flight(period=0.01).beta_cmd
+    return whole[:(len(whole) // every - 1) * every].reshape(-1, every)
+
+
+@pytest.mark.parametrize("period", [SLOW, SLOWER])
+def test_commands_between_rows_are_off_by_what_is_said(period):
+    """The commands of the rows are the log's; lines over means of rows miss less than lines from row to row."""
+    made, controller = with_commands(recorded("theta_ref", period), NominalFollower())
+    true = flown(period)
+    off = made.commands[:true.size].reshape(true.shape) - true
+    assert controller is None and not off[:, 0].any()
+    assert np.sqrt(np.mean(off[:, 1:]**2)) == pytest.approx(made.between, rel=0.25)
+    ticks = np.arange(true.size)
+    lines = np.interp(ticks, ticks[::true.shape[1]], true[:, 0]).reshape(true.shape)
+    assert np.std(off[:, 1:]) < 0.95 * np.std((lines - true)[:, 1:])
+
+
+def test_commands_between_rows_follow_exactly_from_reference_and_commands():
+    """The log has all that the derivative's filter remembers."""
+    made, controller = with_commands(recorded("gamma"), NominalFollower())
+    true = flown(SLOW)
+    off = made.commands[:true.size].reshape(true.shape) - true
+    assert controller.kind == "none" and np.max(np.abs(off[50:])) < 1e-6
+    assert "gamma" in OPTIONAL and made.unsure == made.between == 0.0
+
+
+@pytest.mark.parametrize("drop", ["gamma", "theta_ref", "beta_cmd,beta"])
+def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_known(drop):
+    class Lost(NominalFollower):
+        def seen(self, record):
+            return None
+
+    made, _ = with_commands(recorded(drop), Lost())
+    assert made.unsure > 0.0 and made.between > 0.0
+
+
+def test_what_commands_feign_grows_with_how_many_are_unseen():
+    made = [with_commands(recorded("theta_ref", period), NominalFollower())[0].unsure for period in (SLOW, SLOWER)]
+    assert made[1] == pytest.approx(3.0**0.5 * made[0], rel=1e-2)
+
+
+def test_what_is_unknown_between_rows_moves_the_nozzle_there_alone():
+    """The variance over a row is that of one draw in the second of its two ticks."""
+    of = dataclasses.replace(recorded("theta_ref"), between=0.01)
+    known, own = dynamics(dataclasses.replace(of, between=0.0), Point()), dynamics(of, Point())
+    assert not known.unknown_q.any() and np.allclose(own.command_q, known.command_q, rtol=0)
+    assert np.all(np.diagonal(own.unknown_q, axis1=1, axis2=2)[:, :4] >= 0.0) and own.unknown_q[0, 2, 2] > 0.0
+    assert own.unknown_q[0, 2, 2] < 0.01**2 * own.command_q[0, 2, 2]
+
+
+DROPPED = ("theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "theta_ref,theta_dot", "beta_cmd,theta_dot")
+
+
+def by_another_generator(seed, name, windy, rate):
+    """(The nominal, which declares the wind of a windy flight; a clean flight's columns at this rate [Hz])."""
+    nominal, declared, given = load_nominal(name), Wind(turbulence=0.005, walk=0.002), {}
+    if windy:
+        nominal = dataclasses.replace(nominal, wind=declared)
+        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
+    return nominal, SimpleNamespace(**fly(draw_spec(seed, nominal=name, rate=rate, **given))[0])
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+@pytest.mark.parametrize("rate", [50.0, 25.0])
+def test_clean_flights_of_another_generator_are_consistent_without_reference_or_commands(rate, name, windy):
+    """36 logs a seed in the whole campaign, among the whole catalogue; a seed that set no number."""
+    nominal, columns = by_another_generator(9730, name, windy, rate)
+    for drop in DROPPED:
+        made = diagnose(log_of(columns, tuple(drop.split(","))), nominal)
+        assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())

@@ -1,0 +1,246 @@
+"""launchid diagnose on logs that are read by a clock of their own, so that rows fall between the controller's ticks: of
+any period, with jitter, without reference, without commands.  What the controller commanded unseen is no fault of the
+vehicle."""
+
+import dataclasses
+import functools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis import NEAR, WHOLE, every_second, log_of
+from test_diagnosis_slow import by_another_generator
+
+from launchid.diagnosis.controller.command import record
+from launchid.diagnosis.controller.ticks import Ticks, carried, issued_at, lined, over_grid, ticks_of
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.model.follower import NominalFollower
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import OPTIONAL, REQUIRED
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.sections import Guidance
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+TICK = NOMINAL.controller.period
+FINE = 0.001             # s of the flights that logs are read from
+CLOCKS = [(0.025, 0.0), (0.033, 0.0), (0.012, 0.0), (0.007, 0.0), (0.02, 0.003), (0.01, 0.002)]  # s: period, jitter
+
+
+@functools.cache
+def flight(effect="", seed=6):
+    return fly_whole(NOMINAL, seed, period=FINE, effects=[from_text(effect)] if effect else [])
+
+
+def read_at(whole, period, jitter, begin=0.0, seed=3):
+    """The values (rows,) of a flight that a logger with this clock [s] reads: the last ones that there were."""
+    n = int((whole.t[-1] - begin - 0.1) / period)
+    away = np.random.default_rng(seed).uniform(-jitter, jitter, n)
+    return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))
+
+
+def log_at(log, rows):
+    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
+
+
+def logged(clock, drop="", effect="", begin=0.0):
+    log = log_of(flight(effect), tuple(drop.split(",")))
+    return log_at(log, read_at(log, *clock, begin))
+
+
+def flown_commands(of, whole, parts=40):
+    """(grid's ticks,) [rad] the mean of what a flight's controller commanded."""
+    at = (np.arange(len(of.commands) * parts) + 0.5) / parts * of.tick * of.step
+    rows = np.minimum((at / FINE + 1e-6).astype(int), len(whole.t) - 1)
+    return whole.beta_cmd[rows].reshape(-1, parts).mean(axis=1)
+
+
+def over_rows(of, x):
+    """Mean over the grid's ticks of each row."""
+    per_row = of.every // of.tick
+    return x[:len(x) // per_row * per_row].reshape(-1, per_row).mean(axis=1)
+
+
+def recorded(clock, drop="", effect="", begin=0.0):
+    log = logged(clock, drop, effect, begin)
+    return record(log, NOMINAL, check(log, NOMINAL))
+
+
+@pytest.mark.parametrize(("clock", "drop"), every_second(CLOCKS, ["", "theta_ref", "beta_cmd", "beta_cmd,beta"]))
+def test_a_clean_flight_is_consistent_by_whatever_clock_it_is_logged(clock, drop):
+    made = diagnose(logged(clock, drop), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+@pytest.mark.parametrize(("effect", "clock"), every_second([
+    "control_effectiveness:scale=1.3", "actuator_delay:delay=0.03", "gyro_bias:rate=0.005",
+    "actuator_gain:scale=0.85"], [(0.025, 0.0), (0.02, 0.003)]))
+def test_a_cause_is_named_by_whatever_clock_it_is_logged(clock, effect):
+    made = diagnose(logged(clock, effect=effect), NOMINAL, hypotheses=NEAR)
+    name, value = effect.split(":")[0], float(effect.split("=")[1])
+    assert [cause.cause for cause in made.causes] == [name]
+    cause = made.causes[0]
+    size = next(iter(cause.values))
+    assert abs(cause.values[size] - value) < max(4.0 * cause.std[size], 0.05 * value)
+
+
+def test_without_commands_a_biased_gyro_is_nothing_besides():
+    """The commands are made of an attitude that such a gyro takes off the measured one."""
+    made = diagnose(logged((0.025, 0.0), "beta_cmd,beta", "gyro_bias:rate=0.005"), NOMINAL)
+    assert [cause.cause for cause in made.causes] == ["gyro_bias"]
+
+
+@pytest.mark.parametrize("scale", [1.2, 0.85])
+def test_another_gain_of_the_controller_is_nothing_of_the_vehicle(scale):
+    """No row holds the error that a command answers: whose it is, nobody asks, and it is taken as it is."""
+    made = diagnose(logged((0.025, 0.0), effect=f"controller_mismatch:kp_scale={scale}"), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.controller, made.causes) == ("consistent", None, ())
+
+
+@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003), (0.01, 0.002)])
+def test_unseen_commands_are_off_by_what_is_said(clock):
+    """The error is the mean over a row."""
+    made = recorded(clock)
+    off = over_rows(made, made.commands - flown_commands(made, flight()))
+    assert np.std(off) < 1.6 * made.between
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.003, 0.008])
+def test_commands_that_change_tell_the_controllers_ticks(begin):
+    r = recorded((0.007, 0.0), begin=begin)
+    ticks = ticks_of(r, logged((0.007, 0.0), begin=begin).beta_cmd)
+    assert ticks.spread < 0.06 * ticks.period
+    assert r.nominal.diagnosis.timing < 1.2 * NOMINAL.diagnosis.timing
+    assert ticks.period * r.step == pytest.approx(TICK)
+    away = (ticks.phase * r.step + r.first_step * r.step) / TICK
+    assert abs(away - round(away)) < 0.06
+
+
+def test_of_a_slower_log_the_timing_is_as_free_as_the_ticks_are_unknown():
+    r = recorded((0.025, 0.0))
+    assert r.nominal.diagnosis.timing == pytest.approx(np.hypot(NOMINAL.diagnosis.timing, TICK / 12**0.5))
+
+
+def test_commands_of_every_row_are_the_loop_s_own_with_its_stamps():
+    """A loop that jitters logs itself: each command is held from its stamp on."""
+    log = log_of(fly_whole(NOMINAL, 6, period=TICK))
+    t = log.t + np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.1, len(log.t) - 1) * TICK])
+    log = dataclasses.replace(log, t=t)
+    assert record(log, NOMINAL, check(log, NOMINAL)).unsure == 0.0
+
+
+@pytest.mark.parametrize(("begin", "between", "drop"), [
+    (0.0, False, ""), (0.0, False, "theta_ref"), (0.004, True, ""),
+    pytest.param(0.004, True, "theta_ref", marks=pytest.mark.campaign)])
+def test_rows_at_the_loop_s_rate_fall_between_its_ticks_where_their_attitudes_are_not_those_it_answered(
+        begin, between, drop):
+    r = recorded((TICK, 0.0), drop, begin=begin)
+    assert (r.fine > 1) == between
+    made = diagnose(logged((TICK, 0.0), drop, begin=begin), NOMINAL, hypotheses=NEAR)
+    assert not made.causes and all("age of what the logger read" in words for words in made.doubts)
+
+
+STEPS = (5.003, 9.507, 14.008, 19.504)   # s, when no row sees them
+
+
+@functools.cache
+def staircase(size):
+    """A clean flight of a reference that jumps so far [rad] that the nozzle reaches its limit."""
+    times, levels = [0.0], [0.0]
+    for time, level in zip(STEPS, (1.0, -0.6, 0.8, 0.0), strict=True):
+        times += [time - 1e-4, time]
+        levels += [levels[-1], level * size]
+    return fly_whole(dataclasses.replace(NOMINAL, guidance=Guidance(tuple(times), tuple(levels))), 8, period=FINE)
+
+
+def stairs(period, drop="", size=0.05):
+    return log_at(log_of(staircase(size), tuple(drop.split(","))), read_at(staircase(size), period, 0.0))
+
+
+@pytest.mark.parametrize("drop", ["", "theta_ref"])
+@pytest.mark.parametrize("period", [0.025, 0.033])
+def test_steps_of_the_reference_that_no_row_sees_are_no_fault(period, drop):
+    made = diagnose(stairs(period, drop), NOMINAL, hypotheses=NEAR)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+@pytest.mark.parametrize("bias", ["", "gyro_bias:rate=0.02"])
+def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro(bias):
+    r = recorded((0.025, 0.0), effect=bias)
+    seen = NominalFollower().seen(r)
+    off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
+    assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std
+
+
+def test_the_age_of_a_held_sample_is_no_delay_of_the_vehicle():
+    """The logger reads the sample that the controller used, up to one of its periods old: it cannot be told from a
+    delay of less."""
+    whole = flight()
+    held = (np.arange(len(whole.t)) // round(TICK / FINE)) * round(TICK / FINE)
+    log = log_of(whole)
+    rows = read_at(log, 0.025, 0.0, 0.004)
+    read = {name: getattr(log, name)[rows if name == "t" else held[rows]] for name in (*REQUIRED, *OPTIONAL)}
+    made = diagnose(dataclasses.replace(log, **read), NOMINAL, hypotheses=NEAR)
+    assert made.verdict in ("consistent", "unexplained")
+    assert made.verdict == "consistent" or any("age of what the logger read" in words for words in made.doubts)
+
+
+@pytest.mark.parametrize("drop", ["theta_ref,beta_cmd", "theta_ref,beta_cmd,theta_dot", "theta_ref"])
+def test_a_trimmed_vehicle_whose_nozzle_is_logged_now_and_then_shows_nothing(drop):
+    """Damping of 1000 1/s, friction, a nozzle of half its gain: what noise and lines between rows feign."""
+    still = dataclasses.replace(NOMINAL, guidance=Guidance((0.0, 1.0), (0.0, 0.0)))
+    log = log_of(fly_whole(still, 4, period=FINE), tuple(drop.split(",")))
+    made = diagnose(log_at(log, read_at(log, 0.025, 0.0)), still)
+    assert (made.verdict, made.doubts) == ("consistent", ())
+
+
+def test_undeclared_turbulence_about_a_trim_is_no_loss_of_control():
+    """The nozzle answers nothing but the wind without gyro and reference, which half of k1 explains nearly as well."""
+    calm = dataclasses.replace(NOMINAL, guidance=Guidance((0.0, 1.0), (0.0, 0.0)))
+    windy = fly_whole(calm, 5, period=TICK, effects=[from_text("turbulence:level=0.015,time_constant=1")])
+    made = diagnose(log_of(windy, ("theta_ref", "beta_cmd", "theta_dot")), calm)
+    assert not {cause.cause for cause in made.causes} - {"turbulence", "wind_walk"}
+
+
+def test_a_row_sees_the_command_of_the_tick_before_it():
+    ticks = Ticks(-1.0, 4.0, 0.0)
+    assert list(ticks.of(np.array([-1.0, 2.999, 3.0, 6.9, 7.0, 7.1]))) == [0, 0, 1, 1, 2, 2]
+
+
+def test_commands_over_the_grid_keep_their_impulse():
+    r = recorded((0.025, 0.0))
+    own = logged((0.025, 0.0)).beta_cmd
+    ticks = ticks_of(r, own)
+    commands = np.random.default_rng(2).standard_normal(len(issued_at(ticks, r, own)))
+    end = r.rows * r.every
+    edges = np.clip(ticks.phase + ticks.period * np.arange(len(commands) + 1), 0.0, end)
+    assert np.sum(over_grid(ticks, r, commands)) * r.tick == pytest.approx(np.diff(edges) @ commands)
+    assert np.ptp(over_grid(ticks, r, np.full(len(commands), 0.1))) < 1e-12
+
+
+def test_lines_carry_what_rows_share_and_no_noise_of_a_row():
+    """A ramp is carried as it is; of white noise a mean over its neighbours, and the lines are off by it all."""
+    ramp, noise = 0.01 * np.arange(4000.0), np.random.default_rng(2).standard_normal(4000)
+    line, off, _ = carried(ramp)
+    assert np.allclose(line[10:-10], ramp[10:-10], rtol=0.0, atol=1e-6) and np.max(np.abs(off[10:-10])) < 1e-6
+    line, off, jumps = carried(noise)
+    assert np.std(off) == pytest.approx(1.0, abs=0.05) and np.std(line) < 0.2 and not jumps.any()
+
+
+def test_what_is_logged_stays_and_what_is_not_lies_on_lines():
+    commands = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
+    assert list(lined(commands)) == [1.0, 1.0, 2.0, 3.0, 3.0]
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("windy", [False, True])
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+@pytest.mark.parametrize("clock", [*CLOCKS, (0.04, 0.008)])
+def test_clean_flights_of_another_generator_are_consistent_by_whatever_clock(clock, name, windy):
+    """126 logs, among the whole catalogue, of a seed that set no number; its first pass mended one rule."""
+    nominal, whole = by_another_generator(9750, name, windy, 1.0 / FINE)
+    rows = read_at(whole, *clock)
+    read = SimpleNamespace(**{key: values[rows] for key, values in vars(whole).items()})
+    for drop in ("", "theta_ref", "beta_cmd,beta"):
+        made = diagnose(log_of(read, tuple(drop.split(","))), nominal)
+        assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())

@@ -1,0 +1,140 @@
+"""The rows of a large log that are fitted (`launchid.diagnosis.data.used`): fewer rows, the same motion."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from launchid.diagnosis.controller.command import record
+from launchid.diagnosis.controller.issued import is_slow
+from launchid.diagnosis.data.check import check
+from launchid.diagnosis.data.record import BETA
+from launchid.diagnosis.data.used import RESOLVED, SLOWEST, coarser, cut, shortened, slowest, sparser, thinned, used
+from launchid.diagnosis.model.noise import declared, first_filter
+from launchid.diagnosis.model.point import Point, innovations, vehicle
+from launchid.log.log import OPTIONAL, REQUIRED, Log
+from sim.effects import effect
+from sim.flight import fly_whole
+from sim.nominal import built_in, load_nominal
+
+
+def logged(period, duration=6.0, drop=()):
+    """A flight of `constant` as a log of this period [s], and its nominal."""
+    nominal = load_nominal(built_in("constant"))
+    nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration),
+                                  sensors=dataclasses.replace(nominal.sensors, period=period))
+    flown = fly_whole(nominal, 3)
+    columns = {name: getattr(flown, name, np.full(len(flown.t), np.nan)) for name in REQUIRED + OPTIONAL}
+    columns = {name: np.full(len(flown.t), np.nan) if name in drop else x for name, x in columns.items()}
+    return Log("flown", tuple(name for name in columns if np.isfinite(columns[name]).any()), (), **columns), nominal
+
+
+def as_record(period, **given):
+    log, nominal = logged(period, **given)
+    return record(log, nominal, check(log, nominal))
+
+
+def followed(r, *effects):
+    """States of the vehicle on the log's commands, corrected by nothing."""
+    filt = first_filter(r, declared(r))
+    return innovations(r, dataclasses.replace(filt, gains=np.zeros_like(filt.gains)), Point(effects))[1]
+
+
+@pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
+def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
+    """The motion is the same but for how many steps are integrated at once: a controller's commands stay, every one,
+    where the log is faster and where it is slower."""
+    r = as_record(period)
+    thin = thinned(r, every)
+    kept = slice(r.held_phase, None, every)
+    assert np.array_equal(thin.z, r.z[kept], equal_nan=True)
+    assert thin.t == pytest.approx(r.t[kept], abs=1e-12)
+    assert len(thin.commands) == thin.rows * (thin.every // thin.tick)
+    assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
+    ours, theirs = followed(thin), followed(r)[kept]
+    assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=(1e-2 if r.held_phase else 2e-5) * np.ptp(theirs))
+
+
+@pytest.mark.parametrize("delay", [0.0012, 0.002, 0.0025, 0.0133])
+def test_a_late_servo_moves_the_same_where_several_steps_are_integrated_at_once(delay):
+    """The command in two halves of the time that it has, its mean over both steps, was 0.2 ms of 2 beside the truth."""
+    r, late = as_record(0.01), effect("actuator_delay", delay=delay)
+    thin = thinned(r, 2)
+    assert (r.at_once, thin.at_once, thin.step) == (1, 2, r.step)
+    ours, theirs = followed(thin, late)[:, BETA], followed(r, late)[r.held_phase::2, BETA]
+    assert ours == pytest.approx(theirs, abs=2e-5 * np.ptp(theirs))
+
+
+def test_a_thinned_log_takes_the_longest_step_that_resolves_its_servo():
+    """1 ms rows have steps of 1 ms; 2.5 ms would be resolved, 2 ms divide the row's 10 ms: the same motion to 1e-6."""
+    thin = thinned(as_record(0.001), 10)
+    assert thin.step == pytest.approx(0.001)
+    coarse = coarser(thin)
+    assert coarse.step == pytest.approx(0.002) and coarse.period == pytest.approx(thin.period)
+    assert coarse.t == pytest.approx(thin.t, abs=1e-12)
+    assert followed(coarse) == pytest.approx(followed(thin), abs=1e-5 * np.ptp(followed(thin)))
+
+
+def test_what_is_cut_is_the_stretch_with_most_input():
+    r = as_record(0.01)
+    quiet = dataclasses.replace(r, commands=np.where(np.arange(len(r.commands)) < 300, 0.0, r.commands))
+    part = cut(quiet, 200)
+    assert part.rows == 200 and part.t[0] >= 3.0 - 0.01 and part.at[0] == 0
+    first = round(part.t[0] / 0.01)
+    assert np.array_equal(part.z, quiet.z[first:first + 200], equal_nan=True)
+    assert np.array_equal(part.commands, quiet.commands[first:first + 200])
+
+
+def test_an_ordinary_log_is_used_whole():
+    r = as_record(0.01)
+    assert used(r, r.t) == (r, None)
+
+
+def test_a_large_log_is_thinned_and_then_cut():
+    """600 rows at 10 ms, of which 100 may be used: every second, 20 ms apart, and of those the 100 with most input."""
+    r = as_record(0.01)
+    made, said = used(r, r.t, most=100)
+    assert made.rows == 100 and made.period == pytest.approx(SLOWEST)
+    assert said.every == 2 and said.end - said.begin == pytest.approx(99 * SLOWEST)
+    assert "100 rows are fitted, one in 2 from" in said.words
+
+
+def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
+    """A pendulum of 60 Hz in a log of 1 kHz, of which one row in three seemed a nozzle's inertia."""
+    nominal = load_nominal(built_in("constant"))
+    fast = np.array([-(2.0 * np.pi * 60.0)**2])
+    assert slowest(nominal, fast) == pytest.approx(RESOLVED / (2.0 * np.pi * 60.0))
+    swinging = dataclasses.replace(nominal, terms=(("sin(theta)", float(fast[0])), ("theta_dot", -1e9)))
+    assert slowest(swinging, np.zeros(1)) == slowest(nominal, -fast) == slowest(nominal, fast)
+    assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == SLOWEST
+    r = dataclasses.replace(as_record(0.002), a6=np.full_like(as_record(0.002).a6, -1e4))   # 1.5 rows of 2 ms
+    made, said = used(r, r.t, most=1000)
+    assert said.every == 1 and made.rows == 1000 and shortened(r, most=1000).rows == 1000
+
+
+def test_a_log_that_is_too_long_even_thinned_is_cut_before_anything_is_computed():
+    r = as_record(0.01)
+    assert shortened(r, most=100).rows == 200     # to be thinned to every second
+    assert shortened(r, most=300) is r and used(shortened(r, most=100), r.t, most=100)[0].rows == 100
+
+
+def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():
+    log, nominal = logged(0.002, drop=("beta_cmd", "theta_ref"))
+    stand = dataclasses.replace(nominal, actuator=None, controller=None)
+    data = check(log, stand)
+    sparse = sparser(data, log.t, stand, most=1000)
+    assert sparse.usable.sum() == np.ceil(data.usable.sum() / 3)
+    assert record(log, stand, sparse).period == pytest.approx(0.006)
+    assert sparser(data, log.t, nominal, most=1000) is data    # what has a servo keeps all its commands
+    assert sparser(data, log.t, stand) is data
+
+
+def test_the_tolerance_of_a6_is_of_a_sine_s_coefficient_too():
+    """A pendulum whose -5.08 sin(theta) was believed to be -4.95 had lines at its own frequency named for it."""
+    believed = dataclasses.replace(as_record(0.01), nominal=dataclasses.replace(
+        load_nominal(built_in("constant")), terms=(("sin(theta)", 2.0), ("theta^3", 1.0))))
+    truly = dataclasses.replace(believed, nominal=dataclasses.replace(
+        believed.nominal, terms=(("sin(theta)", 2.04), ("theta^3", 1.0))), a6=1.02 * believed.a6)
+    deviating, other = (vehicle(r, Point((), (by, 0.0, 0.0, 0.0, 0.0))) for r, by in ((believed, 0.02), (truly, 0.0)))
+    assert np.allclose(deviating.plant, other.plant, rtol=1e-14, atol=0.0)
+    assert not np.allclose(deviating.plant, vehicle(believed, Point()).plant, rtol=1e-3, atol=0.0)

@@ -1,0 +1,103 @@
+"""The measured logs: physics that nobody of this project simulated, and logs that are read by name.
+
+Pendulums: theta_ddot = -a sin(theta) + b torque - friction, a = 20.3..21.4 1/s^2 by the device's own data sheet.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from launchid.cli.main import main
+from launchid.log.log import MEASURED, measured_logs, read_log
+from sim.nominal import STANDS, load_nominal
+
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"  # from which they were taken
+DEVICE = (20.3, 21.4)  # 1/s^2
+LOGS = ("dircol", "ddp")
+WITH_FRICTION, WITHOUT = "sin(theta),beta,sign(theta_dot)", "sin(theta),beta"
+
+
+def terms(capsys, folder: Path, name: str, library: str) -> dict[str, float]:
+    """Active terms of the one window over the whole log."""
+    status = main(["identify", str(folder / f"dfki_pendulum_{name}.csv"), "--library", library,
+                   "--formulation", "integral", "--window", "all", "--json", "-"])
+    out = capsys.readouterr().out
+    assert status == 0
+    windows = json.loads(out)["windows"]
+    assert len(windows) == 1 and windows[0]["valid"]
+    return windows[0]["terms"]
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_gravity_term_is_the_device_s(real_logs, capsys, name):
+    found = terms(capsys, real_logs, name, WITH_FRICTION)
+    assert 0.85 * DEVICE[0] <= -found["sin(theta)"] <= 1.15 * DEVICE[1]
+    assert found["sign(theta_dot)"] < 0 < found["beta"]
+
+
+def test_without_friction_the_second_log_is_refused_and_the_friction_named(real_logs, capsys):
+    with_friction = -terms(capsys, real_logs, "ddp", WITH_FRICTION)["sin(theta)"]
+    assert with_friction >= 17.3  # the data sheet's is in DEVICE
+    assert main(["identify", str(real_logs / "dfki_pendulum_ddp.csv"), "--library", WITHOUT, "--window", "all",
+                 "--json", "-"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [window["status"] for window in said["windows"]] == ["MODEL"]  # it would be 15.9
+    assert "sign(theta_dot)" in [lack["what"] for lack in said["lacks"]]
+
+
+def test_large_library_keeps_gravity_and_torque(real_logs, capsys):
+    found = terms(capsys, real_logs, "dircol", "quadratic+sin")
+    assert {"sin(theta)", "beta"} <= set(found)
+    assert found["sin(theta)"] < 0 < found["beta"]
+
+
+# ---- by name
+
+
+def test_every_log_of_the_package_is_read_by_its_name_and_says_so(capsys):
+    assert len(measured_logs()) >= 6
+    for name in measured_logs():
+        log = read_log(name, ("t", "theta"))
+        assert log.path == name and len(log.t) > 1000
+
+
+def test_identify_takes_a_log_by_name_as_by_path(capsys):
+    said = []
+    for log in ("dfki_pendulum_dircol", str(MEASURED / "dfki_pendulum_dircol.csv")):
+        assert main(["identify", log, "--library", WITHOUT, "--window", "all", "--json", "-"]) == 0
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1]
+
+
+def test_a_file_that_exists_wins_over_the_name_and_a_folder_does_not(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("map_single_free").mkdir()
+    assert len(read_log("map_single_free").t) > 1000
+    Path("map_single_free").rmdir()
+    Path("map_single_free").write_text("t,theta,beta\n0,1,2\n", encoding="utf-8")
+    assert len(read_log("map_single_free").t) == 1
+
+
+def test_what_is_neither_file_nor_name_is_told_the_names(capsys):
+    assert main(["identify", "dfki_pendulum"]) == 3
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and all(name in said for name in measured_logs())
+
+
+@pytest.mark.parametrize("name", STANDS)
+def test_the_stands_nominals_are_read_by_name(name):
+    assert load_nominal(name).name == name
+
+
+def test_every_log_has_its_source_and_its_licence_beside_it():
+    sources = (MEASURED / "SOURCES.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in sources for name in measured_logs())
+    licences = {path.name for path in MEASURED.glob("LICENCE-*.txt")}
+    assert len(licences) == 3 and all(f"`{name}`" in sources for name in licences)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real logs (shared/data/real beside the checkout) are not here")
+def test_the_logs_are_those_that_were_measured_to_the_byte():
+    for path in SHARED.glob("*.csv"):
+        assert path.read_bytes() == (MEASURED / path.name).read_bytes()

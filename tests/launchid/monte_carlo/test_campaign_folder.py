@@ -1,0 +1,362 @@
+"""A campaign's folder that is not what its definition says is exit status 3 in one line, and what it has stays; one run
+at a time writes into it, and a run that is killed leaves no lock."""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid.cli.main import main
+from launchid.monte_carlo import folder_lock
+from launchid.monte_carlo.folder_lock import LOCK, locked
+from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS, JOURNAL
+from launchid.results.of_campaigns import campaign
+from sim.errors import InputError
+from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
+
+ROOT = Path(__file__).resolve().parents[3]
+N = 30
+ASKED = "lost<0.2@0.9"   # decided by the 18th flight without a failure
+Damage = Callable[[bytes], bytes]
+
+
+def nominal_of(folder: Path, duration: float = 0.1) -> Nominal:
+    """`constant`, short, at half of its rate, as a file in this folder."""
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
+    write_nominal(dataclasses.replace(nominal, simulation=simulation, offsets=Offsets(moment=1e-3)), folder / "n.toml")
+    return load_nominal(folder / "n.toml")
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory) -> Path:
+    """A folder with the nominal and four campaigns: one that is whole, one that stopped, one that was interrupted, and
+    the part after the first."""
+    folder = tmp_path_factory.mktemp("flown")
+    nominal = nominal_of(folder)
+    assert campaign(nominal, out=folder / "whole", flights=N, workers=1).report["lost"] == 0
+    stopped = campaign(nominal, out=folder / "stopped", flights=N, requirement=ASKED, workers=1)
+    assert stopped.verdict == "met" and 8 < stopped.report["flown"] < N
+    campaign(nominal, out=folder / "next", flights=N, seed=N, workers=1)
+
+    def stop(newly: int) -> None:
+        if newly:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        campaign(nominal, out=folder / "begun", flights=N, workers=1, progress=stop)
+    assert (folder / "begun" / JOURNAL).is_file()
+    return folder
+
+
+@pytest.fixture
+def place(flown, tmp_path) -> Path:
+    """A copy of it, to be damaged."""
+    shutil.copytree(flown, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+def refused(capsys, place: Path, *words: str) -> str:
+    """The one line of a campaign that is exit status 3."""
+    assert main(["campaign", str(place / "n.toml"), "--workers", "1", *words]) == 3
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
+    assert said.out == "" and line.startswith("launchid: ")
+    return line
+
+
+def again(place: Path, name: str) -> list[str]:
+    """The words of the campaign that was flown there."""
+    return ["--flights", str(N), "--out", str(place / name), *(["--requirement", ASKED] if name == "stopped" else [])]
+
+
+def damaged(path: Path, damages: dict[str, Damage]) -> Iterator[str]:
+    """The names of the damages, while the file has each of them."""
+    whole = path.read_bytes()
+    for name, damage in damages.items():
+        path.write_bytes(damage(whole))
+        assert path.read_bytes() != whole, name
+        yield name
+    path.write_bytes(whole)
+
+
+# ---- flights that the definition does not say
+
+
+def lines(change: Callable[[list[bytes]], list[bytes]]) -> Damage:
+    return lambda data: b"".join(change(data.splitlines(keepends=True)))
+
+
+def cell(row: int, column: int, text: bytes) -> Damage:
+    """Another text in a cell; row 1 is the first flight."""
+    def change(data: list[bytes]) -> list[bytes]:
+        cells = data[row].rstrip(b"\n").split(b",")
+        cells[column] = text
+        return [*data[:row], b",".join(cells) + b"\n", *data[row + 1:]]
+    return lines(change)
+
+
+TABLES: dict[str, Damage] = {
+    "emptied": lambda data: b"",
+    "its header alone": lines(lambda rows: rows[:1]),
+    "ten copies of its first eight rows": lines(lambda rows: rows[:1] + 10 * rows[1:9]),
+    "one copy of a row more": lines(lambda rows: [*rows, rows[-1]]),
+    "a row in the place of another": lines(lambda rows: [*rows[:5], rows[4], *rows[6:]]),
+    "two rows exchanged": lines(lambda rows: [*rows[:5], rows[6], rows[5], *rows[7:]]),
+    "its first row missing": lines(lambda rows: rows[:1] + rows[2:]),
+    "a row in the middle missing": lines(lambda rows: rows[:5] + rows[6:]),
+    "its last row missing": lines(lambda rows: rows[:-1]),
+    "its last row torn": lambda data: data[:-40],
+    "eight rows": lines(lambda rows: rows[:9]),
+    "another seed's vehicle": cell(4, 1, b"0.5"),
+    "a seed in other digits": cell(4, 0, b"3.0"),
+    "lost twice": cell(4, 3, b"2"),
+    "half lost": cell(4, 3, b"0.5"),
+    "a magnitude below 0": cell(4, 6, b"-0.1"),
+    "a word": cell(4, 6, b"high"),
+    "a number of 5000 digits": cell(4, 6, b"x" + b"9" * 5000),
+    "a byte 0xff": cell(4, 6, b"\xff"),
+    "a cell of 200 kB": cell(4, 6, b"1" * 200_000),
+    "a NUL": cell(4, 6, b"\0"),
+    "a quote that is not closed": cell(4, 6, b'"'),
+    "a cell too many": cell(4, 6, b"0.1,0.1"),
+    "two columns of one name": cell(0, 6, b"max_alpha"),
+    "a column that no flight has": cell(0, 10, b"merit"),
+    "another header": lines(lambda rows: [b"seed,error\n", *rows[1:]]),
+    "an archive": lambda data: b"\x1f\x8b" + data,
+    "UTF-16": lambda data: data.decode().encode("utf-16"),
+    "blanks": lambda data: b"\n" * 100,
+}
+
+
+@pytest.mark.parametrize("name", ["whole", "stopped"])
+def test_a_finished_table_is_not_believed(place, capsys, name):
+    """Exit status 3 where it is judged again, and as a part; nothing in the folder changes."""
+    table = place / name / FLIGHTS
+    for damage in damaged(table, TABLES):
+        before = files(place / name)
+        assert str(table) in refused(capsys, place, *again(place, name)), damage
+        assert str(table) in refused(capsys, place, "--merge", str(place / name), str(place / "next"),
+                                     "--out", str(place / "merged")), damage
+        assert files(place / name) == before and not (place / "merged").exists(), damage
+
+
+def test_a_table_that_stopped_ends_where_the_requirement_was_decided(place, flown, capsys):
+    """No row earlier, and not a row later but with all of them, as a merged table has."""
+    nominal = load_nominal(place / "n.toml")
+    table, whole = place / "stopped" / FLIGHTS, (flown / "whole" / FLIGHTS).read_bytes().splitlines(keepends=True)
+    decided = table.read_bytes().count(b"\n") - 1
+    for rows in range(N + 1):
+        table.write_bytes(b"".join(whole[:rows + 1]))
+        if rows not in (decided, N):
+            assert f"{rows} of {N} flights" in refused(capsys, place, *again(place, "stopped"))
+            continue
+        made = campaign(nominal, out=place / "stopped", flights=N, requirement=ASKED)
+        assert (made.verdict, made.report["flown"], made.report["lost"]) == ("met", rows, 0)
+        assert made.report["results"][0]["decided_at"] == decided
+
+
+def test_a_removed_table_is_flown_anew_with_the_same_bytes(place, flown):
+    (place / "stopped" / FLIGHTS).unlink()
+    made = campaign(load_nominal(place / "n.toml"), out=place / "stopped", flights=N, requirement=ASKED, workers=1)
+    assert made.verdict == "met" and files(place / "stopped") == files(flown / "stopped")
+
+
+def test_a_merged_folder_is_judged_again_as_it_was(place):
+    nominal = load_nominal(place / "n.toml")
+    parts = [place / "next", place / "whole"]
+    made = campaign(nominal, out=place / "merged", merge=parts, requirement=ASKED)
+    before = files(place / "merged")
+    again = campaign(nominal, out=place / "merged", flights=2 * N, requirement=ASKED)
+    assert made.report == again.report and again.report["flown"] == 2 * N and files(place / "merged") == before
+    assert np.array_equal(again.columns()["seed"], np.arange(2 * N))
+
+
+# ---- damaged definitions and journals
+
+
+def replaced(key: str, value: object) -> Damage:
+    return lambda data: json.dumps({**json.loads(data), key: value}).encode()
+
+
+DEEP = b"[" * 100_000 + b"]" * 100_000
+DEFINITIONS: dict[str, Damage] = {
+    "nested": lambda data: DEEP,
+    "nested within": lambda data: data.replace(b'"requirements": [', b'"requirements": [' + DEEP + b","),
+    "a number of 5000 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 5000),
+    "a number of 400 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 400),
+    "two megabytes": lambda data: data + b" " * 2_000_000 + b"x",
+    "no flights": replaced("flights", 0), "fewer than none": replaced("flights", -N), "true": replaced("flights", True),
+    "half a seed": replaced("seed", 0.5), "a seed as text": replaced("seed", "0"), "no seed": replaced("seed", None),
+    "requirements of numbers": replaced("requirements", [[[1]]]), "one requirement": replaced("requirements", ASKED),
+    "a version as a map": replaced("version", {"a": [1]}),
+    "an empty map": lambda data: b"{}", "cut": lambda data: data[:-9], "nothing": lambda data: b"",
+    "NUL": lambda data: bytes(len(data)), "no UTF-8": lambda data: b"\xff" + data,
+}
+
+
+def test_a_damaged_definition_is_one_line(place, capsys):
+    path = place / "whole" / CAMPAIGN
+    for damage in damaged(path, DEFINITIONS):
+        before = files(place / "whole")
+        assert str(path) in refused(capsys, place, *again(place, "whole")), damage
+        assert str(path) in refused(capsys, place, "--merge", str(place / "whole"), "--out",
+                                    str(place / "merged")), damage
+        assert files(place / "whole") == before and not (place / "merged").exists(), damage
+
+
+def journal_line(row: object, at: int = 2) -> Damage:
+    return lines(lambda rows: [*rows[:at], json.dumps(row).encode() + b"\n", *rows[at:]])
+
+
+def second(text: bytes) -> Damage:
+    """Another text where the first flight is."""
+    return lines(lambda rows: [rows[0], text + b"\n", *rows[2:]])
+
+
+ROW = {"lost": 0, "end": 0.1, "max_theta_error": 0.1, "max_theta_dot": 0.1, "max_alpha": 0.1, "max_beta": 0.1,
+       "max_beta_rate": 0.1}
+JOURNALS: dict[str, Damage] = {
+    "nested": lambda data: DEEP + b"\n", "nested within": second(b"[0, " + DEEP + b"]"), "rubbish": second(b"\xff\xfe"),
+    "a job alone": second(b"[0]"), "no list": second(b"7"), "a map": second(b'{"0": 1, "1": 2}'),
+    "a job that there is not": journal_line([N, ROW]), "a job below 0": journal_line([-1, ROW]),
+    "true for a job": journal_line([True, ROW]), "a list for a row": journal_line([0, [1]]),
+    "a row of lists": journal_line([0, {**ROW, "lost": [0]}], 1),
+    "a row of something else": journal_line([0, {"x": 1}], 1),
+    "a number of 400 digits": second(b'[0, {"lost": ' + b"9" * 400 + b"}]"),
+    "lost twice": journal_line([0, {**ROW, "lost": 2}], 1),
+    "a magnitude below 0": journal_line([0, {**ROW, "end": -1}], 1),
+    "a column twice": journal_line([0, {**ROW, "seed": 7}], 1), "not lost": journal_line([0, {"end": 0.1}], 1),
+    "another campaign's": lambda data: data.replace(b"launchid campaign", b"launchid champagne"),
+    "more jobs": lines(lambda rows: [rows[0].replace(b", 30]", b", 31]"), *rows[1:]]),
+}
+
+
+def test_a_damaged_journal_is_one_line(place, capsys):
+    path = place / "begun" / JOURNAL
+    for damage in damaged(path, JOURNALS):
+        before = files(place / "begun")
+        assert str(path) in refused(capsys, place, *again(place, "begun")), damage
+        assert files(place / "begun") == before, damage
+
+
+def test_a_journal_that_is_whole_goes_on_to_the_same_table(place, flown):
+    made = campaign(load_nominal(place / "n.toml"), out=place / "begun", flights=N, workers=1)
+    assert made.report["flown"] == N and files(place / "begun") == files(flown / "whole")
+
+
+# ---- parts
+
+
+def test_a_part_that_is_none(place, capsys, monkeypatch):
+    (place / "empty").mkdir()
+    monkeypatch.chdir(place / "empty")
+    for part in ("", "nowhere", "empty", "begun", "n.toml"):
+        name = part and str(place / part)
+        assert (name or CAMPAIGN) in refused(capsys, place, "--merge", str(place / "whole"), name,
+                                             "--out", str(place / "merged"))
+        assert not (place / "merged").exists(), part
+
+
+def test_a_part_s_definition_does_not_make_its_flights_others(place, capsys):
+    """Flights of the seeds 0 to 29, called those of 30 to 59: the vehicles are not drawn so."""
+    path = place / "whole" / CAMPAIGN
+    path.write_bytes(replaced("seed", N)(path.read_bytes()))
+    table = place / "whole" / FLIGHTS
+    assert "not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
+                                                  str(place / "merged"))
+    renamed = table.read_bytes().splitlines(keepends=True)
+    table.write_bytes(b"".join([renamed[0], *(b"%d," % (N + k) + row.split(b",", 1)[1] for k, row in
+                                              enumerate(renamed[1:]))]))
+    assert "line 2: not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
+                                                          str(place / "merged"))
+
+
+# ---- one run at a time
+
+
+def test_a_folder_in_use_is_one_line_for_each_who_would_write(place, capsys):
+    for name, words in (("whole", again(place, "whole")), ("begun", again(place, "begun")),
+                        ("new", again(place, "new")), ("new", ["--merge", str(place / "whole"), "--out",
+                                                               str(place / "new")])):
+        (place / name).mkdir(exist_ok=True)
+        before = files(place / name)
+        with locked(place / name):
+            assert refused(capsys, place, *words) == (
+                f"launchid: {place / name}: another run is writing into this folder; expected its end, or another "
+                "folder")
+            assert files(place / name) == {**before, LOCK: b""}
+        assert files(place / name) == before, "the lock's file goes with the run"
+
+
+def test_a_lock_that_stands_there_holds_nothing(place, flown):
+    (place / "begun" / LOCK).write_bytes(b"of a killed run")
+    campaign(load_nominal(place / "n.toml"), out=place / "begun", flights=N, workers=1)
+    assert files(place / "begun") == files(flown / "whole")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="symbolic links, modes")
+def test_a_lock_that_cannot_be_taken_is_one_line(place, capsys):
+    lock = place / "whole" / LOCK
+    for make, unmake in ((lock.mkdir, lock.rmdir), (lambda: lock.symlink_to(place / "n.toml"), lock.unlink)):
+        make()
+        assert f"{LOCK}: cannot be written" in refused(capsys, place, *again(place, "whole"))
+        unmake()
+    assert (place / "n.toml").stat().st_size > 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsys):
+    """The run is killed with its worker alive, which goes a second later: the lock is not the worker's."""
+    nominal = nominal_of(tmp_path, 10.0)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "150", "--workers", "1", "--out", str(tmp_path / "out")]
+    journal = tmp_path / "out" / JOURNAL
+    with subprocess.Popen([sys.executable, "-m", "sim", *words], cwd=ROOT, stderr=subprocess.DEVNULL) as process:
+        while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 10):
+            time.sleep(0.01)
+        assert main(words) == 3
+        assert "another run is writing into this folder" in capsys.readouterr().err
+        process.kill()
+    assert (tmp_path / "out" / LOCK).exists() and journal.exists()
+    seen: list[int] = []
+    made = campaign(nominal, out=tmp_path / "out", flights=150, workers=1, progress=seen.append)
+    assert made.report["flown"] == 150 and seen[0] >= 10, "finished flights are kept"
+    assert set(files(tmp_path / "out")) == {CAMPAIGN, FLIGHTS, "verdict.json"}
+
+
+def test_a_lock_s_file_that_is_taken_away_meanwhile_is_no_lock(tmp_path, monkeypatch):
+    """The lock's run has ended between the second's opening and locking it: the second locks the one that stands
+    there."""
+    lock = folder_lock._lock
+
+    def late(handle: int) -> None:
+        lock(handle)
+        if not taken:
+            taken.append((tmp_path / LOCK).unlink())
+
+    taken: list[None] = []
+    monkeypatch.setattr(folder_lock, "_lock", late)
+    with locked(tmp_path):
+        assert taken and (tmp_path / LOCK).exists()
+        with pytest.raises(InputError, match="another run"), locked(tmp_path):
+            pass
+
+
+def test_runs_one_after_another_all_get_the_lock(tmp_path):
+    for _ in range(200):
+        with locked(tmp_path), pytest.raises(InputError), locked(tmp_path):
+            pass
+    assert list(tmp_path.iterdir()) == []

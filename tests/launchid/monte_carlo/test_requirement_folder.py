@@ -1,0 +1,376 @@
+"""A campaign's flights and its folder: what is drawn and measured, the same bytes whoever flew it and however often it
+was interrupted, parts that are merged, the verdict that stands there."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import launchid
+from launchid.cli.main import main
+from launchid.monte_carlo.campaign import draw_jobs
+from launchid.monte_carlo.requirement import executor
+from launchid.monte_carlo.requirement.flight import FlightJob, Flyer, flight_jobs
+from launchid.monte_carlo.requirement.folder import read_flights
+from launchid.monte_carlo.requirement.identity import Definition, digest_of
+from launchid.monte_carlo.requirement.sequential import Sequential
+from launchid.results.of_campaigns import campaign, foreseen
+from sim.effects import effect
+from sim.errors import InputError, UsageError
+from sim.flight import dispersion, fly_whole
+from sim.nominal import Actuator, Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+# ---- a flight
+
+
+def nominal_of(folder: Path, duration: float = 0.5, **sections: object) -> Nominal:
+    """`constant`, short, at half of its rate, as a file in this folder."""
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
+    write_nominal(dataclasses.replace(nominal, simulation=simulation, **sections), folder / "n.toml")
+    return load_nominal(folder / "n.toml")
+
+
+def test_peaks_are_those_of_the_whole_flight_at_every_step(tmp_path):
+    """Sensors without noise, so that the log is the truth but for the bias that the attitude sensor has."""
+    nominal = nominal_of(tmp_path, 12.0, sensors=Sensors(0.01, 0.0, 0.0, 0.0), wind=Wind(walk=0.01, turbulence=0.01),
+                         offsets=Offsets(attitude_bias=0.02, thrust_misalignment=0.003))
+    (job,) = flight_jobs(nominal, 7, 1)
+    row = Flyer(nominal)(job)
+    flight = fly_whole(nominal, 7, period=0.002, a6_factor=dispersion(nominal, *job[1:])[0],
+                       k1_factor=dispersion(nominal, *job[1:])[1])
+    bias = row["offset_attitude_bias"]
+    assert bias == flight.offsets["attitude_bias"] != 0.0 and row["offset_thrust_misalignment"] != 0.0
+    theta = flight.theta - bias
+    expected = (theta - flight.theta_ref, flight.theta_dot, theta - flight.true_gamma + flight.wind, flight.beta)
+    found = [row[name] for name in ("max_theta_error", "max_theta_dot", "max_alpha", "max_beta")]
+    np.testing.assert_allclose(found, [np.max(np.abs(x)) for x in expected], rtol=1e-12)
+    np.testing.assert_allclose(row["max_beta_rate"], np.max(np.abs(np.diff(flight.beta))) / 0.002, rtol=0.02)
+    assert (row["lost"], row["end"]) == (0, 12.0)
+
+
+def test_a_first_order_servo_s_rate_and_an_effect_are_in_the_peaks(tmp_path):
+    """A steady wind is in the angle of attack; the rate of a first-order nozzle is its lag's."""
+    nominal = nominal_of(tmp_path, 4.0, actuator=Actuator(time_constant=0.05, deflection_limit=0.1),
+                         sensors=Sensors(0.01, 0.0, 0.0, 0.0),
+                         effects=(effect("steady_wind", angle=0.05),))
+    row = Flyer(nominal)(FlightJob(0, 0.0, 0.0))
+    flight = fly_whole(nominal, 0, period=0.002)
+    np.testing.assert_allclose(row["max_alpha"], np.max(np.abs(flight.theta + flight.wind)), rtol=1e-12)
+    rate = (flight.beta_cmd - flight.beta) / 0.05
+    np.testing.assert_allclose(row["max_beta_rate"], np.max(np.abs(rate)), rtol=0.1)
+
+
+def test_vehicles_are_drawn_as_every_campaign_draws_them(tmp_path):
+    nominal = nominal_of(tmp_path)
+    assert [job[1:] for job in flight_jobs(nominal, 5, 20)] == \
+        [job[3:] for job in draw_jobs("constant", "box", range(5, 25))]
+    same = dataclasses.replace(nominal, uncertainty=None)
+    assert flight_jobs(same, 5, 2) == [FlightJob(5, 0.0, 0.0), FlightJob(6, 0.0, 0.0)]
+    assert Flyer(same)(FlightJob(5, 0.0, 0.0)) == Flyer(nominal)(FlightJob(5, 0.0, 0.0))
+
+
+def unstable(folder: Path) -> Nominal:
+    """A loop of which some vehicles of the box are lost within 3 s."""
+    return nominal_of(folder, 3.0, vehicle=Profile(np.zeros(1), np.array([9.0]), np.array([-7.0])),
+                      offsets=Offsets(attitude_bias=0.05))
+
+
+def test_lost_is_the_simulators(tmp_path):
+    nominal = unstable(tmp_path)
+    rows = [Flyer(nominal)(job) for job in flight_jobs(nominal, 0, 20)]
+    lost = [fly_whole(nominal, job.seed, a6_factor=dispersion(nominal, *job[1:])[0],
+                      k1_factor=dispersion(nominal, *job[1:])[1]).lost for job in flight_jobs(nominal, 0, 20)]
+    assert [bool(row["lost"]) for row in rows] == lost and 0 < sum(lost) < 20
+    assert all(row["end"] < 3.0 if row["lost"] else row["end"] == 3.0 for row in rows)
+
+
+# ---- a folder
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+WHOLE = {"campaign.json", "flights.csv", "verdict.json"}
+
+
+def test_one_and_two_workers_write_the_same_bytes_and_stop_at_the_same_flight(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    nominal_of(tmp_path)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "2000", "--requirement", "lost<0.05@0.9",
+             "--requirement", "max_beta<0.1:0.9@0.95"]
+    for workers in ("1", "2"):
+        assert main([*words, "--workers", workers, "--out", str(tmp_path / workers)]) == 0
+    assert files(tmp_path / "1") == files(tmp_path / "2") and set(files(tmp_path / "1")) == WHOLE | {"campaign.png"}
+    report = json.loads((tmp_path / "1" / "verdict.json").read_text())
+    expected = Sequential(0.05, 0.9).flights_needed(0)
+    assert report["verdict"] == "met" and report["flights"] == 2000
+    assert report["flown"] == expected == len((tmp_path / "1" / "flights.csv").read_text().splitlines()) - 1
+    said = capsys.readouterr().out
+    assert f"MET after {expected} flights" in said and "no more were needed" in said
+
+
+def test_interrupted_and_continued_is_the_same_folder(tmp_path):
+    nominal = nominal_of(tmp_path)
+    asked = ["lost<0.02@0.9", "max_beta<0.1:0.98@0.9"]
+    whole = campaign(nominal, out=tmp_path / "whole", flights=400, requirement=asked, stop="never", workers=1)
+
+    class Stop(Exception):
+        """An exception in the place of Ctrl-C."""
+
+    done = 0
+
+    def progress(newly: int) -> None:
+        nonlocal done
+        done += newly
+        if done >= 100:
+            raise Stop
+
+    with pytest.raises(Stop):
+        campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never", workers=2,
+                 progress=progress)
+    assert set(files(tmp_path / "parts")) == {"campaign.json", "flights.csv.journal"}, "nothing half written"
+    seen: list[int] = []
+    made = campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never", workers=2,
+                    progress=seen.append)
+    assert seen[0] >= 100 and sum(seen) == 400
+    assert files(tmp_path / "parts") == files(tmp_path / "whole")
+    assert made.report == whole.report and whole.report["flown"] == 400
+    (tmp_path / "parts" / "verdict.json").unlink()
+    again = campaign(nominal, out=tmp_path / "parts", flights=400, requirement=asked, stop="never",
+                     progress=lambda _: pytest.fail("it was flown already"))
+    assert again.report == whole.report and files(tmp_path / "parts") == files(tmp_path / "whole")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_is_one_exit_status_and_the_same_command_goes_on(tmp_path):
+    nominal_of(tmp_path, 10.0)
+    words = [sys.executable, "-m", "sim", "campaign", str(tmp_path / "n.toml"), "--flights", "400", "--workers", "1",
+             "--out", str(tmp_path / "out")]
+    journal = tmp_path / "out" / "flights.csv.journal"
+    ignoring = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell's children ignore it
+    try:
+        with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 20):
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            said = process.stderr.read()
+    finally:
+        signal.signal(signal.SIGINT, ignoring)
+    assert process.returncode == 130 and "Traceback" not in said
+    assert "flights are kept; the same command goes on from there" in said
+    assert set(files(tmp_path / "out")) == {"campaign.json", "flights.csv.journal"}
+    kept = journal.read_bytes().count(b"\n") - 1
+    seen: list[int] = []
+    campaign(load_nominal(tmp_path / "n.toml"), out=tmp_path / "out", flights=400, workers=2, progress=seen.append)
+    assert seen[0] == kept >= 20 and set(files(tmp_path / "out")) == WHOLE
+
+
+@pytest.mark.parametrize("other", [{"flights": 21}, {"seed": 1}, {"requirement": "lost<0.1@0.9"}, {"stop": "never"}])
+def test_another_campaign_s_folder_is_refused(tmp_path, other):
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "out", flights=20, workers=1)
+    before = files(tmp_path / "out")
+    with pytest.raises(InputError, match="another campaign's folder"):
+        campaign(nominal, **{"out": tmp_path / "out", "flights": 20, **other})
+    with pytest.raises(InputError, match="nominal_sha256"):
+        campaign(nominal_of(tmp_path, 0.6), out=tmp_path / "out", flights=20)
+    assert files(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe"])
+def test_a_damaged_definition_is_one_line(tmp_path, damage):
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "out", flights=3, workers=1)
+    (tmp_path / "out" / "campaign.json").write_bytes(damage)
+    with pytest.raises(InputError, match=r"campaign\.json"):
+        campaign(nominal, out=tmp_path / "out", flights=3)
+
+
+def test_an_unrelated_table_is_not_taken_for_one(tmp_path):
+    nominal = nominal_of(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "flights.csv").write_text("seed\n1\n")
+    with pytest.raises(InputError, match="expected a new folder"):
+        campaign(nominal, out=tmp_path / "out", flights=3)
+    (tmp_path / "t.csv").write_text("seed,error\n1,\n")
+    with pytest.raises(InputError, match="not a table of flights"):
+        read_flights(tmp_path / "t.csv", Definition(nominal, 1, 1, [], True))
+
+
+def test_what_a_campaign_is_is_what_is_flown(tmp_path):
+    nominal = nominal_of(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    moved = nominal_of(tmp_path / "elsewhere", name="another")
+    assert digest_of(moved) == digest_of(nominal)
+    for part in (nominal_of(tmp_path, 0.502), nominal_of(tmp_path, offsets=Offsets(moment=1e-9)),
+                 nominal_of(tmp_path, effects=(effect("steady_wind", angle=0.01),)),
+                 nominal_of(tmp_path, effects=(effect("gyro_bias", rate=0.01),)),
+                 nominal_of(tmp_path, vehicle=Profile(np.zeros(1), np.array([np.nextafter(2.0, 3.0)]),
+                                                      np.array([-7.0])))):
+        assert digest_of(part) != digest_of(nominal)
+
+
+# ---- parts
+
+
+def test_merged_parts_are_the_campaign_of_all_seeds(tmp_path):
+    nominal = nominal_of(tmp_path)
+    asked = ["lost<0.02@0.9", "max_beta<0.05:0.9@0.9"]
+    for first in (0, 50, 100):
+        campaign(nominal, out=tmp_path / f"part{first}", flights=50, seed=first, workers=1)
+    campaign(nominal, out=tmp_path / "whole", flights=150, requirement=asked, stop="never", workers=1)
+    parts = [tmp_path / f"part{first}" for first in (100, 0, 50)]
+    campaign(nominal, out=tmp_path / "merged", merge=parts, requirement=asked, stop="never")
+    assert files(tmp_path / "merged") == files(tmp_path / "whole")
+    sequential = campaign(nominal, out=tmp_path / "sequential", merge=parts, requirement=asked)
+    assert sequential.report["flown"] == 150 and sequential.report["results"][0]["decided_at"] is not None
+
+    with pytest.raises(InputError, match=r"seeds from 50 to 99 are missing"):
+        campaign(nominal, out=tmp_path / "x", merge=[parts[0], parts[1]])
+    with pytest.raises(InputError, match=r"seeds from 0 to 49 stand twice"):
+        campaign(nominal, out=tmp_path / "x", merge=[*parts, parts[1]])
+    (parts[2] / "flights.csv").rename(parts[2] / "flights.csv.journal")
+    with pytest.raises(InputError, match="not flown to its end"):
+        campaign(nominal, out=tmp_path / "x", merge=parts)
+    with pytest.raises(InputError, match="part of another campaign"):
+        campaign(nominal_of(tmp_path, 0.6), out=tmp_path / "x", merge=parts)
+    campaign(nominal, out=tmp_path / "stopped", flights=200, requirement="lost<0.1@0.9", workers=1)
+    with pytest.raises(InputError, match="a part is flown whole"):
+        campaign(nominal, out=tmp_path / "x", merge=[tmp_path / "stopped"])
+    assert not (tmp_path / "x").exists()
+
+
+# ---- before the first flight
+
+
+def test_a_nominal_that_cannot_fly_is_said_before_anything_is_written(tmp_path, capsys):
+    short = nominal_of(tmp_path)
+    assert short.simulation is not None
+    odd = dataclasses.replace(short, simulation=dataclasses.replace(short.simulation, step=0.003))
+    write_nominal(odd, tmp_path / "odd.toml")
+    assert main(["campaign", str(tmp_path / "odd.toml"), "--flights", "5", "--out", str(tmp_path / "out")]) == 3
+    assert "expected a whole number of simulation steps" in capsys.readouterr().err
+    assert main(["campaign", "pendulum_linear", "--flights", "5", "--out", str(tmp_path / "out")]) == 3
+    assert not (tmp_path / "out").exists()
+
+
+def test_too_few_flights_are_said_before_they_are_flown(tmp_path, capsys):
+    """The literature's 1,705 flights prove nothing if the campaign may stop; as a plan they do."""
+    nominal = nominal_of(tmp_path)
+    said = foreseen(nominal, 1705, "lost<0.00135@0.9", "decided")
+    assert said == ("lost<0.00135@0.9: 1705 flights cannot prove it, 2210 without a failure would; with --stop "
+                    "never 1705 would",)
+    assert foreseen(nominal, 1705, "lost<0.00135@0.9", "never") == ()
+    assert "1705 without" in foreseen(nominal, 1704, "lost<0.00135@0.9", "never")[0]
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "5", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main([*words, "--requirement", "lost<0.00135@0.9"]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("lost<0.00135@0.9: 5 flights cannot prove it")
+    with pytest.warns(launchid.DataWarning, match="5 flights cannot prove it"):
+        launchid.campaign(nominal, out=tmp_path / "o", flights=5, requirement="lost<0.00135@0.9", workers=1)
+
+
+# ---- the verdict
+
+
+def test_order_statistics_of_a_table_are_numpys(tmp_path):
+    """59 flights: the largest is above the 95 % quantile with 95 % confidence (Wilks); of 93 the second largest."""
+    nominal = nominal_of(tmp_path)
+    for n, rank in ((59, 1), (93, 2), (58, None)):
+        made = campaign(nominal, out=tmp_path / f"{n}", flights=n, requirement="max_alpha<0.1:0.95@0.95",
+                        stop="never", workers=1)
+        known = made.report["results"][0]["quantile"]
+        values = np.sort(made.columns()["max_alpha"])
+        assert known["rank_from_largest"] == rank
+        assert known["value"] == (None if rank is None else values[-rank])
+        assert made.report["metrics"]["max_alpha"]["largest"] == values[-1]
+    assert made.verdict == "undecided" and made.report["results"][0]["flights_needed"] == 59
+    assert "have been a plan" in made.summary()
+
+
+def test_lost_flights_refute_and_are_beyond_every_order_statistic(tmp_path):
+    nominal = unstable(tmp_path)
+    made = campaign(nominal, out=tmp_path / "out", flights=300, workers=1,
+                    requirement=["lost<0.01@0.9", "max_theta_dot<5:0.99@0.9"])
+    assert made.verdict == "not met" and made.report["flown"] < 300 and made.report["lost"] > 0
+    assert all(result["lower"] > 0.01 and result["verdict"] == "not met" for result in made.report["results"])
+    assert made.report["results"][1]["quantile"]["value"] is None
+    assert "NOT MET after" in made.summary()
+
+
+def test_without_a_requirement_nothing_is_claimed(tmp_path, capsys):
+    nominal_of(tmp_path, uncertainty=None)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert "no [uncertainty]: every flight is of the nominal a6 and k1" in said.err
+    assert "max_alpha: median" in said.out
+    assert json.loads((tmp_path / "o" / "verdict.json").read_text())["verdict"] is None
+
+
+def test_without_matplotlib_the_picture_is_one_line(tmp_path, capsys, monkeypatch):
+    nominal_of(tmp_path)
+    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name in
+                   ("sim.canvas", "launchid.figures.plots", "launchid.monte_carlo.requirement.figures")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
+    assert main(words) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no campaign.png" in line and "launchid[plots]" in line
+    assert set(files(tmp_path / "o")) == WHOLE
+
+
+def test_from_python_it_is_the_command(tmp_path, capsys):
+    nominal_of(tmp_path)
+    words = ["--flights", "30", "--requirement", "lost<0.1@0.9", "--workers", "1", "--seed", "4"]
+    assert main(["campaign", str(tmp_path / "n.toml"), *words, "--out", str(tmp_path / "a")]) == 0
+    made = launchid.campaign(tmp_path / "n.toml", out=tmp_path / "b", flights=30, requirement="lost<0.1@0.9",
+                             workers=1, seed=4)
+    assert made.summary(str(tmp_path / "a")) + "\n" == capsys.readouterr().out
+    assert {name: text for name, text in files(tmp_path / "a").items() if name != "campaign.png"} == \
+        files(tmp_path / "b")
+    assert made.columns()["seed"] == list(range(4, 4 + made.report["flown"])) and made.verdict == "met"
+    with pytest.raises(UsageError, match=r"^stop 'sometimes'"):
+        launchid.campaign(tmp_path / "n.toml", out=tmp_path / "c", flights=3, stop="sometimes")
+
+
+# ---- beyond one machine
+
+
+def test_a_dask_scheduler_gives_the_same_bytes(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
+    nominal = nominal_of(tmp_path)
+    campaign(nominal, out=tmp_path / "here", flights=500, requirement="lost<0.05@0.9", workers=1)
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as made:
+        campaign(nominal, out=tmp_path / "there", flights=500, requirement="lost<0.05@0.9",
+                 executor=f"dask:{made.scheduler_address}")
+    assert files(tmp_path / "here") == files(tmp_path / "there")
+
+
+def test_without_distributed_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError, match=r"launchid\[cluster\]"):
+        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
+
+
+def test_no_scheduler_is_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
+    monkeypatch.setattr(executor, "PATIENCE", 0.3)
+    with pytest.raises(UsageError, match="no scheduler answers there"):
+        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()

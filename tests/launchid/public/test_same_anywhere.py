@@ -1,0 +1,97 @@
+"""The command's bytes do not depend on locale, time zone, hash seed, or the encoding of the terminal."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+SHORT = (ROOT / "sim" / "data" / "nominal" / "constant.toml").read_text(encoding="utf-8")
+EVERYTHING = """
+import sys
+from sim.__main__ import command
+folder = sys.argv[1] + "/"
+for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "--seed", "3"],
+              ["identify", folder + "log.csv", "--json", folder + "identify.json"],
+              ["identify", folder + "log.csv", "--nominal", folder + "short.toml", "--tracked"],
+              ["diagnose", folder + "log.csv", folder + "short.toml", "--json", "-"]):
+    sys.argv[1:] = words
+    assert command() == 0
+"""
+EACH = """
+import sys
+from sim.__main__ import command
+for log in sys.argv[1:]:
+    sys.argv[1:] = ["identify", log]
+    assert command() == 0
+    print("----")
+"""
+PLACES = {
+    "C": {"LC_ALL": "C", "TZ": "UTC", "PYTHONHASHSEED": "0"},
+    "German": {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "1"},
+    "Turkish": {"LC_ALL": "tr_TR.UTF-8", "TZ": "Asia/Kathmandu", "PYTHONHASHSEED": "4294967295"},
+    "an ASCII terminal": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii",
+                          "PYTHONHASHSEED": "random"}}
+
+
+def made(folder: Path, variables: dict[str, str]) -> dict[str, bytes]:
+    """The files that the commands write, stdout and stderr among them; in a folder whose name is not ASCII."""
+    folder.mkdir(parents=True)
+    (folder / "short.toml").write_text(SHORT.replace("duration = 70.0", "duration = 6.0"), encoding="utf-8")
+    done = subprocess.run([sys.executable, "-c", EVERYTHING, "."], cwd=folder, capture_output=True, timeout=900,
+                          check=False, env={**os.environ, "PYTHONPATH": str(ROOT), **variables})
+    assert done.returncode == 0, done.stderr.decode()
+    talk = b"\n".join(line for line in done.stderr.splitlines() if b"compiling" not in line)
+    return {path.name: path.read_bytes() for path in folder.iterdir()} | {"stdout": done.stdout, "stderr": talk}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory) -> dict[str, bytes]:
+    return made(tmp_path_factory.mktemp("here") / "\u00e9t\u00e9", {"LC_ALL": "C.UTF-8"})
+
+
+@pytest.fixture(scope="module")
+def locales(tmp_path_factory) -> dict[str, str]:
+    """The environment in which glibc finds the German and the Turkish locale: of the system, or compiled for the
+    test."""
+    known = subprocess.run(["locale", "-a"], capture_output=True, text=True, check=False).stdout.lower() \
+        if shutil.which("locale") else ""
+    if "de_de.utf8" in known and "tr_tr.utf8" in known:
+        return {}
+    if not shutil.which("localedef"):
+        pytest.skip("no German and Turkish locale here, and no localedef")
+    folder = tmp_path_factory.mktemp("locales")
+    for name in ("de_DE", "tr_TR"):
+        compiled = subprocess.run(["localedef", "-i", name, "-f", "UTF-8", str(folder / f"{name}.UTF-8")],
+                                  capture_output=True, text=True, check=False)
+        if not (folder / f"{name}.UTF-8").exists():
+            pytest.skip(f"the locale {name} cannot be compiled here ({compiled.stderr.strip()[:80]})")
+    return {"LOCPATH": str(folder)}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX locales")
+@pytest.mark.parametrize("place", [place if place in ("Turkish", "an ASCII terminal") else
+                                   pytest.param(place, marks=pytest.mark.campaign) for place in PLACES])
+def test_the_bytes_are_the_same(tmp_path, request, here, place):
+    variables = PLACES[place]
+    if "_" in variables["LC_ALL"]:
+        variables = variables | request.getfixturevalue("locales")
+    assert made(tmp_path / "\u00e9t\u00e9", variables) == here
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX file names")
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+def test_any_name_of_a_file_can_be_said(tmp_path, encoding):
+    """The name is printed on a terminal that knows ASCII alone, and if its bytes are no text."""
+    logs = [os.path.join(os.fsencode(tmp_path), name) for name in ("\u00e9t\u00e9.csv".encode(), b"\xff\xfe.csv")]
+    rows = "".join(f"{k / 100},{k % 7 / 100},{k % 5 / 100}\n" for k in range(300))
+    for log in logs:
+        Path(os.fsdecode(log)).write_text("t,theta,beta\n" + rows)
+    done = subprocess.run([sys.executable, "-c", EACH, *logs], cwd=ROOT, capture_output=True, timeout=300, check=False,
+                          env={**os.environ, "PYTHONIOENCODING": encoding})
+    assert done.returncode == 0, done.stderr.decode()
+    said = done.stdout.split(b"----\n")
+    assert len(said) == len(logs) + 1 and all(each.count(b"\n") > 3 for each in said[:-1])

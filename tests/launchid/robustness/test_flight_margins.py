@@ -1,0 +1,463 @@
+"""The margins of a flight: python-control's numbers, brute force, textbook loops; intervals, warnings, refusals."""
+
+import json
+import math
+import warnings
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from test_lft import delayed, held
+
+import launchid
+from launchid.cli.main import main
+from launchid.robustness import flight_margins as fm
+from launchid.robustness.lft import lft_at, loop_gain, sample, spectral_radius
+from launchid.robustness.loops import Plants, loops, plants_of
+from launchid.robustness.margin_spread import NAMES, Interval, Known, Spread, margin_spread, margin_table, normal_points
+from launchid_core import Change
+from sim.effects import effect
+from sim.errors import InputError, UsageError
+from sim.nominal import Actuator, Controller, Nominal, Required, constant_profile, load_nominal, nominal_lines
+
+control = pytest.importorskip("control")
+
+CONSTANT = load_nominal("constant")
+PD = CONSTANT.controller
+CENTRES = [(2.0, -7.0, 50.0, 0.7, 0.0), (2.4, -5.5, 42.0, 0.55, 0.013), (1.3, -9.0, 60.0, 0.9, 0.03),
+           (-1.0, -6.0, 50.0, 0.7, 0.02)]
+SPREADS = {"calm, servo known": (0.08, 0.3, 0.0, 0.0, 0.0), "wind": (0.9, 0.6, 0.0, 0.0, 0.0),
+           "calm, servo estimated": (0.08, 0.1, 2.0, 0.05, 0.001), "servo hardly known": (0.3, 0.5, 8.0, 0.15, 0.004)}
+
+
+def known(mean: tuple[float, ...], std: tuple[float, ...], correlation: float = -0.6) -> Known:
+    covariance = np.diag(np.square(std))
+    covariance[0, 1] = covariance[1, 0] = correlation * std[0] * std[1]
+    return Known(np.array(mean), covariance)
+
+
+def frozen(p: tuple[float, ...], nominal: Nominal = CONSTANT) -> Nominal:
+    """The nominal with these a6, k1, natural frequency, damping ratio and delay."""
+    return replace(nominal, vehicle=constant_profile(p[0], p[1]), actuator=replace(
+        nominal.actuator, natural_frequency=p[2], damping_ratio=p[3], delay=p[4]))
+
+
+# ---- the loops, and their margins
+
+
+@pytest.mark.parametrize("p", CENTRES)
+def test_margins_are_python_controls(p):
+    a6, k1, w, zeta, delay = p
+    period, tau = PD.period, PD.derivative_time_constant
+    a = np.array([[0, 1, 0, 0], [a6, 0, k1, 0], [0, 0, 0, 1], [0, 0, -w * w, -2 * zeta * w]])
+    b = np.array([[0], [0], [0], [w * w]])
+    whole, rest = int(delay / period + 1e-9), delay - int(delay / period + 1e-9) * period
+    late = held(a, b, period - rest)
+    move = np.block([[held(a, b, period)[0], late[0] @ held(a, b, rest)[1]], [np.zeros((1, 5))]])
+    plant = control.ss(move, np.vstack([late[1], [[1.0]]]), [[1.0, 0, 0, 0, 0]], 0, period)
+    law = control.ss(control.tf([PD.kp], [1], period) + PD.kd * control.tf([1, -1], [tau + period, -tau], period))
+    loop = -law * control.ss(control.tf([1], [1, *[0] * whole], period)) * plant
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        gains, phases, _, _, at, _ = control.stability_margins(loop, returnall=True, method="frd")
+    table = margin_table(loops(plants_of(np.array([p])), PD))[0]
+    assert table[0] == pytest.approx(20 * math.log10(a6 / (PD.kp * -k1)) if a6 > 0 else -math.inf)
+    assert table[1] == pytest.approx(20 * math.log10(min(g for g in gains if g > 1.0)), rel=1e-6)
+    if len(phases):
+        assert table[2] == pytest.approx(min(abs(phases)), rel=1e-6)
+        assert table[3] == pytest.approx(1e3 * min(np.mod(np.radians(phases), 2 * np.pi) / at), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
+def test_loops_are_the_lfts(name):
+    nominal = load_nominal(name)
+    omega = np.geomspace(1e-3, 0.999 * np.pi / nominal.controller.period, 60)
+    for delay in (0.0, 0.004, 0.01, 0.023):
+        lft = lft_at(delayed(nominal, delay), 50.0)
+        delta = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 2))
+        a6, k1 = lft.parameters(delta)
+        servo = nominal.actuator
+        many = loops(Plants(a6, k1, *(np.full(5, x) for x in (servo.natural_frequency, servo.damping_ratio, delay))),
+                     nominal.controller)
+        assert np.max(np.abs(many.gain(omega) / loop_gain(sample(lft, delta), omega) - 1.0)) < 1e-11
+
+
+def test_loops_are_stable_where_the_lfts_eigenvalues_are_in_the_circle():
+    """Delays of different lengths side by side; some unstable."""
+    random = np.random.default_rng(2)
+    ends = ((-2, 6), (-12, -1), (8, 60), (0.2, 1.2), (0, 0.12))
+    rows = np.column_stack([random.uniform(low, high, 150) for low, high in ends])
+    theirs = [spectral_radius(sample(lft_at(frozen(row), 0.0), np.zeros(2))) < 1.0 for row in rows]
+    mine = loops(plants_of(rows), PD).stable()
+    assert mine.tolist() == theirs and 20 < mine.sum() < 140
+
+
+def continuous(a6: float, k1: float, kp: float, kd: float) -> np.ndarray:
+    """Margins of a PD at 10 kHz behind a servo that is as fast as none."""
+    fast = Controller(kp=kp, kd=kd, derivative_time_constant=0.0, period=1e-4)
+    return margin_table(loops(plants_of(np.array([[a6, k1, 2e4, 0.7, 0.0]])), fast))[0]
+
+
+@pytest.mark.parametrize("a6", [0.5, 2.0, 9.0])
+def test_the_textbook_gains_keep_6_dB_and_30_degrees(a6):
+    """kp = 2 a6/|k1|, kd = sqrt(a6)/|k1|: the gain may halve; atan(x/2) is left at x^4 + x^2 = 3, x = w/sqrt(a6)."""
+    table = continuous(a6, -7.0, 2 * a6 / 7.0, math.sqrt(a6) / 7.0)
+    crossover = math.sqrt((math.sqrt(13.0) - 1.0) / 2.0)
+    assert table[0] == pytest.approx(-6.02, abs=0.005)
+    assert math.degrees(math.atan(crossover / 2.0)) == pytest.approx(29.71, abs=0.005)
+    assert table[2] == pytest.approx(29.71, abs=0.03)
+
+
+def test_a_published_launchers_decoupled_loop():
+    """HM3 of github.com/nickdambr/dynamics-control-launch-vehicles, report, Task 1: A6 = 3.382 1/s^2, A6/K1 = 0.74, the
+    starting gains give 6 dB and 30 degrees.  Every other row of its Tasks 1 to 3 feeds the lateral drift back."""
+    k1 = 3.382 / 0.74
+    table = continuous(3.382, -k1, 2 * 3.382 / k1, math.sqrt(3.382) / k1)
+    assert round(-table[0]) == 6 and round(table[2]) == 30
+
+
+# ---- what is not known of them
+
+
+@pytest.mark.parametrize("std", SPREADS.values(), ids=SPREADS)
+@pytest.mark.parametrize("mean", CENTRES[:3], ids=["no delay", "ridge of the phase", "delay"])
+def test_intervals_are_those_of_brute_force(mean, std):
+    """The reference is the 2.5 and 97.5 % quantiles of 4,000 drawn loops: each end within 0.25 standard deviations."""
+    of = known(mean, std)
+    draws = np.random.default_rng(3).multivariate_normal(of.mean, of.covariance, 4000, check_valid="ignore")
+    draws[:, 2:4] = np.maximum(draws[:, 2:4], 1e-3)
+    table = margin_table(loops(plants_of(draws), PD))
+    spread = margin_spread(of, PD)
+    for k, name in enumerate(NAMES):
+        interval, column = getattr(spread, name), table[:, k]
+        found = np.array([interval.low, interval.high])
+        if name == "gain_low_db":  # its factor: in dB the tail of a plant that is hardly unstable has no end
+            column, found = 10 ** (column / 20.0), 10 ** (found / 20.0)
+        ends = np.quantile(column, [0.025, 0.975], method="closest_observation")
+        assert found == pytest.approx(ends, abs=0.25 * (ends[1] - ends[0]) / 4.0)
+        assert interval.low <= interval.value <= interval.high
+        if np.isfinite(table[:, k]).all() and std[0] < 0.9:
+            assert interval.std == pytest.approx(np.std(table[:, k]), rel=0.2)
+    assert spread.stable == pytest.approx(np.mean(table.any(axis=1)), abs=0.003)
+
+
+def test_intervals_hold_the_truth_in_95_of_100():
+    """Estimates drawn around a truth near the ridge of the phase, where no margin is linear."""
+    truth = known(CENTRES[1], SPREADS["servo hardly known"])
+    table = margin_table(loops(plants_of(truth.mean[None]), PD))[0]
+    drawn = np.random.default_rng(4).multivariate_normal(truth.mean, truth.covariance, 60)
+    spreads = [margin_spread(Known(mean, truth.covariance), PD) for mean in drawn]
+    for k, name in enumerate(NAMES):
+        held_truth = [getattr(each, name).low <= table[k] <= getattr(each, name).high for each in spreads]
+        assert 0.87 <= np.mean(held_truth)
+
+
+def test_the_low_gain_margins_interval_is_fiellers():
+    """a6/|k1| <= c is a half-plane: its probability is known exactly, and so are both ends."""
+    of = known((2.0, -7.0, 50.0, 0.7, 0.0), (0.6, 0.8, 0, 0, 0))
+    spread = margin_spread(of, PD)
+    for end, probability in ((spread.gain_low_db.low, 0.025), (spread.gain_low_db.high, 0.975)):
+        slope = np.array([1.0, PD.kp * 10 ** (end / 20.0)])  # of a6 + c kp k1 <= 0
+        std = math.sqrt(slope @ of.covariance[:2, :2] @ slope)
+        assert NormalDist().cdf(-float(slope @ of.mean[:2]) / std) == pytest.approx(probability, abs=3e-4)
+
+
+def test_a_plant_that_may_be_stable_has_a_one_sided_low_gain_margin():
+    spread = margin_spread(known((1.0, -7.0, 50.0, 0.7, 0.0), (0.8, 0.1, 0, 0, 0)), PD)
+    assert spread.gain_low_db.low == -math.inf and -25.0 < spread.gain_low_db.high < -6.0
+    assert math.isnan(spread.gain_low_db.std) and math.isfinite(spread.phase_deg.low)
+    assert fm.margins_json(fm.Judged(fm.OK, None, spread))["gain_low_db"]["low"] is None
+
+
+def test_a_loop_that_may_be_unstable_says_how_probably():
+    """Statically lost where kp |k1| < a6: a half-plane again; and what may be lost keeps 0 of every margin."""
+    of = known((6.0, -6.0, 50.0, 0.7, 0.0), (1.0, 0.5, 0, 0, 0), 0.0)
+    spread = margin_spread(of, PD)
+    probability = NormalDist().cdf((1.2 * 6.0 - 6.0) / math.hypot(1.0, 1.2 * 0.5))
+    assert spread.stable == pytest.approx(probability, abs=0.01)
+    assert spread.gain_low_db.high == spread.phase_deg.low == spread.gain_high_db.low == spread.delay_ms.low == 0.0
+    assert margin_spread(known((9.0, -6.0, 50.0, 0.7, 0.0), (0.1, 0.1, 0, 0, 0)), PD).phase_deg == Interval(0, 0, 0, 0)
+
+
+def test_what_is_known_exactly_has_no_interval():
+    spread = margin_spread(Known(np.array(CENTRES[0]), np.zeros((5, 5))), PD)
+    for k, name in enumerate(NAMES):
+        value = margin_table(loops(plants_of(np.array([CENTRES[0]])), PD))[0, k]
+        assert getattr(spread, name) == Interval(value, 0.0, value, value)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 5])
+def test_points_are_a_standard_normals(dimensions):
+    points = normal_points(2048, dimensions)
+    assert np.abs(points.mean(axis=0)).max() < 1e-12 and np.allclose(points.T @ points / 2048, np.eye(dimensions))
+    quantiles = np.quantile(points, [0.025, 0.16, 0.5, 0.84, 0.975], axis=0)
+    assert np.allclose(quantiles, np.array([[-1.96, -0.9945, 0.0, 0.9945, 1.96]]).T, atol=0.06)
+
+
+# ---- of a flight
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return launchid.simulate("constant", seed=1, effects="control_loss:fraction=0.45,time=32")
+
+
+@pytest.fixture(scope="module")
+def made(flight):
+    return launchid.margins(flight, "constant", tracked=True)
+
+
+def test_margins_of_a_flight_are_the_frozen_truths(made):
+    """The margins are judged before and after 45 % of k1 are lost."""
+    for window, tracked in ((made.windows[4], made.windows[4].tracked), (made.windows[9], made.windows[13].tracked)):
+        k1 = -7.0 if window.t_end < 32.0 else -7.0 * 0.55
+        truth = margin_table(loops(plants_of(np.array([[2.0, k1, 50.0, 0.7, 0.0]])), PD))[0]
+        for spread, most in ((window.window.spread, 4.0), (tracked.spread, 4.0)):
+            for k, name in enumerate(NAMES):
+                interval = getattr(spread, name)
+                half = max(interval.high - interval.value, interval.value - interval.low) / 1.96
+                assert abs(interval.value - truth[k]) <= most * half
+
+
+def test_a_window_of_a_sudden_change_has_no_margins(made):
+    statuses = {window["t_start"]: window["status"] for window in made.report["windows"]}
+    assert statuses[30.0] == fm.CHANGE and statuses[25.0] == statuses[35.0] == "OK"
+    assert made.windows[6].window.spread is None and made.windows[6].tracked.status == "OK"  # settled at 35 s
+    nothing = made.report["windows"][6]["phase_deg"]
+    assert nothing == {"value": None, "std": None, "low": None, "high": None}
+
+
+def test_an_open_change_closes_the_tracked_margins(made):
+    open_now = [Change(34.0, 0.05, "k1", -7.0, -4.0, 3.0, 0.3, 34.2, False)]
+    estimates = launchid.identify(made.log, "constant", window=5.0, tracked=True).estimates
+    windows = fm.flight_margins(CONSTANT, estimates, open_now)
+    assert windows[6].tracked.status == fm.CHANGE and windows[7].tracked.status == "OK"
+
+
+def test_the_json_is_the_contracts(made):
+    said = json.loads(made.to_json())
+    assert list(said) == ["windows", "actuator", "below", "may_be_below"]
+    first = said["windows"][0]
+    assert list(first) == ["t_start", "t_end", "valid", "status", *NAMES, "stable", "tracked"]
+    assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
+    assert set(said["actuator"]) == {"natural_frequency", "damping_ratio", "delay"}
+    assert said["actuator"]["natural_frequency"] == {"value": 50.0, "std": 0.0}
+
+
+def test_the_frame_has_a_row_a_window(made):
+    pytest.importorskip("pandas")
+    frame = made.to_frame()
+    assert len(frame) == 14 and {"phase_deg_low", "tracked_gain_high_db_std"} <= set(frame.columns)
+
+
+def test_a_contradicted_model_has_no_margins():
+    """An offset that the nominal does not declare."""
+    found = launchid.margins(launchid.simulate("constant", seed=2, effects="attitude_bias:angle=0.02"), "constant",
+                             tracked=True)
+    refused = [window for window in found.windows if window.window.status == "MODEL"]
+    assert refused and all(not each.window.valid and not each.tracked.valid for each in refused)
+
+
+def test_identified_windows_have_the_same_margins(flight, made):
+    found = launchid.identify(flight, "constant", window=5.0, tracked=True).margins()
+    assert found.to_json() == made.to_json()
+    assert "tracked" not in launchid.identify(flight, "constant", window=5.0).margins().report["windows"][0]
+
+
+def test_what_was_identified_without_a_nominal_has_none(flight):
+    with pytest.raises(UsageError, match="filtered"):
+        launchid.identify(flight).margins()
+
+
+@pytest.mark.parametrize(("section", "sections"), [
+    ("effect 'aero_damping'", {"effects": (effect("aero_damping", coefficient=0.1),)}),
+    ("time_constant", {"actuator": Actuator(time_constant=0.02)}), ("controller", {"controller": None})])
+def test_loops_that_are_not_modelled_are_refused(flight, section, sections):
+    with pytest.raises(InputError, match=section):
+        launchid.margins(flight, replace(CONSTANT, **sections))
+
+
+# ---- what is required
+
+
+def spread_of(phase: tuple[float, float, float]) -> Spread:
+    wide = Interval(20.0, 1.0, 18.0, 22.0)
+    return Spread(Interval(-12.0, 1.0, -14.0, -10.0), wide, Interval(phase[0], 1.0, phase[1], phase[2]), wide, 1.0)
+
+
+@pytest.mark.parametrize(("phase", "below"), [
+    ((40.0, 35.0, 45.0), {}), ((31.0, 28.0, 34.0), {"phase_deg": False}), ((25.0, 22.0, 28.0), {"phase_deg": True})])
+def test_an_interval_is_below_or_may_be_or_is_not(phase, below):
+    assert spread_of(phase).below(Required()) == below
+
+
+def test_the_low_gain_margin_is_below_where_the_gain_may_fall_by_less():
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(gain_db=11.0)) == {"gain_low_db": False}
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(gain_db=15.0)) == {"gain_low_db": True}
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(delay_ms=30.0)) == {"delay_ms": True}
+
+
+def test_windows_below_are_listed_and_said(flight, made):
+    demand = made.windows[4].window.spread.phase_deg.value
+    asked = replace(CONSTANT, margins=Required(gain_db=6.0, phase_deg=demand))
+    found = launchid.margins(flight, asked, tracked=True)
+    listed = {(each["t_start"], each["estimate"], each["margin"]) for each in found.report["below"]}
+    for each, window in zip(found.windows, made.windows, strict=True):
+        for of in ("window", "tracked"):
+            spread = getattr(window, of).spread
+            certain = spread is not None and spread.phase_deg.high < demand
+            assert ((each.t_start, of, "phase_deg") in listed) == certain
+    assert listed and found.report["may_be_below"]
+    assert f"phase margin (window) is below {demand:g} degrees in" in found.summary()
+    assert "may be below" in found.summary() and "every margin keeps" not in found.summary()
+
+
+def test_the_nominals_margins_are_read_checked_and_written(tmp_path):
+    text = "\n".join(nominal_lines(CONSTANT, tmp_path / "a.toml"))
+    assert "[margins]" not in text
+    path = tmp_path / "b.toml"
+    path.write_text(text + "\n[margins]\ngain_db = 9.0\ndelay_ms = 40\n")
+    found = load_nominal(path)
+    assert found.margins == Required(9.0, 30.0, 40.0)
+    assert load_nominal_of(found, tmp_path).margins == found.margins
+    path.write_text(text + "\n[margins]\nphase_deg = -1.0\n")
+    with pytest.raises(InputError, match=r"margins.phase_deg = -1.0: expected a number of at least 0"):
+        load_nominal(path)
+
+
+def load_nominal_of(nominal: Nominal, folder) -> Nominal:
+    path = folder / "again.toml"
+    path.write_text("\n".join(nominal_lines(nominal, path)) + "\n")
+    return load_nominal(path)
+
+
+# ---- a servo that is not known
+
+
+UNKNOWN = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
+
+
+def unsure(**sections) -> Nominal:
+    return replace(CONSTANT, actuator=replace(CONSTANT.actuator, **UNKNOWN), **sections)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """A flight whose servo has 36 rad/s instead of 50 and 15.2 ms of delay."""
+    true = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=30.0),
+                   actuator=replace(CONSTANT.actuator, natural_frequency=36.0, delay=0.0152))
+    return launchid.simulate(true, seed=5)
+
+
+def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
+    found = launchid.margins(slow, unsure(), tracked=True)
+    std = np.sqrt(np.diag(found.servo.covariance))
+    assert np.all(np.abs(found.servo.mean - [36.0, 0.7, 0.0152]) < 3.5 * std) and np.all(std < [1.0, 0.03, 1e-3])
+    said = found.report["actuator"]["delay"]
+    assert said == {"value": found.servo.mean[2], "std": std[2]}
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
+    held_truth = np.array([[getattr(of.spread, name).low <= x <= getattr(of.spread, name).high
+                            for name, x in zip(NAMES, truth, strict=True)]
+                           for window in found.windows for of in (window.window, window.tracked)])
+    assert held_truth.mean() > 0.85 and len(held_truth) == 12
+    assert "servo as estimated" in found.summary()
+
+
+def test_the_servos_lag_is_known_better_than_what_it_is_made_of(slow):
+    """A slower servo and a later one look alike: without their correlation the phase margin would be wider."""
+    last = launchid.margins(slow, unsure()).windows[-1].window
+    mean, covariance = last.known
+    unrelated = covariance.copy()
+    unrelated[2:, 2:] = np.diag(np.diag(covariance)[2:])
+    apart = margin_spread(Known(mean, unrelated), PD)
+    assert covariance[2, 4] > 0.5 * math.sqrt(covariance[2, 2] * covariance[4, 4])
+    assert last.spread.phase_deg.std < 0.9 * apart.phase_deg.std
+
+
+def test_a_servo_far_from_the_one_believed_is_reached():
+    """30 rad/s and 70 ms, 1.3 and 3.5 sigmas away."""
+    true = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=20.0),
+                   actuator=replace(CONSTANT.actuator, natural_frequency=30.0, delay=0.07))
+    servo = launchid.margins(launchid.simulate(true, seed=100), unsure()).servo
+    assert np.all(np.abs(servo.mean - [30.0, 0.7, 0.07]) < 3.5 * np.sqrt(np.diag(servo.covariance)))
+
+
+def test_a_known_servo_that_is_another_one_lies(slow):
+    """The servo's sigma is needed: without it the phase margin is beyond its interval in every window."""
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
+    found = launchid.margins(slow, CONSTANT)
+    assert all(each.window.spread.phase_deg.low > truth[2] for each in found.windows)
+
+
+def test_not_knowing_the_servo_widens_the_intervals(slow):
+    """The narrow intervals are those of knowing the very servo that the flight has shown."""
+    for each in launchid.margins(slow, unsure()).windows:
+        known = each.window.known
+        covariance = known.covariance.copy()
+        covariance[2:] = covariance[:, 2:] = 0.0
+        sure = margin_spread(Known(known.mean, covariance), PD)
+        for name in ("gain_high_db", "phase_deg", "delay_ms"):
+            wide, narrow = getattr(each.window.spread, name), getattr(sure, name)
+            assert wide.value == narrow.value and wide.high - wide.low >= (narrow.high - narrow.low) * 0.999
+
+
+def test_what_is_believed_beforehand_counts(slow):
+    """All but sure of the frequency, sure of the rest: the log, which says another, moves it by next to nothing."""
+    sure = replace(CONSTANT, actuator=replace(CONSTANT.actuator, natural_frequency_sigma=1e-4))
+    servo = launchid.margins(slow, sure).servo
+    assert servo.mean == pytest.approx([50.0, 0.7, 0.0], abs=0.1)
+    assert np.sqrt(np.diag(servo.covariance)) == pytest.approx([0.005, 0.0, 0.0], rel=0.05)
+
+
+def test_without_the_command_the_servo_is_as_declared_and_that_is_said(slow):
+    """The interval of the delay margin is as wide as what was declared."""
+    columns = {name: getattr(slow.flight, name) for name in ("t", "theta", "theta_dot", "beta")}
+    found = launchid.margins(columns, unsure())
+    assert found.servo.mean == pytest.approx([50.0, 0.7, 0.0], abs=1e-3)
+    assert np.sqrt(np.diag(found.servo.covariance)) == pytest.approx([15.0, 0.21, 0.02], rel=1e-3)
+    assert any("without the command nothing is known of the servo's" in each for each in found.warnings)
+
+
+def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow):
+    found = launchid.identify(slow, unsure(), window=5.0).margins()
+    assert found.to_json() == launchid.margins(slow, unsure()).to_json()
+
+
+# ---- the command, the picture
+
+
+def test_the_command_writes_what_python_has(flight, made, tmp_path, capsys):
+    log, answer = tmp_path / "a.csv", tmp_path / "a.json"
+    flight.write(log)
+    assert main(["margins", str(log), "constant", "--tracked", "--json", str(answer)]) == 0
+    assert json.loads(answer.read_text()) == json.loads(made.to_json())
+    assert "every margin keeps what [margins] requires" in capsys.readouterr().out
+    assert main(["margins", str(log), "constant", "--window", "100"]) == 0
+    assert "no window of 100 s is complete" in capsys.readouterr().out
+    assert main(["margins", str(log), "pendulum_linear"]) == 3
+
+
+def test_the_picture_has_the_margins_over_time_a_nichols_chart_and_a_bode_plot(flight, made):
+    labels = [axis.get_ylabel().replace("\n", " ") for axis in made.plot().axes]
+    assert labels == ["low gain margin [dB]", "high gain margin [dB]", "phase margin [degrees]", "delay margin [ms]",
+                      "open-loop gain [dB]", "|L| [dB]", "phase of L [deg]"]
+    chart = made.plot().axes[4]
+    assert any(line.get_xdata().tolist() == [-180.0] and line.get_ydata().tolist() == [0.0] for line in chart.lines)
+
+
+def test_the_nichols_curve_ends_where_the_margins_are(made):
+    """The identified curve is at 0 dB as many degrees right of -180 as its phase margin."""
+    spread = made.windows[-1].window.spread
+    curve = next(line for line in made.plot().axes[4].lines if line.get_label() == "as identified")
+    phase, gain = curve.get_data()
+    k = int(np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))[-1])
+    at = phase[k] + (phase[k + 1] - phase[k]) * gain[k] / (gain[k] - gain[k + 1])
+    assert at + 180.0 == pytest.approx(spread.phase_deg.value, abs=0.05)
+
+
+def test_a_refused_log_is_drawn_without_a_loop():
+    found = launchid.margins(launchid.simulate("constant", seed=2, effects="attitude_bias:angle=0.02"), "constant",
+                             window=35.0)
+    assert not any(window.window.valid for window in found.windows) and len(found.plot().axes) == 4
+    assert "no window of this log has margins" in found.summary()

@@ -1,0 +1,128 @@
+"""The grey box: factors against the tables, the range holds the share it promises, the command."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid.cli.main import main
+from launchid.log.log import write_flight
+from launchid.robustness import greybox as gb
+from sim.flight import dispersion, fly_whole
+from sim.nominal import built_in, load_nominal
+
+FLIGHTS = 30
+
+
+@pytest.mark.parametrize(("probability", "degrees", "value"), [  # Abramowitz & Stegun, table 26.8
+    (0.05, 1, 0.00393214), (0.05, 10, 3.94030), (0.05, 30, 18.4926), (0.95, 5, 11.0705), (0.99, 100, 135.807)])
+def test_chi_square_quantiles_are_the_tables(probability, degrees, value):
+    assert gb.chi_square_quantile(probability, degrees) == pytest.approx(value, rel=1e-5)
+
+
+@pytest.mark.parametrize(("n", "rank"), [(58, 0), (59, 1), (92, 1), (93, 2), (123, 2), (124, 3)])
+def test_order_statistics_of_95_95_are_wilks(n, rank):
+    """One-sided 95/95: 59, 93, 124 (Wilks 1941; the nuclear industry's table)."""
+    assert gb.wilks_rank(n, 0.95, 0.95) == rank
+
+
+@pytest.mark.parametrize("n", [8, 30, 80])
+def test_the_range_holds_its_share_with_its_confidence(n):
+    """Normal deviations seen through noise as large as a third of them."""
+    rng = np.random.default_rng(11)
+    trials, spread, noise = 400, 0.1, 0.03
+    enough = 0
+    for _ in range(trials):
+        value = spread * rng.standard_normal(n) + noise * rng.standard_normal(n)
+        sigma = gb.fit_range(value, np.full(n, noise), 0.0, 0.95, 0.95).sigma
+        enough += math.erf(sigma / spread / math.sqrt(2.0)) >= 0.95
+    assert enough / trials >= 0.95 - 3.0 * math.sqrt(0.05 * 0.95 / trials)
+
+
+def test_noise_is_taken_out():
+    rng = np.random.default_rng(3)
+    value = 0.1 * rng.standard_normal(2000)
+    seen = gb.fit_range(value + 0.1 * rng.standard_normal(2000), np.full(2000, 0.1), 0.0, 0.95, 0.95)
+    exact = gb.fit_range(value, np.full(2000, 1e-6), 0.0, 0.95, 0.95)
+    assert seen.sigma == pytest.approx(exact.sigma, rel=0.1)
+    assert seen.spread == pytest.approx(0.1, rel=0.1)
+
+
+def test_flights_that_are_the_nominal_leave_a_small_range_above_zero():
+    rng = np.random.default_rng(4)
+    fitted = gb.fit_range(0.01 * rng.standard_normal(30), np.full(30, 0.01), 0.0, 0.95, 0.95)
+    assert 0.0 < fitted.sigma < 0.03
+
+
+def test_a_deviation_that_moves_within_the_flights_widens_the_range():
+    t = np.arange(5.0, 75.0, 10.0)
+    rng = np.random.default_rng(6)
+    std = np.full((len(t), 2), 0.01)
+
+    def flights(amplitude: float) -> list[gb.Deviations]:
+        return [gb.Deviations("", (0.0, 70.0), t, np.stack([amplitude * np.sin(t / 9.0 + phase)] * 2, axis=1)
+                              + 0.01 * rng.standard_normal(std.shape), std) for phase in rng.uniform(0.0, 6.3, 40)]
+    still, moving = (gb.fit(flights(a), 0.95, 0.95).ranges[0] for a in (0.0, 0.2))
+    assert still.within < 0.01 and moving.within == pytest.approx(0.2 / math.sqrt(2.0), rel=0.2)
+    assert 0.2 < moving.sigma < 0.5
+
+
+def test_the_spread_within_a_flight_is_of_the_windows_that_are_known():
+    """Every other window is ten times noisier: of all, or of those, the spread could not be told to a third."""
+    rng, t = np.random.default_rng(7), np.arange(5.0, 105.0, 10.0)
+    noise = np.tile([0.02, 0.4], 5)
+    for amplitude in (0.05, 0.1):
+        flights = []
+        for phase in rng.uniform(0.0, 6.3, 12):
+            moved = amplitude * math.sqrt(2.0) * np.sin(t / 7.0 + phase) + noise * rng.standard_normal(len(t))
+            flights.append(gb.Deviations("", (0.0, 110.0), t, np.stack([moved, moved], axis=1),
+                                         np.stack([noise, noise], axis=1)))
+        assert gb.spread_within(flights, 0) == pytest.approx(amplitude, rel=0.35)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> tuple[Path, np.ndarray]:
+    """30 flights of the constant nominal with delta uniform in the box of 0.25; their folder and delta."""
+    folder = tmp_path_factory.mktemp("flights")
+    nominal = load_nominal(built_in("constant"))
+    delta = np.random.default_rng(21).uniform(-1.0, 1.0, (FLIGHTS, 2))
+    for k, (a6, k1) in enumerate(delta):
+        a6_factor, k1_factor = dispersion(nominal, a6, k1)
+        write_flight(folder / f"{k}.csv", fly_whole(nominal, k, a6_factor=a6_factor, k1_factor=k1_factor))
+    return folder, delta
+
+
+def test_thirty_flights_give_a_range_that_holds_them(logs, capsys):
+    folder, delta = logs
+    paths = [str(folder / f"{k}.csv") for k in range(FLIGHTS)]
+    assert main(["fit-lft", *paths, "constant", "--out", str(folder / "new.toml")]) == 0
+    assert "sigma_a6" in capsys.readouterr().out
+    fitted = load_nominal(folder / "new.toml").uncertainty
+    for sigma, true in ((fitted.a6, 0.25 * delta[:, 0]), (fitted.k1, 0.25 * delta[:, 1])):
+        assert len(sigma) == 1
+        assert np.mean(np.abs(true) <= sigma[0]) >= 0.95
+        assert sigma[0] < 2.0 * np.max(np.abs(true))
+    assert main(["uncertainty", paths[0], str(folder / "new.toml")]) == 0
+
+
+def test_a_range_over_flight_time_is_written_beside(logs):
+    folder, delta = logs
+    paths = [str(folder / f"{k}.csv") for k in range(12)]
+    assert main(["fit-lft", *paths, "constant", "--out", str(folder / "timed.toml"), "--profile"]) == 0
+    assert (folder / "timed.uncertainty.csv").is_file()
+    sigma = load_nominal(folder / "timed.toml").uncertainty
+    assert len(sigma.t) == 9  # seven bins of 10 s, and the flight's ends
+    assert (sigma.a6[:, None] >= np.abs(0.25 * delta[:12, 0])).mean() >= 0.95
+    assert main(["uncertainty", paths[0], str(folder / "timed.toml")]) == 0
+
+
+@pytest.mark.parametrize(("words", "status", "mention"), [
+    (["constant"], 2, "LOG.csv"), (["missing.csv", "constant"], 3, "missing.csv"),
+    (["0.csv", "missing.toml"], 3, "missing.toml"), (["0.csv", "constant", "--share", "1"], 2, "--share")])
+def test_faults_are_one_line(logs, capsys, monkeypatch, words, status, mention):
+    monkeypatch.chdir(logs[0])
+    assert main(["fit-lft", *words, "--out", "never.toml"]) == status
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1 and mention in err
+    assert not (logs[0] / "never.toml").exists()

@@ -1,0 +1,231 @@
+"""The LFT: exact at any delta, against the loop perturbed by hand and python-control's; each delta once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from launchid.robustness.lft import (
+    checked,
+    close,
+    exponential,
+    frequency_response,
+    lft_at,
+    loop_gain,
+    sample,
+    spectral_radius,
+    split_delay,
+    star,
+)
+from sim.errors import InputError
+from sim.flight import fly_whole
+from sim.nominal import BUILT_IN, Nominal, Profile, constant_profile, load_nominal
+
+linalg = pytest.importorskip("scipy.linalg")
+
+OMEGA = np.array([0.01, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0, 150.0, 250.0, 310.0])  # rad/s
+DELAYS = (0.0, 0.004, 0.01, 0.023)  # s: none, part of a period, a whole one, both
+
+
+def delayed(nominal: Nominal, delay: float) -> Nominal:
+    return replace(nominal, actuator=replace(nominal.actuator, delay=delay))
+
+
+def plant(nominal: Nominal, t: float, delta) -> tuple[np.ndarray, np.ndarray]:
+    """A (..., 4, 4) and B (4, 1) of theta, theta_dot, beta, beta_dot with the parameters perturbed by hand."""
+    delta = np.asarray(delta)
+    a6, k1 = nominal.vehicle.at(t)
+    sigma_a6, sigma_k1 = nominal.uncertainty.at(t)
+    w, zeta = nominal.actuator.natural_frequency, nominal.actuator.damping_ratio
+    a = np.zeros((*delta.shape[:-1], 4, 4))
+    a[..., 0, 1] = a[..., 2, 3] = 1.0
+    a[..., 1, 0], a[..., 1, 2] = a6 * (1 + sigma_a6 * delta[..., 0]), k1 * (1 + sigma_k1 * delta[..., 1])
+    a[..., 3, 2], a[..., 3, 3] = -w**2, -2 * zeta * w
+    return a, np.array([[0.0], [0.0], [0.0], [w**2]])
+
+
+def held(a: np.ndarray, b: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """exp(a h) and the integral of exp(a s) b over h, by scipy's expm of the augmented matrix (Van Loan)."""
+    n = a.shape[-1]
+    full = np.zeros((*a.shape[:-2], n + 1, n + 1))
+    full[..., :n, :n], full[..., :n, n:] = a, b
+    e = linalg.expm(full * h)
+    return e[..., :n, :n], e[..., :n, n:]
+
+
+def direct(nominal: Nominal, t: float, delta, omega: np.ndarray) -> np.ndarray:
+    """Closed loop (..., p, 2) theta_ref -> (theta, command) as G C/(1 - G C) with transfer functions in z.
+
+    Delay within a period: Astrom & Wittenmark, Computer-Controlled Systems, the input split at the delay.
+    """
+    controller, period = nominal.controller, nominal.controller.period
+    tau = controller.derivative_time_constant
+    whole, rest = divmod(nominal.actuator.delay, period)
+    if period - rest < 1e-9:
+        whole, rest = whole + 1, 0.0
+    a, b = plant(nominal, t, delta)
+    ad, bd = (x[..., None, :, :] for x in held(a, b, period))
+    z = np.exp(1j * omega * period)
+    entry = bd.astype(complex)
+    if rest > 0.0:
+        late_a, late_b = (x[..., None, :, :] for x in held(a, b, period - rest))
+        entry = late_b + late_a @ held(a, b, rest)[1][..., None, :, :] / z[:, None, None]
+    g = np.linalg.solve(z[:, None, None] * np.eye(4) - ad, entry)[..., 0, 0] / z**whole
+    c = controller.kp + controller.kd * (1 - 1 / z) / (tau + period - tau / z)
+    return np.stack([-g * c / (1 - g * c), -c / (1 - g * c)], axis=-1)
+
+
+# ---- the law: F_u(M, Delta) is the perturbed loop
+
+
+@pytest.mark.parametrize("name, t", [("constant", 0.0), ("vega_like", 50.0), ("greensite_cr826", 76.0)])
+def test_lft_is_the_directly_perturbed_loop_at_a_thousand_deltas(name, t):
+    nominal = load_nominal(name)
+    deltas = np.random.default_rng(1).uniform(-1.0, 1.0, (1000, 2))
+    ours = frequency_response(lft_at(nominal, t), deltas, OMEGA)
+    assert ours.shape == (1000, len(OMEGA), 2)
+    assert np.max(np.abs(ours / direct(nominal, t, deltas, OMEGA) - 1.0)) < 1e-10
+
+
+@pytest.mark.parametrize("delay", DELAYS)
+def test_lft_is_the_directly_perturbed_loop_with_a_delay(delay):
+    nominal = delayed(load_nominal("constant"), delay)
+    deltas = np.random.default_rng(2).uniform(-1.0, 1.0, (1000, 2))
+    ours = frequency_response(lft_at(nominal, 0.0), deltas, OMEGA)
+    assert np.max(np.abs(ours / direct(nominal, 0.0, deltas, OMEGA) - 1.0)) < 1e-10
+
+
+@pytest.mark.parametrize("delay", (0.0, 0.02))
+def test_python_control_builds_the_same_sampled_loop(delay):
+    control = pytest.importorskip("control")
+    nominal = delayed(load_nominal("constant"), delay)
+    period, tau = nominal.controller.period, nominal.controller.derivative_time_constant
+    pd = control.tf([nominal.controller.kp], [1], period) + nominal.controller.kd * control.tf(
+        [1, -1], [tau + period, -tau], period)
+    line = control.tf([1], [1, *[0] * round(delay / period)], period)
+    for delta in np.random.default_rng(3).uniform(-1.0, 1.0, (20, 2)):
+        a, b = plant(nominal, 0.0, delta)
+        sampled = control.c2d(control.ss(a, b, [[1.0, 0, 0, 0]], 0), period, "zoh")
+        theirs = -control.ss(pd) * control.ss(line) * sampled
+        loop = sample(lft_at(nominal, 0.0), delta)
+        assert np.max(np.abs(loop_gain(loop, OMEGA) / theirs(np.exp(1j * OMEGA * period)) - 1.0)) < 1e-9
+        closed = control.feedback(theirs, 1)
+        assert spectral_radius(loop) == pytest.approx(np.abs(closed.poles()).max(), rel=1e-7)
+
+
+def test_simulated_loop_follows_the_lft():
+    """The flight code, noise-free and unsaturated, against the LFT's recursion at the controller's ticks."""
+    nominal = delayed(load_nominal("constant"), 0.014)
+    quiet = replace(nominal.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0)
+    nominal = replace(nominal, sensors=quiet, actuator=replace(nominal.actuator, command_noise_std=0.0),
+                      simulation=replace(nominal.simulation, duration=20.0, acceleration_noise_std=0.0))
+    delta = np.array([0.7, -0.4])
+    flight = fly_whole(nominal, a6_factor=1.0 + 0.25 * delta[0], k1_factor=1.0 + 0.25 * delta[1])
+    loop = sample(lft_at(nominal, 0.0), delta)
+    a, b = close(loop), loop.b_reference + loop.b * loop.command_reference
+    x = np.zeros(len(a))
+    theta = np.empty(len(flight.t))
+    for k, reference in enumerate(flight.theta_ref):
+        theta[k] = x[0]
+        x = a @ x + b * reference
+    assert np.max(np.abs(flight.theta - theta)) < 1e-6 * np.max(np.abs(theta))
+
+
+# ---- minimal, nominal at zero, exact pieces
+
+
+def test_each_delta_enters_once():
+    lft = lft_at(load_nominal("vega_like"), 50.0)
+    assert lft.b.shape[1] == lft.c.shape[0] == 2
+    for delta, row, column in (((1.0, 0.0), 1, 0), ((0.0, 1.0), 1, 2)):
+        change = star(lft, np.array(delta)) - lft.a
+        assert np.linalg.matrix_rank(change) == 1 and np.flatnonzero(change).tolist() == [row * len(lft.a) + column]
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_zero_delta_is_the_nominal(name):
+    lft = lft_at(load_nominal(name), 30.0)
+    assert np.array_equal(star(lft, np.zeros(2)), lft.a)
+    a6, k1 = load_nominal(name).vehicle.at(30.0)
+    assert lft.a[1, 0] == a6 and lft.a[1, 2] == k1
+
+
+def test_one_lft_per_time_of_the_profile():
+    nominal = load_nominal("vega_like")
+    for t in (0.0, 12.5, 95.0):
+        assert (lft_at(nominal, t).a6, lft_at(nominal, t).k1) == pytest.approx(nominal.vehicle.at(t))
+
+
+@pytest.mark.parametrize("scale", (0.0, 1e-9, 0.3, 5.0, 60.0))
+def test_exponential_is_scipys(scale):
+    a = scale * np.random.default_rng(4).standard_normal((3, 6, 6)) / 6.0
+    for mine, matrix in zip(exponential(a), a, strict=True):
+        assert np.allclose(mine, linalg.expm(matrix), rtol=1e-11, atol=1e-12 * np.abs(mine).max())
+
+
+@pytest.mark.parametrize("delay, whole, rest", [(0.0, 0, 0.0), (0.004, 0, 0.004), (0.01, 1, 0.0), (0.03, 3, 0.0),
+                                                (0.023, 2, 0.003), (0.0299999999999, 3, 0.0)])
+def test_delay_is_whole_periods_and_a_rest(delay, whole, rest):
+    assert split_delay(delay, 0.01) == (whole, pytest.approx(rest, abs=1e-12))
+
+
+def test_delay_is_continuous_across_a_whole_period():
+    responses = [frequency_response(lft_at(delayed(load_nominal("constant"), delay), 0.0), (0.3, 0.2), OMEGA)
+                 for delay in (0.01 - 1e-8, 0.01, 0.01 + 1e-8)]
+    assert np.allclose(responses[0], responses[1], rtol=1e-4) and np.allclose(responses[1], responses[2], rtol=1e-4)
+
+
+def test_plant_whose_pole_is_met_on_the_circle():
+    """a6 = 0 at omega = 0: the plant's double pole.  The closed loop is finite there: theta follows theta_ref."""
+    nominal = replace(load_nominal("constant"), vehicle=constant_profile(0.0, -7.0))
+    response = frequency_response(lft_at(nominal, 0.0), (0.0, 0.0), np.array([0.0, 1.0]))
+    assert response[0, 0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_other_gains_than_the_nominals():
+    nominal = load_nominal("constant")
+    other = replace(nominal, controller=replace(nominal.controller, kp=2.0, kd=0.9))
+    assert np.array_equal(frequency_response(lft_at(nominal, 0.0, kp=2.0, kd=0.9), (0.1, 0.2), OMEGA),
+                          frequency_response(lft_at(other, 0.0), (0.1, 0.2), OMEGA))
+
+
+def test_plain_difference_when_the_filter_has_no_time_constant():
+    nominal = load_nominal("constant")
+    nominal = replace(nominal, controller=replace(nominal.controller, derivative_time_constant=0.0))
+    ours = frequency_response(lft_at(nominal, 0.0), (0.5, 0.5), OMEGA)
+    assert np.max(np.abs(ours / direct(nominal, 0.0, (0.5, 0.5), OMEGA) - 1.0)) < 1e-10
+
+
+# ---- refusals
+
+
+@pytest.mark.parametrize("delta", [(1.01, 0.0), (0.0, -1.5), (np.nan, 0.0), (0.1, 0.2, 0.3)])
+def test_delta_outside_its_range(delta):
+    with pytest.raises(ValueError, match=r"expected delta_a6, delta_k1 within \[-1, 1\]"):
+        checked(delta)
+
+
+@pytest.mark.parametrize("section", ("uncertainty", "actuator", "controller"))
+def test_section_missing(section):
+    with pytest.raises(InputError, match=rf"\[{section}\] is missing"):
+        lft_at(replace(load_nominal("constant"), **{section: None}), 0.0)
+
+
+@pytest.mark.parametrize("t", (-0.1, 95.1, np.nan, np.inf))
+def test_time_that_the_profile_does_not_cover(t):
+    with pytest.raises(InputError, match="expected a time from 0 to 95 s"):
+        lft_at(load_nominal("vega_like"), t)
+
+
+def test_sigma_profile_that_does_not_cover_the_time():
+    sigma = Profile(np.array([0.0, 40.0]), np.array([0.25, 0.1]), np.array([0.25, 0.1]))
+    nominal = replace(load_nominal("vega_like"), uncertainty=sigma)
+    assert lft_at(nominal, 20.0).sigma == pytest.approx([0.175, 0.175])
+    with pytest.raises(InputError, match=r"\[uncertainty\]: t = 50.0 s"):
+        lft_at(nominal, 50.0)
+
+
+@pytest.mark.parametrize("sigma", (0.0, -0.25))
+def test_sigma_not_above_zero(sigma):
+    with pytest.raises(InputError, match="expected sigma above 0"):
+        lft_at(replace(load_nominal("constant"), uncertainty=constant_profile(0.25, sigma)), 0.0)

@@ -1,0 +1,377 @@
+"""The uncertainty level: probabilities are those of a normal, a band is decided at 95 %, the alarm is sequential."""
+
+import dataclasses
+import json
+import math
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from compiled import compiled
+from cut import scratch
+from hypothesis import given
+from hypothesis import strategies as hs
+from numba.core.runtime import _nrt_python, rtsys
+
+from launchid.cli.main import main
+from launchid.experiments import confidence
+from launchid.identification.windows import onboard_model, run
+from launchid.log.log import read_log
+from launchid.robustness.level import departures, log_span, ranged_model, report
+from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Sample, Status
+from launchid_core.order.table import GAUGE
+from launchid_core.watch import uncertainty as un
+from launchid_core.watch.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
+from sim.flight import fly_whole
+from sim.nominal import Nominal, built_in, load_nominal
+
+ROOT = Path(__file__).resolve().parents[3]
+SIGMA = 0.25
+NAN = math.nan
+
+
+def normal(x: float) -> float:
+    """Distribution function of the standard normal."""
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
+
+
+class Range:
+    """A gauge with constant sigma, fed by hand."""
+
+    def __init__(self, sigma: float = SIGMA) -> None:
+        self.gauge = scratch(GAUGE, 2)
+        compiled(un.restart_gauge)(self.gauge)
+        self.range = np.array([[0.0, sigma, sigma]])
+        self.sigma = sigma
+        self.counts, self.event = np.zeros(N_COUNTS, np.int64), np.zeros((MAX_EVENTS, N_EVENT))
+
+    def see(self, t: float, delta: float, std: float) -> bool:
+        """a6 of this delta at t; whether the alarm is raised.  k1 is known to be nominal."""
+        total = np.array([self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8])
+        compiled(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
+        compiled(un.close_range)(self.range, self.gauge, total, t)
+        assert self.gauge.flag[1, un.RAISED] == 0
+        return bool(self.gauge.flag[0, un.RAISED])
+
+
+# ---- laws of the bands
+
+
+@given(delta=hs.floats(-3.0, 3.0), std=hs.floats(1e-3, 10.0))
+def test_probabilities_are_the_normals_and_sum_to_one(delta, std):
+    gauge = Range()
+    gauge.see(1.0, delta, std)
+    probability = gauge.gauge.probability[0]
+    cumulative = [normal((e - delta) / std) - normal((-e - delta) / std) for e in EDGES]
+    assert probability.sum() == pytest.approx(1.0, abs=1e-12)
+    assert (probability >= 0.0).all()
+    assert np.cumsum(probability)[:3] == pytest.approx(cumulative, abs=1e-12)
+
+
+@given(delta=hs.floats(-3.0, 3.0), std=hs.floats(1e-3, 10.0))
+def test_a_band_is_decided_at_95_percent_and_out_wants_the_alarm(delta, std):
+    gauge = Range()
+    raised = gauge.see(1.0, delta, std)
+    band, probability = gauge.gauge.band[0], gauge.gauge.probability[0]
+    best = int(np.argmax(probability))
+    decided = probability[best] >= un.DECIDED and (best != un.OUT or raised)
+    assert band == (best if decided else un.NO_BAND)
+
+
+def test_probabilities_match_scipy():
+    stats = pytest.importorskip("scipy.stats")
+    gauge = Range()
+    gauge.see(1.0, 0.5, 0.2)
+    inside = [stats.norm.cdf(e, 0.5, 0.2) - stats.norm.cdf(-e, 0.5, 0.2) for e in EDGES]
+    assert gauge.gauge.probability[0] == pytest.approx([*np.diff([0.0, *inside]), 1.0 - inside[-1]], abs=1e-12)
+
+
+# ---- the alarm
+
+
+def test_no_information_raises_no_alarm_however_small_sigma():
+    """The prior's 0.5 is 500 sigma: |delta| > 1 is nearly certain, but neither side is."""
+    gauge = Range(sigma=0.001)
+    assert not gauge.see(1.0, 0.0, 500.0)
+    assert not gauge.see(1.0, 300.0, 500.0)
+    assert gauge.gauge.probability[0, un.OUT] > 0.99
+    assert gauge.gauge.band[0] == un.NO_BAND
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_alarm_is_raised_at_its_posterior_on_either_side(sign):
+    z = 3.7190  # of un.RAISE
+    assert normal(z) == pytest.approx(un.RAISE, abs=1e-6)
+    assert not Range().see(1.0, sign * (1.0 + 0.99 * z * 0.1), 0.1)
+    assert Range().see(1.0, sign * (1.0 + 1.01 * z * 0.1), 0.1)
+
+
+def test_the_alarm_clears_with_hysteresis():
+    gauge = Range()
+    assert gauge.see(1.0, 1.6, 0.1)
+    assert gauge.see(2.0, 1.05, 0.1)      # more probably out than in
+    assert gauge.see(3.0, 0.9, 3.0)       # little is known: |delta| > 1 is still more probable
+    assert not gauge.see(4.0, 0.95, 0.1)
+    assert math.isnan(gauge.gauge.since[0])
+    assert not gauge.see(5.0, 1.2, 0.1)   # and is not raised again by what would not have raised it
+
+
+def test_it_began_with_the_first_sample_if_the_parameter_was_never_known_inside():
+    gauge = Range()
+    assert not gauge.see(3.0, 0.2, 2.0)
+    assert gauge.see(7.0, 1.6, 0.1)
+    assert gauge.gauge.since[0] == 0.0
+
+
+def test_it_began_when_delta_crossed_the_edge_for_the_last_time():
+    gauge = Range()
+    for t, delta in ((1.0, 0.2), (2.0, 1.05), (3.0, 0.97), (4.0, 1.1), (5.0, 1.2)):
+        assert not gauge.see(t, delta, 0.1)
+    assert gauge.see(6.0, 1.6, 0.1)
+    assert gauge.gauge.since[0] == 4.0
+
+
+def test_it_began_with_the_sudden_change_that_took_it_out():
+    gauge = Range()
+    assert not gauge.see(1.0, 0.2, 0.1)
+    gauge.counts[EVENTS], gauge.event[0, E_TIME] = 1, 1.4
+    assert gauge.see(2.0, 1.8, 0.1)
+    assert gauge.gauge.since[0] == 1.4
+
+
+def test_what_is_not_finite_changes_nothing():
+    gauge = Range()
+    before = [array.copy() for array in gauge.gauge]
+    compiled(un.watch_range)(gauge.range, gauge.gauge, np.full(5, NAN), 0.0, 0.0, gauge.counts, gauge.event)
+    for array, old in zip(gauge.gauge, before, strict=True):
+        np.testing.assert_array_equal(array, old)
+
+
+# ---- the estimator
+
+
+@pytest.fixture(scope="module")
+def constant() -> Nominal:
+    """The paper's launcher, 20 s of it."""
+    nominal = load_nominal(built_in("constant"))
+    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=20.0))
+
+
+def feed(model: Model, flight) -> tuple[list[Estimate], Estimator]:
+    """The estimate of every window of 1 s."""
+    return run(Config(sample_period=flight.period, formulation="filtered", model=model), flight.samples())
+
+
+def test_the_level_is_the_tracked_estimate_over_the_range(constant):
+    model = ranged_model(constant)
+    estimates, estimator = feed(model, fly_whole(constant, 1, a6_factor=1.4))
+    for e in estimates:
+        u, tracked = e.uncertainty, e.tracked
+        for level, value, std, nominal in ((u.a6, tracked.a6, tracked.a6_std, 2.0),
+                                           (u.k1, tracked.k1, tracked.k1_std, -7.0)):
+            assert level.delta == pytest.approx((value / nominal - 1.0) / SIGMA, abs=1e-9)
+            assert level.delta_std == pytest.approx(std / abs(nominal) / SIGMA, rel=1e-9)
+            assert len(level.probability) == len(BANDS) and math.fsum(level.probability) == pytest.approx(1.0)
+            assert math.isnan(level.out_since) == level.in_range
+    last = estimates[-1].uncertainty
+    assert (last.a6.band, last.a6.in_range, last.a6.out_since) == ("out", False, 0.0)
+    assert (last.k1.band, last.k1.in_range) == ("0-30", True)
+    again = pickle.loads(pickle.dumps(estimator))
+    assert again.estimate().uncertainty == last
+    estimator.reset()
+    assert estimator.estimate() is None and (estimator._parts.state.gauge.flag == 0).all()
+
+
+def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
+    flight = fly_whole(constant, 2)
+    plain, without = feed(onboard_model(constant), flight)
+    ranged, having = feed(ranged_model(constant), flight)
+    assert all(e.uncertainty is None for e in plain)
+    assert [e.tracked for e in plain] == [e.tracked for e in ranged]
+    assert 0 < having.nbytes - without.nbytes < 500
+
+
+def test_a_sigma_over_time_is_read_at_the_windows_end(constant):
+    flight = fly_whole(constant, 3, a6_factor=1.1)
+    model = dataclasses.replace(ranged_model(constant), sigma_t=(0.0, 20.0), sigma_a6=(0.1, 0.3), sigma_k1=(0.2, 0.2))
+    for e in feed(model, flight)[0]:
+        sigma = 0.1 + 0.01 * e.t_end
+        assert e.uncertainty.a6.delta == pytest.approx((e.tracked.a6 / 2.0 - 1.0) / sigma, abs=1e-9)
+
+
+def test_before_anything_is_known_no_number_is_given(constant):
+    estimator = Estimator(Config(formulation="filtered", model=ranged_model(constant)))
+    still = [Sample(0.01 * k, NAN if k > 100 else 0.0, 0.0, 0.0) for k in range(101)]
+    status = [estimator.update(sample) for sample in still]
+    assert Status.WINDOW_COMPLETE in status
+    u = estimator.estimate().uncertainty
+    if not u.valid:
+        assert math.isnan(u.a6.delta) and u.a6.band == un.UNDECIDED and u.a6.in_range
+
+
+@pytest.mark.parametrize(("fields", "named"), [
+    ({"sigma_t": (0.0,), "sigma_a6": (0.0,), "sigma_k1": (0.2,)}, "sigma_a6"),
+    ({"sigma_t": (0.0,), "sigma_a6": (0.2,), "sigma_k1": (-0.2,)}, "sigma_k1"),
+    ({"sigma_t": (0.0,), "sigma_a6": (0.2,), "sigma_k1": ()}, "sigma_k1"),
+    ({"sigma_t": (0.0,), "sigma_a6": (NAN,), "sigma_k1": (0.2,)}, "sigma_a6"),
+    ({"sigma_t": (1.0, 1.0), "sigma_a6": (0.2, 0.2), "sigma_k1": (0.2, 0.2)}, "sigma_t"),
+    ({"sigma_a6": (0.2,)}, "sigma_a6")])
+def test_a_wrong_sigma_is_refused_by_name(constant, fields, named):
+    with pytest.raises(ValueError, match=named):
+        dataclasses.replace(onboard_model(constant), **fields)
+
+
+def test_a_loss_in_flight_is_dated(constant):
+    nominal = dataclasses.replace(constant)
+    flight = fly_whole(nominal, 5, k1_factor=lambda t: np.where(t < 12.0, 1.0, 0.6))
+    estimates, _ = feed(ranged_model(nominal), flight)
+    (name, since, said, back), = departures(estimates)
+    assert name == "k1" and abs(since - 12.0) < 0.3 and said <= 15.0 and math.isnan(back)
+
+
+# ---- the command
+
+
+@pytest.fixture
+def launchid(capsys):
+    """Run the command; (exit status, stdout, stderr)."""
+    def go(*argv: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(word) for word in argv])
+        return status, *capsys.readouterr()
+    return go
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A nominal of 14 s, a log of it, one of a vehicle whose a6 is out, and nominals with faults."""
+    path = tmp_path_factory.mktemp("uncertainty")
+    text = built_in("constant").read_text(encoding="utf-8").replace("duration = 70.0", "duration = 14.0")
+    box = "a6 = 0.25\nk1 = 0.25"
+    assert box in text
+    (path / "n.toml").write_text(text, encoding="utf-8")
+    (path / "zero.toml").write_text(text.replace(box, "a6 = 0.25\nk1 = 0.0"), encoding="utf-8")
+    (path / "short.toml").write_text(text.replace(box, 'profile = "short.csv"'), encoding="utf-8")
+    (path / "short.csv").write_text("t,a6,k1\n0,0.2,0.2\n9,0.2,0.2\n", encoding="utf-8")
+    head, tail = text[:text.index("a6 = 2.0")], text[text.index("[uncertainty]"):]
+    (path / "late.toml").write_text(head + 'profile = "late.csv"\n\n' + tail, encoding="utf-8")
+    (path / "late.csv").write_text("t,a6,k1\n3,2,-7\n90,2,-7\n", encoding="utf-8")
+    start = text.index("[uncertainty]")
+    (path / "none.toml").write_text(text[:start] + text[text.index("[actuator]"):], encoding="utf-8")
+    assert main(["simulate", str(path / "n.toml"), "--out", str(path / "in.csv")]) == 0
+    assert main(["simulate", str(path / "n.toml"), "--out", str(path / "out.csv"), "--effect",
+                 "aero_instability:scale=1.4"]) == 0
+    return path
+
+
+def test_the_json_is_the_contracts(launchid, folder):
+    status, out, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", "-")
+    assert status == 0
+    result = json.loads(out, parse_constant=pytest.fail)
+    assert set(result) == {"windows"} and len(result["windows"]) == 14
+    for k, window in enumerate(result["windows"]):
+        assert set(window) == {"t_start", "t_end", "valid", "a6", "k1"}
+        assert window["t_end"] == k + 1
+        for name in ("a6", "k1"):
+            level = window[name]
+            assert set(level) == {"delta", "delta_std", "band", "probability", "in_range", "out_since"}
+            assert list(level["probability"]) == list(BANDS)
+            assert level["band"] in (*BANDS, "undecided")
+            assert (level["out_since"] is None) == level["in_range"]
+    assert [w["a6"]["in_range"] for w in result["windows"]].index(False) < 9
+    assert all(w["k1"]["in_range"] for w in result["windows"])
+    assert result["windows"][-1]["a6"]["band"] == "out"
+    status, again, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", "-")
+    assert again == out
+
+
+def test_the_terminal_names_another_factor(launchid, folder, tmp_path):
+    status, out, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", tmp_path / "u.json")
+    assert status == 0 and "a6 is out of its range since 0.00 s (alarm by " in out
+    assert "more than dispersion acts, such as a fault or wind" in out
+    assert json.loads((tmp_path / "u.json").read_text(encoding="utf-8"))["windows"]
+    status, out, _ = launchid("uncertainty", folder / "in.csv", folder / "n.toml", "--window", "2")
+    assert status == 0 and "more than dispersion" not in out and len(out.splitlines()) == 1 + 1 + 7 + 1
+
+
+@pytest.mark.parametrize(("nominal", "mentions"), [
+    ("none.toml", ("[uncertainty]", "none.toml")), ("zero.toml", ("uncertainty.k1", "above 0")),
+    ("short.toml", ("short.csv", "[uncertainty]", "0..9 s")), ("late.toml", ("late.csv", "[vehicle]", "3..90 s"))])
+def test_bad_input_is_one_line_and_exit_3(launchid, folder, nominal, mentions):
+    status, out, err = launchid("uncertainty", folder / "in.csv", folder / nominal)
+    assert (status, out, len(err.splitlines())) == (3, "", 1), err
+    assert err.startswith("launchid") and all(mention in err for mention in mentions), err
+
+
+def test_wrong_words_are_exit_2(launchid, folder):
+    for words in (("--window", "0"), ("--window", "x"), ("--window", "nan"), ("--plot", "x.doc")):
+        status, _, err = launchid("uncertainty", folder / "in.csv", folder / "n.toml", *words)
+        assert status == 2 and len(err.splitlines()) == 1, err
+
+
+def test_bad_stamps_are_data(launchid, folder, tmp_path):
+    lines = (folder / "in.csv").read_text(encoding="utf-8").splitlines()
+    for row, stamp in ((200, "1e6"), (400, "-5"), (401, "nan"), (600, "2.0"), (601, "2.0"), (900, "inf")):
+        lines[row] = ",".join([stamp, *lines[row].split(",")[1:]])
+    del lines[700:720]
+    (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "n.toml").write_text((folder / "short.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "short.csv").write_text("t,a6,k1\n0,0.2,0.2\n14,0.2,0.2\n", encoding="utf-8")
+    assert log_span(read_log(tmp_path / "bad.csv")) == (0.0, 13.99)
+    status, out, _ = launchid("uncertainty", tmp_path / "bad.csv", tmp_path / "n.toml", "--json", "-")
+    assert status == 0 and json.loads(out)["windows"]
+
+
+def test_the_figure_is_drawn(launchid, folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    for name in ("a.png", "b.png"):
+        assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
+    assert report([]) == {"windows": []}
+
+
+def test_the_same_without_the_compiler():
+    """The kernels are Python: un-jitted they give the same numbers."""
+    code = ("import sys; sys.path.insert(0, 'tests')\nfrom tests.test_uncertainty import Range\n"
+            "g = Range()\n"
+            "print([g.see(*x) for x in ((1.0, 0.2, 0.1), (2.0, 1.5, 0.1), (3.0, 0.5, 0.2))], "
+            "g.gauge.probability[0].tolist(), g.gauge.band.tolist())")
+    said = {flag: subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True,
+                                 env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout for flag in ("0", "1")}
+    assert said["0"] == said["1"] != ""
+
+
+def flown(n, sigma, gauge, total, now, counts, event):
+    """n blocks and windows."""
+    for k in range(n):
+        un.watch_range(sigma, gauge, total, now, 0.0, counts, event)
+        un.close_range(sigma, gauge, total, float(k))
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="numba's runtime allocates nothing to count")
+def test_a_flight_allocates_nothing():
+    """The positive control of this count is in test_estimator."""
+    gauge, loop = Range(), numba.njit(flown)
+    total, now = np.array([0.4, 0.0, 1e-4, 0.0, 1e-4]), 1.0
+    rtsys.initialize(numba.core.registry.cpu_target.target_context)
+    _nrt_python.memsys_enable_stats()
+    made = []
+    for n in (1, 10, 1000):
+        before = rtsys.get_allocation_stats().alloc
+        loop(n, gauge.range, gauge.gauge, total, now, gauge.counts, gauge.event)
+        made.append(rtsys.get_allocation_stats().alloc - before)
+    assert made[1] == made[2]
+
+
+def test_the_summary_of_the_confidence_range_is_of_valid_estimates():
+    """A window in which the model did not hold has no half-width: the medians of `reproduce` were nan."""
+    rows = np.tile(np.array([40.0, 2.0, -7.0, 0.02, 0.07, 2.01, -7.0, 0.0, 0.0, 0.1, 0.1, 1.0]), (5, 1))
+    rows[2, 1:5] = np.nan
+    made = confidence.summary("constant", [confidence.Band((0.0, 0.0), False, rows)])
+    assert made["coverage"] == 1.0 and made["half_width_a6"] == pytest.approx(confidence.INTERVAL * 0.02 / 2.01)
+    assert made["half_width_k1"] == pytest.approx(confidence.INTERVAL * 0.01)

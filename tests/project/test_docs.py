@@ -1,0 +1,244 @@
+"""The documentation says what is there: links, tests, commands, options, constants, names; its host loop runs."""
+
+import ast
+import contextlib
+import functools
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numba
+import pytest
+
+from launchid.cli.main import main
+from launchid_core import LIBRARIES, EstimateStatus, Status, __version__
+from sim.effects import CATALOGUE
+from sim.nominal import (
+    BUILT_IN,
+    Actuator,
+    Controller,
+    Diagnosis,
+    Drift,
+    Guidance,
+    Multisine,
+    Offsets,
+    Required,
+    Sensors,
+    Simulation,
+    Wind,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+PAGES = [README, ROOT / "CHANGELOG.md", *DOCS]
+MOST_LINES = 140
+FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+TEST = re.compile(r"`(tests/[\w/]+\.py|\.ci/run|benchmarks/\w+\.py)(?:::(\w+))?`")
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@functools.cache
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def code_of(path: Path) -> Iterator[str]:
+    """The spans in backticks, and the lines of shell."""
+    text = text_of(path)
+    for language, block in FENCED.findall(text):
+        if language == "sh":
+            yield from (line.split(" #")[0] for line in block.splitlines())
+    yield from (" ".join(span.split()) for span in re.findall(r"`([^`]+)`", FENCED.sub("", text)))
+
+
+def anchors(path: Path) -> set[str]:
+    """The names of a page's headings in a link."""
+    headings = re.findall(r"^#+ (.+)$", FENCED.sub("", text_of(path)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@functools.cache
+def help_of(*words: str) -> str:
+    """The text that `launchid WORDS --help` prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as said, pytest.raises(SystemExit):
+        main([*words, "--help"])
+    return said.getvalue()
+
+
+def commands() -> list[str]:
+    """The commands that `launchid --help` lists."""
+    return re.findall(r"^    ([a-z][a-z-]+)(?: |$)", help_of(), re.MULTILINE)
+
+
+@functools.cache
+def functions_of(path: Path) -> frozenset[str]:
+    return frozenset(node.name for node in ast.walk(ast.parse(text_of(path))) if isinstance(node, ast.FunctionDef))
+
+
+# ---- pages
+
+
+def test_the_readme_is_short():
+    assert len(text_of(README).splitlines()) <= MOST_LINES
+
+
+def test_the_pages_are_there():
+    wanted = {"results", "method", "guarantees", "limits", "formats", "notation", "developing"}
+    assert wanted <= {path.stem for path in DOCS}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_and_pictures_exist(page):
+    missing = []
+    for link in LINK.findall(FENCED.sub("", text_of(page))):
+        target, _, anchor = link.partition("#")
+        if "://" in link:
+            continue
+        path = (page.parent / target).resolve() if target else page
+        if not path.is_file() or (anchor and anchor not in anchors(path)):
+            missing.append(link)
+    assert missing == []
+
+
+def test_every_page_is_reached_from_the_readme():
+    linked = {(ROOT / link.partition("#")[0]).resolve() for link in LINK.findall(text_of(README)) if "://" not in link}
+    assert {*DOCS, ROOT / "LICENSE", ROOT / "CHANGELOG.md", ROOT / "CITATION.cff"} <= linked
+
+
+# ---- what is named
+
+
+def test_every_guarantee_has_its_test():
+    page = ROOT / "docs" / "guarantees.md"
+    found = TEST.findall(text_of(page))
+    assert len(found) >= 40
+    missing = [f"{file}::{function}" for file, function in found
+               if not (ROOT / file).is_file() or (function and function not in functions_of(ROOT / file))]
+    assert missing == []
+    rows = re.findall(r"^\| (?!guarantee).*", text_of(page), re.MULTILINE)
+    assert [row for row in rows if not TEST.search(row)] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_of_code_exist_by_their_names(page):
+    folders = (ROOT / name for name in ("launchid_core", "sim", "launchid", "tests", "benchmarks"))
+    known = {path.name for folder in folders for path in folder.rglob("*.py")}
+    named = {name for code in code_of(page) for name in re.findall(r"\b\w+\.py\b", code)}
+    assert named <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_benchmarks_have_the_options_they_are_quoted_with(page):
+    missing = []
+    for code in code_of(page):
+        match = re.match(r"(?:\S+=\S+ )?(?:python )?(?:benchmarks/)?(\w+\.py)( .*)?$", code)
+        if match is None or not (ROOT / "benchmarks" / match[1]).is_file():
+            continue
+        source = text_of(ROOT / "benchmarks" / match[1])
+        missing += [code for option in re.findall(r"--[a-z][\w-]*", match[2] or "") if f'"{option}"' not in source]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_selections_of_tests_select_something(page):
+    for code in code_of(page):
+        match = re.search(r"(tests/[\w/]+\.py) -k (\w+)", code)
+        if match:
+            assert any(match[2] in function for function in functions_of(ROOT / match[1])), code
+
+
+# ---- the command
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_and_their_options_exist(page):
+    wrong = []
+    for code in code_of(page):
+        for command, words in re.findall(r"\blaunchid ([a-z][a-z-]*)((?: [^&|]*)?)", code):
+            options = re.findall(r"--[a-z][a-z-]*", words)
+            if command not in commands() or any(option not in help_of(command) for option in options):
+                wrong.append(code)
+    assert wrong == []
+
+
+def test_the_readme_has_every_command():
+    assert len(commands()) >= 8
+    assert [command for command in commands() if f"`launchid {command}" not in text_of(README)] == []
+
+
+def test_the_test_command_can_be_extracted():
+    """The shell block behind the marker is the command that `.ci/run` takes."""
+    block = re.search(r"<!-- test command -->\n```sh\n(.+)\n```\n", text_of(README))
+    assert block is not None and block[1].endswith("-m pytest")
+
+
+# ---- numbers and names of the code
+
+
+def constants_of_the_core() -> dict[str, set[str]]:
+    """Name -> the values, as they are written, that module constants of this name have."""
+    found: dict[str, set[str]] = {}
+    for path in sorted((ROOT / "launchid_core").rglob("*.py")):
+        for node in ast.parse(text_of(path)).body:
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                found.setdefault(node.targets[0].id, set()).add(ast.unparse(node.value))
+    return found
+
+
+def test_constants_of_the_method_are_the_code_s():
+    table = re.findall(r"^\| `([A-Z_]+)` \| ([^|]+) \|", text_of(ROOT / "docs" / "method.md"), re.MULTILINE)
+    assert len(table) >= 20
+    known = constants_of_the_core()
+    written = {name: ast.unparse(ast.parse(value.strip(), mode="eval")) for name, value in table}
+    assert [name for name, value in written.items() if value not in known.get(name, ())] == []
+
+
+def test_every_cause_and_parameter_is_in_the_formats():
+    rows = {name: row for name, row in re.findall(r"^\| \w+ \| `(\w+)` \| ([^|]+) \|",
+                                                  text_of(ROOT / "docs" / "formats.md"), re.MULTILINE)}
+    assert set(rows) == set(CATALOGUE)
+    for name, cause in CATALOGUE.items():
+        named = re.findall(r"`(\w+)`", rows[name])
+        assert named == [parameter.name for parameter in cause.parameters]
+
+
+@pytest.mark.parametrize("section", [Actuator, Controller, Diagnosis, Drift, Guidance, Multisine, Offsets, Required,
+                                     Sensors, Simulation, Wind])
+def test_every_key_of_a_nominal_is_in_the_formats(section):
+    named = set(code_of(ROOT / "docs" / "formats.md"))
+    assert {field.name for field in fields(section)} - {"path"} <= named
+
+
+def test_names_of_the_command_line_are_in_the_formats():
+    named = set(code_of(ROOT / "docs" / "formats.md"))
+    assert {*LIBRARIES, *BUILT_IN} <= named
+    assert {status.name for status in EstimateStatus} <= named
+    assert {status.name for status in Status if status < 0} <= named
+
+
+def test_one_version_everywhere():
+    version = __version__  # pyproject.toml takes it from there
+    assert f"\nversion: {version}\n" in text_of(ROOT / "CITATION.cff")
+    assert f"\n## [{version}] - " in text_of(ROOT / "CHANGELOG.md")
+
+
+# ---- the host loop
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="NUMBA_DISABLE_JIT=1: seven thousand samples take minutes")
+def test_the_host_loop_of_the_readme_runs(capsys):
+    (loop,) = [block for language, block in FENCED.findall(text_of(README)) if language == "python"]
+    exec(compile(loop, "README.md", "exec"), {})
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 14 and all("rejected" not in line for line in lines)
+    tracked = re.search(r"tracked (\S+) \+- (\S+);.*tracked (\S+) \+- (\S+)", lines[-1])
+    assert tracked is not None
+    a6, a6_std, k1, k1_std = map(float, tracked.groups())
+    assert abs(a6 - 2.0) < 5.0 * a6_std < 1.0 and abs(k1 + 7.0) < 5.0 * k1_std < 3.5
