@@ -13,7 +13,6 @@ from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, mad
 from .filter.belief import A6
 from .filter.states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .gate import ring as rb
-from .gate import window as wn
 from .model import OFFSETS, SERVO, Model
 from .order.assembly import allocate
 from .order.entries import calls_of
@@ -152,7 +151,8 @@ class Estimator:
         if state.counts.item(rb.ESTIMATES) == 0:
             return None
         outcome = state.outcome
-        a6, k1, a6_std, k1_std, corr, a6_dot, k1_dot, a6_bound, k1_bound, condition, whiteness = outcome.number.tolist()
+        (a6, k1, a6_std, k1_std, correlation, a6_dot, k1_dot, a6_bound, k1_bound, condition,
+         whiteness) = outcome.number.tolist()
         code, rows, gaps = outcome.flag.tolist()
         status = _ESTIMATE_STATUSES.get(code, _NUMERICS)
         xi, support = outcome.xi.copy(), outcome.support.astype(bool)
@@ -160,10 +160,10 @@ class Estimator:
         support.setflags(write=False)
         t_start = state.clock.item(rb.T_CLOSED)
         values = {
-            **_CALM, "t_start": t_start, "t_end": t_start + self.config.window, "valid": status is _OK, "status": status,
-            "a6": a6, "k1": k1, "a6_std": a6_std, "k1_std": k1_std, "a6_k1_corr": corr, "a6_dot": a6_dot,
-            "k1_dot": k1_dot, "a6_bound": a6_bound, "k1_bound": k1_bound, "condition": condition, "xi": xi,
-            "support": support, "terms": self._terms, "rows": rows, "gaps": gaps, "whiteness": whiteness,
+            **_CALM, "t_start": t_start, "t_end": t_start + self.config.window, "valid": status == _OK,
+            "status": status, "a6": a6, "k1": k1, "a6_std": a6_std, "k1_std": k1_std, "a6_k1_corr": correlation,
+            "a6_dot": a6_dot, "k1_dot": k1_dot, "a6_bound": a6_bound, "k1_bound": k1_bound, "condition": condition,
+            "xi": xi, "support": support, "terms": self._terms, "rows": rows, "gaps": gaps, "whiteness": whiteness,
             "absent": _named(self._terms, outcome.absent), "terms_std": _named(self._terms, outcome.std)}
         model = self.config.model
         if report is None or model is None:

@@ -119,17 +119,20 @@ def standard(y, x, centre, scale, start, stop):
 @inner
 def reflect(v, tau, columns, first, last, start, stop):
     """Householder's reflection of rows first .. last-1 of `columns` (n, m), four at a time."""
-    for four in range((last - first + 3) // 4):
+    fours = (last - first) // 4
+    for four in range(fours):
         j = first + 4 * four
-        a, b = columns[j], columns[min(j + 1, last - 1)]
-        c, d = columns[min(j + 2, last - 1)], columns[min(j + 3, last - 1)]
+        a, b, c, d = columns[j], columns[j + 1], columns[j + 2], columns[j + 3]
         of_a, of_b, of_c, of_d = four_dots(v, a, b, c, d, start + 1, stop)
         shares = (of_a, of_b, of_c, of_d)
-        for k in range(min(4, last - j)):
-            column = columns[j + k]
-            s = tau * (column[start] + shares[k])
-            column[start] -= s
-            subtract(column, s, v, start + 1, stop)
+        for k in range(4):
+            s = tau * (columns[j + k, start] + shares[k])
+            columns[j + k, start] -= s
+            subtract(columns[j + k], s, v, start + 1, stop)
+    for j in range(first + 4 * fours, last):
+        s = tau * (columns[j, start] + dot(v, columns[j], start + 1, stop))
+        columns[j, start] -= s
+        subtract(columns[j], s, v, start + 1, stop)
 
 
 @inner

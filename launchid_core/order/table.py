@@ -421,7 +421,7 @@ FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))
-APART = {
+APART: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, ...], str], ...]] = {
     "Regression": (
         *GATE_APART,
         ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),

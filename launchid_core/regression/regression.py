@@ -10,17 +10,17 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 
 import numpy as np
 
+from ..algebra import sparse
 from ..algebra.compress import choose_rows
 from ..algebra.derivative import mark_segments
 from ..gate import ring as rb
 from ..gate.guard import CARRIED, are_rows_whole, close_control, fold_words, give_up, take_sample
 from ..gate.ring import BETA, THETA, THETA_DOT
 from ..gate.stuck import stands_still
-from ..algebra import sparse
 from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
 from ..kernels import inner, kernel
-from . import rows as rw
 from . import equations as eq
+from . import rows as rw
 from .plan import ENOUGH, HELD, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE, USABLE
 from .residual import drift_integral, drift_pointwise, report_attitude
 

@@ -187,7 +187,7 @@ def fill_series(q, size, work, y, drift, series, drifts, known):
 
 @inner
 def turn_back(at, q, size, work, drift, series, drifts):
-    """Turn the series (2 + q, count) into time: by the drifts' factor, the active terms', the window's `at` (q, count)."""
+    """Turn the series (2 + q, count) into time: by the factors of drifts, active terms, window (`at`, (>=q, count))."""
     rows, left = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), series.shape[1] - size
     tails = drift[:drifts * left].reshape((drifts, left))
     for k in range(series.shape[0]):
@@ -225,20 +225,18 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
     lags = bandwidth(above, below, count)  # of a6 and k1 together
     for j in range(q):
         if work.active[j]:
+            together = j == plan[TERM_A6] or j == plan[TERM_A6 + 1]
             v = series[2 + j]
-            if j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
-                variance = long_run(v, v, lags, freedom, True)
-            else:
-                variance = own_variance(v, freedom)
+            variance = long_run(v, v, lags, freedom, True) if together else own_variance(v, freedom)
             out.std[j] = math.sqrt(variance + work.change[j] * work.change[j] + work.numeric[j])
-    a, b = plan[TERM_A6], plan[TERM_A6 + 1]
-    if a >= 0 and work.active[a]:
-        out.number[O_A6_STD] = out.std[a]
-    if b >= 0 and work.active[b]:
-        out.number[O_A6_STD + 1] = out.std[b]
-        if a >= 0 and work.active[a] and out.std[a] * out.std[b] > 0.0:
-            shared = long_run(series[2 + b], series[2 + a], lags, freedom, False) + work.change[a] * work.change[b]
-            out.number[O_CORRELATION] = min(max(shared / (out.std[a] * out.std[b]), -1.0), 1.0)
+    for p in range(PAIR):
+        if plan[TERM_A6 + p] >= 0:
+            out.number[O_A6_STD + p] = out.std[plan[TERM_A6 + p]]
+    product = out.number[O_A6_STD] * out.number[O_A6_STD + 1]
+    if product > 0.0:  # both are active
+        a, b = plan[TERM_A6], plan[TERM_A6 + 1]
+        shared = long_run(series[2 + b], series[2 + a], lags, freedom, False) + work.change[a] * work.change[b]
+        out.number[O_CORRELATION] = min(max(shared / product, -1.0), 1.0)
 
 
 @inner

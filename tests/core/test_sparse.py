@@ -227,7 +227,7 @@ def test_the_factor_of_the_active_terms_is_that_of_their_columns(solver, problem
     """R'R is their Gram matrix, of unit columns, which is harmless at these conditions; beside it its inverse, the
     orthonormal basis and Q'y, turned alike.  Terms that left keep their length."""
     a, y, threshold = problem
-    _, xi, active, work = solve(solver, a, y, threshold)
+    _, _, active, work = solve(solver, a, y, threshold)
     m, z = np.linalg.qr(a)[1], np.linalg.qr(a)[0].T @ y
     q, n = len(m), int(np.sum(active))
     rows, order = work.rows.reshape(q, 4 * q), work.order
