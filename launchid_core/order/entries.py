@@ -13,7 +13,7 @@ import numpy as np
 from .. import cache
 from ..algebra.compress import first_state
 from ..config import Config
-from ..regression import equations, regression
+from ..regression import regression
 from ..sample import Sample
 from . import block, onboard
 from .assembly import Memory, allocate
@@ -32,12 +32,9 @@ FILTERED_ENTRIES = (
 STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
 SERVO_ENTRIES = (block.set_servo, block.doubt_servo, block.weigh_servo, block.follow_servo)
-REGRESSION_ENTRIES = (
-    regression.push_sample, regression.open_window, equations.factor_library, equations.keep_equation,
-    equations.solve_with_drifts, equations.solve_without_absent, equations.report_deviations,
-    equations.report_limits, regression.end_window, regression.restart_regression)
-SOLVER_ENTRIES = {"stls": equations.choose_by_threshold, "sr3": equations.choose_relaxed,
-                  "ssr": equations.choose_stepwise, "lasso": equations.choose_by_lasso}
+REGRESSION_ENTRIES = (regression.push_sample, regression.restart_regression)
+SOLVER_ENTRIES = {"stls": regression.end_by_threshold, "sr3": regression.end_relaxed,
+                  "ssr": regression.end_stepwise, "lasso": regression.end_by_lasso}
 
 
 class Calls(NamedTuple):
@@ -58,10 +55,10 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     if memory.struct is FILTERED:
         return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged
                 + SERVO_ENTRIES * (memory.size.servo > 0))
-    form = regression.fill_integral if memory.size.integral else regression.fill_pointwise
+    form = regression.open_integral if memory.size.integral else regression.open_pointwise
     relaxed = config.solver in ("sr3", "lasso")
     by_share = memory.size.by_share and not relaxed
-    return (*REGRESSION_ENTRIES, form, equations.choose_by_share if by_share else SOLVER_ENTRIES[config.solver])
+    return (*REGRESSION_ENTRIES, form, regression.end_by_share if by_share else SOLVER_ENTRIES[config.solver])
 
 
 @functools.cache
