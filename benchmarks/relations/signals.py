@@ -6,7 +6,7 @@ import numpy as np
 
 from launchid.diagnosis.data.record import BETA, THETA, THETA_DOT, Record
 from sim.sections import Actuator
-from sim.vehicle.actuator import FIRST_ORDER_DAMPING, free_servo
+from sim.vehicle.actuator import FIRST_ORDER_DAMPING, fastest_pole, free_servo
 from sim.vehicle.kernels import kernel
 
 TRUSTED = (0.3, 3.0)   # times the declared noise: what the columns themselves show is taken within it
@@ -143,7 +143,8 @@ class Signals:
             with_play(travel["play"], command, command := np.empty(len(command)))
         frequency, damping = _slowed(servo, travel.get("lag", 0.0))
         beta = np.empty(len(command))
-        xx, xr, rx, rr = free_servo(frequency, damping, servo.is_first_order, self.tick)
+        pole = fastest_pole(frequency, damping)
+        xx, xr, rx, rr = free_servo(frequency, damping, pole, servo.is_first_order, self.tick)
         moved_servo(xx, xr, rx, rr, command, beta)
         if "rate" in travel:
             with_limit(travel["rate"] * self.tick, beta, beta := np.empty(len(beta)))
