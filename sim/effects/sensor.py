@@ -59,15 +59,15 @@ def remember(v, modes, history, i):
 
 
 @inner
-def past(history, row, i, delay, step):
-    """Value `delay` [s] before step i, linear between steps; `history` (2, steps) in, its row filled up to i."""
+def past(history, i, delay, step):
+    """Value `delay` [s] before step i, linear between steps; history (steps,) in, filled up to i."""
     position = i - delay / step
     if position <= 0.0:
-        return history[row, 0]
+        return history[0]
     k = math.floor(position)
     share = position - k
-    early = history[row, k]
-    return early if share == 0.0 else (1.0 - share) * early + share * history[row, k + 1]
+    early = history[k]
+    return early if share == 0.0 else (1.0 - share) * early + share * history[k + 1]
 
 
 @inner
@@ -77,7 +77,7 @@ def read(v, modes, history, i):
     theta, theta_dot = v.theta + eta, v.theta_dot + eta_dot
     if history is not None:
         if v.attitude_delay > 0.0:
-            theta = past(history, ATTITUDE, i, v.attitude_delay, v.step)
+            theta = past(history[ATTITUDE], i, v.attitude_delay, v.step)
         if v.gyro_delay > 0.0:
-            theta_dot = past(history, RATE, i, v.gyro_delay, v.step)
+            theta_dot = past(history[RATE], i, v.gyro_delay, v.step)
     return theta + v.attitude_bias, v.gyro_scale * theta_dot + v.gyro_bias

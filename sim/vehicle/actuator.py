@@ -22,28 +22,27 @@ FREE = record("part", "xx", "xr", "rx", "rr")
 
 
 @inner
+def lag_rate(v, u, beta):
+    """beta' [rad/s] of a first-order servo under the command u [rad]; where that jumps, it jumps."""
+    return limited(v.rate_limit, v.frequency * (u - beta))
+
+
+@inner
 def servo_flow(v, u, beta, beta_dot):
     """(beta' [rad/s], beta_dot' [rad/s^2], the nozzle's own acceleration [rad/s^2]) under the command u [rad].
 
     Second order: beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, none that drives the rate further beyond its reach;
     first order: beta' = w (u - beta), with no rate to wind up.  Both move within +-rate [rad/s], at which the valve is
-    full open and the nozzle does not accelerate.  A command that jumps is `jolt`'s.
+    full open and the nozzle does not accelerate.
     """
     w, rate = v.frequency, v.rate_limit
     if v.first_order != 0:
-        moved = limited(rate, w * (u - beta))
+        moved = lag_rate(v, u, beta)
         return moved, 0.0, -w * moved if abs(moved) < rate else 0.0
     beta_ddot = w * w * (u - beta) - 2.0 * v.damping * w * beta_dot
     if abs(beta_dot) >= v.rate_reach and beta_dot * beta_ddot > 0.0:
         beta_ddot = 0.0
     return limited(rate, beta_dot), beta_ddot, beta_ddot if abs(beta_dot) <= rate else 0.0
-
-
-@inner
-def jolt(v, u):
-    """The jump [rad/s] of theta_dot where a command u [rad] that jumps makes the rate of a first-order servo's nozzle
-    jump, whose inertia turns the vehicle at once; beta_dot is the rate before."""
-    return v.nozzle_inertia * (servo_flow(v, u, v.beta, v.beta_dot)[0] - v.beta_dot)
 
 
 @inner
@@ -80,14 +79,13 @@ def stiff_stages(v, free, stages, u, h):
     stages[3].beta, stages[3].beta_ddot = last, still
 
 
-@asked
-def fastest_pole(frequency, damping):
+def fastest_pole(frequency: float, damping: float) -> float:
     """[rad/s] size of the fastest root of s^2 + 2 zeta w s + w^2; of a servo of first order 1/T."""
     return frequency * (damping + math.sqrt(damping * damping - 1.0)) if damping > 1.0 else frequency
 
 
 @asked
-def free_servo(frequency, damping, is_lag, h):
+def free_servo(frequency, damping, pole, is_lag, h):
     """exp of the servo's generator over h [s]: (beta - u, beta_dot) at the end are ((xx, xr), (rx, rr)) times those at
     the start; a servo of first order has no rate of its own to remember."""
     if is_lag:
@@ -99,11 +97,10 @@ def free_servo(frequency, damping, is_lag, h):
         xr = left * math.sin(turn * h) / turn
         return left * math.cos(turn * h) + decay * xr, xr, -frequency * frequency * xr, \
             left * math.cos(turn * h) - decay * xr
-    fast = fastest_pole(frequency, damping)
-    slow = frequency * frequency / fast
-    left, apart = math.exp(-slow * h), fast - slow
+    slow = frequency * frequency / pole
+    left, apart = math.exp(-slow * h), pole - slow
     xr = left * (-math.expm1(-apart * h) / apart if apart > 0.0 else h)
-    return left + slow * xr, xr, -frequency * frequency * xr, left - fast * xr
+    return left + slow * xr, xr, -frequency * frequency * xr, left - pole * xr
 
 
 @inner
@@ -121,7 +118,7 @@ def servo_motion(v, free, h, u):
     part = h / parts
     if free.part != part:
         free.part = part
-        free.xx, free.xr, free.rx, free.rr = free_servo(w, v.damping, v.first_order != 0, part)
+        free.xx, free.xr, free.rx, free.rr = free_servo(w, v.damping, v.pole, v.first_order != 0, part)
     inertia, drag, spring = (0.0, 1.0, w) if v.first_order != 0 else (1.0, 2.0 * v.damping * w, w * w)
     off, beta_dot, once, twice = v.beta - u, v.beta_dot, 0.0, 0.0
     for _ in range(parts):

@@ -57,7 +57,7 @@ class Vehicle(NamedTuple):
     wind: Table     # (steps + 1,) rad at every step, without the effects'; -0.0, which changes no bit: calm
     drift: Table    # z_alpha, z_beta (2, 2 steps + 1) 1/s at every half step, or (2, 0): none
     modes: Table    # (n,) MODE
-    terms: Table    # (n,) TERM
+    terms: Table    # (n,) TERM; None: none
     timed: Table    # (n,) TIMED
     inputs: Table   # (n,) INPUT
     history: Table  # (2, steps + 1) attitude and rate at the sensors, or (2, 0): no sensor is late
@@ -96,6 +96,7 @@ def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarra
     steps = len(a6) // 2
     return own._replace(
         wind=np.full(steps + 1, -0.0) if wind is None else wind, drift=np.zeros((2, 0)) if drift is None else drift,
-        modes=np.array(changes.modes, MODE), terms=np.array(changes.terms, TERM),
+        modes=np.array(changes.modes, MODE),
+        terms=None if is_plain and not changes.terms else np.array(changes.terms, TERM),
         timed=np.array(changes.timed, TIMED), inputs=np.array(sorted(inputs, key=lambda row: row[0]), INPUT),
         history=np.zeros((2, steps + 1 if is_late else 0)))

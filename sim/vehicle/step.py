@@ -12,7 +12,7 @@ Assumptions: small angles, one plane, wind as an angle.
 import math
 
 from ..effects import actuator, environment, plant, sensor
-from .actuator import RESOLVED, delayed_command, jolt, nozzle_stages, servo_flow
+from .actuator import RESOLVED, delayed_command, lag_rate, nozzle_stages, servo_flow
 from .controller import filtered, limited, pseudo_derivative
 from .kernels import apart, inner
 
@@ -87,14 +87,14 @@ def runge_kutta_4(f, i, n, u, disturbance):
     """One step of the classical fourth-order scheme for theta, theta_dot, gamma and the plant's modes, n of the
     flight's steps long; the nozzle, which no vehicle moves, is moved first.
 
-    f (`Vehicle`) inout;  u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both
+    f (`Vehicle`) is inout; u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both
     held; the wind is linear over the step.
     """
     v = f.flight[0]
     h, t = n * v.step, i * v.step
     jump = 0.0
-    if v.first_order != 0 and v.pole * h <= RESOLVED:
-        jump = jolt(v, u)
+    if v.first_order != 0 and v.pole * h <= RESOLVED:  # its inertia turns the vehicle at once; beta_dot: before
+        jump = v.nozzle_inertia * (lag_rate(v, u, v.beta) - v.beta_dot)
     v.theta_dot += jump
     plant.begin_modes(f.modes, jump)
     nozzle_stages(v, f.free, f.stages, u, h)
@@ -122,7 +122,7 @@ def runge_kutta_4(f, i, n, u, disturbance):
     v.theta_dot += h / 6.0 * theta_dot_sum
     v.gamma += h / 6.0 * gamma_sum
     if v.first_order != 0:
-        v.beta_dot = servo_flow(v, u, v.beta, v.beta_dot)[0]
+        v.beta_dot = lag_rate(v, u, v.beta)
 
 
 @inner
