@@ -74,14 +74,19 @@ def compile_formulation(formulation: str, backwards: bool = False, **choices: An
     return precompile(Config(formulation=formulation, model=model, **choices), backwards)
 
 
-def help_from_the_end(formulation: str) -> None:
-    """Compile the entries of a formulation from the last on, until all are there or who asked for it has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def end_with_parent() -> None:
+    """End this process, when it next compiles a kernel, if the one that started it has ended."""
     parent = os.getppid()
 
-    def leave(module: str, name: str) -> None:
+    def look(module: str, name: str) -> None:
         if os.getppid() != parent:
             os._exit(0)
 
-    compile_listeners.append(leave)
+    compile_listeners.append(look)
+
+
+def help_from_the_end(formulation: str) -> None:
+    """Compile the entries of a formulation from the last on, until all are there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent()
     compile_formulation(formulation, backwards=True)

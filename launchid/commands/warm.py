@@ -12,7 +12,7 @@ from typing import Any
 from launchid_core import FORMULATIONS, SOLVERS, compile_listeners
 from sim.errors import InputError
 
-from ..cli.compilation import OFTEN, compile_formulation, cores
+from ..cli.compilation import OFTEN, compile_formulation, cores, end_with_parent
 from ..cli.options import add_command
 from ..cli.terminal import answer, say
 
@@ -85,6 +85,7 @@ def compile_part(part: str, folder: str, compiled: Any) -> None:
             compiled.value += 1
 
     compile_listeners[:] = [count]
+    end_with_parent()
     if part.startswith("filtered"):
         os._exit(0 if compile_formulation("filtered", part.endswith("backwards")) else UNKEPT)
     if part == "regressions":
