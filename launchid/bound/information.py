@@ -4,42 +4,41 @@ import numpy as np
 
 from sim.vehicle.kernels import kernel
 
-from .step import FIRST_ORDER, N_STATES, add_noise, fill, transition
+from .step import FIRST_ORDER, N_STATES, add_noise, combine, fill, multiply, part, transition
 from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
 
+N_CHANNELS = 3     # theta, theta_dot, beta
 N_UNKNOWN = 6      # four initial states, relative a6, relative k1
 WITH_SERVO = 9     # and the servo's relative frequency, relative damping ratio, delay [s]
 DELAY = 8          # its place among them: it is in the command alone, and so in no covariance
 DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
 
 
-@kernel
+@part
 def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
     """Time update of dp (p, n, n), the derivatives of the covariance p (n, n) for relative a6, k1 and servo.
 
     Products are written out: numba's need scipy, which an installation need not have.
     """
     n = len(p)
+    left, new = np.zeros((n, n)), np.zeros((n, n))
     for m in range(len(dp)):
-        slope, share, by = moved[m], value[m], slopes[m]
-        left, new = np.zeros((n, n)), np.zeros((n, n))
+        left[:, :] = 0.0
         for i in range(n):
             for k in range(n):
-                if full[i, k] == 0.0 and slope[i, k] == 0.0:
+                if full[i, k] == 0.0 and moved[m, i, k] == 0.0:
                     continue
                 for j in range(n):
-                    left[i, j] += slope[i, k] * p[k, j] + 0.5 * full[i, k] * dp[m, k, j]
-        for i in range(n):
-            for k in range(n):
-                for j in range(n):
-                    new[i, j] += left[i, k] * full[j, k]
+                    left[i, j] += moved[m, i, k] * p[k, j] + 0.5 * full[i, k] * dp[m, k, j]
+        multiply(left, full.T, new, 0.0)
         for i in range(N_STATES):
             for j in range(N_STATES):
-                new[i, j] += share * (by[i, 4] * f[j, 4] * noises[3] + by[i, 5] * f[j, 5] * noises[4])
-        dp[m] = new + new.T
+                new[i, j] += value[m] * (slopes[m, i, 4] * f[j, 4] * noises[3] + slopes[m, i, 5] * f[j, 5] * noises[4])
+        combine(0.0, dp[m], 1.0, new)
+        combine(1.0, dp[m], 1.0, new.T)
 
 
-@kernel
+@part
 def switch_command(s, x, jump, f, slopes, value, frequency, damping):
     """Add what the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
     to the state x (n,) and the sensitivities s (n, 9).
@@ -53,16 +52,7 @@ def switch_command(s, x, jump, f, slopes, value, frequency, damping):
         s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
 
 
-@kernel
-def drive(s, i, u, known, slopes, value, air):
-    """Add what command u [rad] and known angle of attack [rad] do to the sensitivities s (n, unknowns) of state i."""
-    for m in range(len(value)):
-        s[i, 4 + m] = air[1 + m, i] * known
-        if i < N_STATES:
-            s[i, 4 + m] += value[m] * slopes[m, i, 4] * u
-
-
-@kernel
+@part
 def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
     """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
     beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
@@ -72,10 +62,10 @@ def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
     n, unknowns = len(x), s.shape[1]
     new_x, new_s, fp, new_p = np.zeros(n), np.zeros((n, unknowns)), np.zeros((n, n)), np.zeros((n, n))
     for i in range(n):
-        new_x[i] = air[0, i] * known
-        drive(new_s, i, u, known, slopes, value, air)
-        if i < N_STATES:
-            new_x[i] += f[i, 4] * u
+        moves = i < N_STATES
+        new_x[i] = air[0, i] * known + (f[i, 4] * u if moves else 0.0)
+        for m in range(len(value)):
+            new_s[i, 4 + m] = air[1 + m, i] * known + (value[m] * slopes[m, i, 4] * u if moves else 0.0)
         for k in range(n):
             if full[i, k] == 0.0:
                 continue
@@ -86,29 +76,27 @@ def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
                 new_s[i, j] += full[i, k] * s[k, j]
             for j in range(n):
                 fp[i, j] += full[i, k] * p[k, j]
-    for i in range(n):
-        for j in range(n):
-            if i < N_STATES and j < N_STATES:
-                new_p[i, j] = f[i, 4] * f[j, 4] * noises[3] + f[i, 5] * f[j, 5] * noises[4]
-            for k in range(n):
-                new_p[i, j] += fp[i, k] * full[j, k]
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            new_p[i, j] = f[i, 4] * f[j, 4] * noises[3] + f[i, 5] * f[j, 5] * noises[4]
+    multiply(fp, full.T, new_p, 1.0)
     if n > N_STATES:
-        new_p = 0.5 * (new_p + new_p.T)  # what is not symmetric no measurement sees, and it grows as the vehicle does
         predict_slopes(p, dp, f, slopes, value, full, moved, noises)
-    x[:] = new_x
-    p[:, :] = new_p
-    s[:, :] = new_s
+    for i in range(n):
+        x[i] = new_x[i]
+    combine(0.0, s, 1.0, new_s)
+    combine(0.0, p, 0.5, new_p)  # what is not symmetric no measurement sees, and it grows as the vehicle does
+    combine(1.0, p, 0.5, new_p.T)
 
 
-@kernel
+@part
 def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
     """Measurement update of dp (p, n, n), the gain's derivatives into s, and what the variance tells."""
     n = len(gain)
-    share = np.zeros(len(dp))
+    share, slope = np.zeros(len(dp)), np.zeros(n)
     for m in range(len(dp)):
-        slope = dp[m, channel].copy()
-        if partner >= 0:
-            slope += dp[m, partner]
+        for i in range(n):
+            slope[i] = dp[m, channel, i] + (dp[m, partner, i] if partner >= 0 else 0.0)
         by = slope[channel] + (slope[partner] if partner >= 0 else 0.0)
         share[m] = by / variance
         for i in range(n):
@@ -120,23 +108,21 @@ def correct_slopes(s, dp, channel, partner, gain, variance, innovation, informat
             information[4 + i, 4 + j] += 0.5 * share[i] * share[j]
 
 
-@kernel
+@part
 def correct(x, p, s, dp, channel, partner, z, r, information, score):
     """Scalar measurement update; adds the innovation's information about the unknowns, and its score (unknowns,).
 
     partner  the state that is this sensor's offset, -1 for none
     """
-    n = len(x)
-    column, row, expected = p[channel].copy(), s[channel].copy(), x[channel]
-    if partner >= 0:
-        column += p[partner]
-        row += s[partner]
-        expected += x[partner]
-    variance = column[channel] + r
-    if partner >= 0:
-        variance += column[partner]
-    innovation = z - expected
-    gain = column / variance
+    n, column, row, gain = len(x), np.zeros(len(x)), np.zeros(s.shape[1]), np.zeros(len(x))
+    for j in range(n):
+        column[j] = p[channel, j] + (p[partner, j] if partner >= 0 else 0.0)
+    for j in range(len(row)):
+        row[j] = s[channel, j] + (s[partner, j] if partner >= 0 else 0.0)
+    variance = column[channel] + r + (column[partner] if partner >= 0 else 0.0)
+    innovation = z - (x[channel] + (x[partner] if partner >= 0 else 0.0))
+    for j in range(n):
+        gain[j] = column[j] / variance
     for i in range(len(row)):
         score[i] += row[i] * innovation / variance
         for j in range(len(row)):
@@ -151,7 +137,7 @@ def correct(x, p, s, dp, channel, partner, z, r, information, score):
             p[i, j] -= gain[i] * column[j]
 
 
-@kernel
+@part
 def start_window(world, row, x, p, s, dp):
     """The sensitivities afresh and, of a window that knows nothing of the data before it, the filter too."""
     s[:, :] = 0.0
@@ -175,31 +161,32 @@ def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, wind
     """`window_information` in a world."""
     n, unknowns = N_STATES + len(world.role), information.shape[1]
     moving = min(unknowns, DELAY) - N_STATES
-    x, p, s, dp = np.zeros(n), np.zeros((2, n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
+    x, p, s, dp = np.zeros(n), np.zeros((n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
     f, slopes, value = np.zeros((6, 6)), np.zeros((moving, 6, 6)), np.zeros(moving)
     rest, rest_slopes = np.zeros((6, 6)), np.zeros((moving, 6, 6))
     full, moved, air = np.zeros((n, n)), np.zeros((moving, n, n)), np.zeros((1 + moving, n))
     unused, unscored = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    channels = (0, 1, 2)
-    partner = np.full(3, -1)
+    partner = np.zeros(N_CHANNELS, np.int64)
+    for channel in range(N_CHANNELS):
+        partner[channel] = -1
     for j in range(len(world.role)):
         if world.role[j] >= ATTITUDE_BIAS:
             partner[world.role[j] - ATTITUDE_BIAS] = N_STATES + j
         x[N_STATES + j] = world.gamma[0] if world.role[j] == PATH else 0.0
-        p[0, N_STATES + j, N_STATES + j] = world.start[j, 0]
-    for channel in channels:
+        p[N_STATES + j, N_STATES + j] = world.start[j, 0]
+    for channel in range(N_CHANNELS):
         x[channel] = z[0, channel]
-        p[0, channel, channel] = noises[channel]
+        p[channel, channel] = noises[channel]
         if partner[channel] >= 0:
-            p[0, channel, channel] += p[0, partner[channel], partner[channel]]
+            p[channel, channel] += p[partner[channel], partner[channel]]
     current = -1
     for k in range(len(t)):
         if window_of[k] != current:
             current = window_of[k]
-            start_window(world, k, x, p[0], s, dp)
-        for channel in channels:
+            start_window(world, k, x, p, s, dp)
+        for channel in range(N_CHANNELS):
             if np.isfinite(z[k, channel]):
-                correct(x, p[0], s, dp, channel, partner[channel], z[k, channel], noises[channel],
+                correct(x, p, s, dp, channel, partner[channel], z[k, channel], noises[channel],
                         information[current] if current >= 0 else unused,
                         score[current] if current >= 0 else unscored)
         k1_information[k] = information[current, 5, 5] if current >= 0 else 0.0
@@ -210,13 +197,11 @@ def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, wind
             for m in range(2, moving):
                 value[m] = actuator[m - 2]
             fill(world, f, slopes, value, h, k, full, moved, air)
-            predict(x, p[0], s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
+            predict(x, p, s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
             if unknowns > DELAY and h > switch and newer[k] != u[k]:
                 transition(a6[k], k1[k], actuator[0], actuator[1], h - switch, rest, rest_slopes)
                 switch_command(s, x, newer[k] - u[k], rest, rest_slopes, value, actuator[0], actuator[1])
-            p[1] = 0.0
-            add_noise(world, f, a6[k], h, k, noises, p)
-            dp[0] += p[1]
+            add_noise(world, f, a6[k], h, k, p, dp[0])
 
 
 def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarray, k1: np.ndarray,

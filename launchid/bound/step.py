@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from launchid_core import compiled
 from sim.vehicle import actuator
 from sim.vehicle.kernels import kernel
 
@@ -14,12 +15,13 @@ N_AUGMENTED = 6    # and the held command and acceleration
 TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
 RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
 A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
+part = compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # what kernels alone call
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
 fastest_pole = kernel(actuator.fastest_pole)
 
 
-@kernel
+@part
 def generator_slope(which, frequency, damping, term, out):
     """Add dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
 
@@ -59,38 +61,50 @@ def transition(a6, k1, frequency, damping, h, f, slopes):
         a[3, 4] = frequency * frequency
     squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / RESOLVED)))
     h /= 2.0**squarings
-    term, moved = np.eye(n), np.zeros(slopes.shape)
-    f[:, :] = np.eye(n)
+    term, new, moved = np.zeros((n, n)), np.zeros((n, n)), np.zeros(slopes.shape)
+    f[:, :] = 0.0
+    for i in range(n):
+        term[i, i] = f[i, i] = 1.0
     slopes[:, :, :] = 0.0
     for order in range(1, TAYLOR_ORDER + 1):
-        new = product(a, term) * (h / order)
         for m in range(len(slopes)):
-            slope = product(a, moved[m])
-            generator_slope(m, frequency, damping, term, slope)
-            moved[m] = slope * (h / order)
-            slopes[m] += moved[m]
-        term = new
-        f += term
+            multiply(a, moved[m], new, 0.0)
+            generator_slope(m, frequency, damping, term, new)
+            combine(0.0, moved[m], h / order, new)
+            combine(1.0, slopes[m], 1.0, moved[m])
+        multiply(a, term, new, 0.0)
+        combine(0.0, term, h / order, new)
+        combine(1.0, f, 1.0, term)
     for _ in range(squarings):
         for m in range(len(slopes)):
-            slopes[m] = product(slopes[m], f) + product(f, slopes[m])
-        f[:, :] = product(f, f)
+            multiply(slopes[m], f, new, 0.0)
+            multiply(f, slopes[m], new, 1.0)
+            combine(0.0, slopes[m], 1.0, new)
+        multiply(f, f, new, 0.0)
+        combine(0.0, f, 1.0, new)
 
 
-@kernel
-def product(a, b):
-    """a b (n, n), written out: numba's needs scipy, which an installation need not have."""
-    n = len(a)
-    out = np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
+@part
+def combine(kept, to, by, a):
+    """to <- kept to + by a, matrices: a sum of arrays costs numba half a second to compile, each."""
+    for i in range(to.shape[0]):
+        for j in range(to.shape[1]):
+            to[i, j] = kept * to[i, j] + by * a[i, j]
+
+
+@part
+def multiply(a, b, out, kept):
+    """out <- kept out + a b (n, n), written out: numba's needs scipy, which an installation need not have."""
+    for i in range(len(a)):
+        for j in range(len(a)):
+            out[i, j] *= kept
+        for k in range(len(a)):
             if a[i, k] != 0.0:
-                for j in range(n):
+                for j in range(len(a)):
                     out[i, j] += a[i, k] * b[k, j]
-    return out
 
 
-@kernel
+@part
 def push_of(role, a6, k1, mean, levels_known):
     """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
     a6 and k1."""
@@ -103,7 +117,7 @@ def push_of(role, a6, k1, mean, levels_known):
     return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
 
 
-@kernel
+@part
 def fill(world, f, slopes, value, h, row, full, moved, air):
     """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
 
@@ -145,13 +159,12 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
                     full[c, N_STATES + k] = h * z_beta
 
 
-@kernel
-def add_noise(world, f, a6, h, row, noises, p):
-    """Add the process noise of a step to p (n, n), its derivative for relative a6 to the second (2, n, n) of p.
+@part
+def add_noise(world, f, a6, h, row, q, dq):
+    """Add the process noise of a step to q (n, n), its derivative for relative a6 to dq (n, n).
 
     Of the wind to the leading order in h: theta_ddot = a6 w, w_dot white.
     """
-    q, dq = p[0], p[1]
     for i in range(N_STATES):
         for j in range(N_STATES):
             q[i, j] += a6 * a6 * world.gamma_variance * f[i, 5] * f[j, 5]
