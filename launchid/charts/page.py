@@ -1,4 +1,4 @@
-"""The page of a report: one file that needs no network, its figures drawn again by the browser where it runs scripts."""
+"""The page of a report: one file that needs no network; where the browser runs scripts it draws the figures again."""
 
 import base64
 import json

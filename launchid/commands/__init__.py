@@ -23,5 +23,5 @@ from . import (
     watch,
 )
 
-COMMANDS = (reproduce, simulate, show, identify, nominal, plan, diagnose, compare, margins, uncertainty, fit_lft, export_c,
-            campaign, convert, watch, effects)
+COMMANDS = (reproduce, simulate, show, identify, nominal, plan, diagnose, compare, margins, uncertainty, fit_lft,
+            export_c, campaign, convert, watch, effects)

@@ -8,23 +8,25 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from .flown import CHANNELS
-from .frequency_response import COHERENT
+from .frequency_response import COHERENT, Response
 from .prediction import HORIZONS
-from .result import INTERVAL, UNITS, Comparison, decibels_and_degrees
+from .result import DECIBEL, INTERVAL, UNITS, Comparison, decibels_and_degrees
 
 MEASURED: dict[str, Any] = {"color": "0.72", "linewidth": 2.6, "linestyle": "-"}
 STYLES: tuple[dict[str, Any], ...] = (   # from light to dark in grey
     {"color": "#c2570c", "linewidth": 1.1, "linestyle": "--"}, {"color": "#12355b", "linewidth": 1.1, "linestyle": "-"},
     {"color": "#2f8f6b", "linewidth": 1.1, "linestyle": "-."}, {"color": "#000000", "linewidth": 1.2, "linestyle": ":"})
-WORDS = {"theta": "attitude theta", "theta_dot": "rate theta_dot", "beta": "nozzle beta", "beta_cmd": "command beta_cmd"}
+WORDS = {"theta": "attitude theta", "theta_dot": "rate theta_dot", "beta": "nozzle beta",
+         "beta_cmd": "command beta_cmd"}
 SMALL = 8        # points, of ticks and labels
 FAR = HORIZONS[-1]
-GAINS = 60.0     # dB that a gain's axis spans at most
+LEAST_SPAN = (6.0, 20.0)   # dB, deg: an axis shows at least a quarter of it beside what is measured
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)   # Hz
 
 
 def style(k: int) -> dict[str, Any]:
-    """Return the style of the k-th nominal."""
-    return STYLES[k % len(STYLES)]
+    """Return the style of the k-th nominal: the first is on top, its dashes show those below."""
+    return {**STYLES[k % len(STYLES)], "zorder": 10 - k}
 
 
 def comparison_figure(made: Comparison) -> Figure:
@@ -60,79 +62,93 @@ def comparison_figure(made: Comparison) -> Figure:
 
 def dispersion_figure(made: Comparison) -> Figure | None:
     """Draw the log in the band of each nominal's dispersed flights; None where none flew."""
-    flew = [each for each in made.nominals if each.dispersed is not None]
+    flew = [(each.label, each.dispersed) for each in made.nominals if each.dispersed is not None]
     if not flew:
         return None
-    names = [name for name in CHANNELS if any(each.dispersed and name in each.dispersed.places for each in flew)]
-    figure = Figure(figsize=(6.5 * max(2, len(flew)), 1.0 + 2.0 * len(names)), layout="constrained")
-    figure.suptitle(f"{Path(made.log.path).name} in the nominal's own dispersed flights", fontsize=11)
+    names = [name for name in CHANNELS if any(name in of.places for _, of in flew)]
+    figure = Figure(figsize=(6.5 * max(1.4, len(flew)), 1.2 + 2.0 * len(names)), layout="constrained")
+    figure.suptitle(f"{Path(made.log.path).name} among dispersed flights of "
+                    f"{', '.join(label for label, _ in flew)}", fontsize=11)
     axes = figure.subplots(len(names), len(flew), sharex=True, sharey="row", squeeze=False)
-    for column, each in zip(axes.T, flew, strict=True):
-        assert each.dispersed is not None
-        column[0].set_title(each.label, fontsize=9, loc="left", pad=26)
+    for column, (label, of) in zip(axes.T, flew, strict=True):
         for axis, name in zip(column, names, strict=True):
-            place = each.dispersed.places[name]
-            axis.plot(place.t, place.measured, label=f"measured: {100.0 * place.outside:.0f} % of the time outside, peak "
-                      f"above that of {100.0 * place.peak:.0f} % of the flights", **MEASURED)
-            axis.plot(place.t, place.low, color="0.0", linewidth=0.9, linestyle="--", label="5 and 95 % of the flights")
-            axis.plot(place.t, place.high, color="0.0", linewidth=0.9, linestyle="--")
-            axis.plot(place.t, place.middle, color="0.0", linewidth=0.9, linestyle=":", label="median")
+            place = of.places[name]
+            axis.plot(place.t, place.measured, label="measured", **{**MEASURED, "linewidth": 1.8})
+            for line, words, dash in ((place.low, "5 and 95 % of the flights", "--"), (place.high, "_", "--"),
+                                      (place.middle, "their median", ":")):
+                axis.plot(place.t, line, color="0.0", linewidth=0.9, linestyle=dash, label=words)
+            axis.set_title(f"{label}: outside in {100.0 * place.outside:.0f} % of the time; peak above that of "
+                           f"{100.0 * place.peak:.0f} % of the flights", fontsize=SMALL, loc="left")
             axis.set_ylabel(f"{WORDS[name]}\n[{UNITS[name]}]", fontsize=SMALL)
         column[-1].set_xlabel("t [s]", fontsize=SMALL)
-    return _finished(figure)
+    return _finished(figure, one_legend=True)
 
 
 def response_figure(made: Comparison) -> Figure | None:
-    """Draw gain, phase and coherence of each pair, as measured for the first nominal and of each nominal; None without
-    any.  With an instrument it is that estimate, else that of the input itself."""
-    first = made.nominals[0].responses
-    if not first:
+    """Draw gain, phase and coherence of each pair, where the coherence is high enough: measured (for the first nominal,
+    which has the instrument), and of each nominal; None without any."""
+    shown: dict[tuple[str, str], list[Response]] = {}
+    for each in made.nominals[0].responses:
+        shown.setdefault((each.source, each.to), []).append(each)
+    if not shown:
         return None
-    pairs = list({(each.source, each.to): each for each in reversed(first)}.values())[::-1]
-    figure = Figure(figsize=(6.5 * max(2, len(pairs)), 8.4), layout="constrained")
-    figure.suptitle(f"{Path(made.log.path).name}: frequency responses, measured and of the nominal", fontsize=11)
-    axes = figure.subplots(3, len(pairs), sharex="col", squeeze=False)
-    for (gain, phase, coherence), shown in zip(axes.T, pairs, strict=True):
-        usable = shown.coherence >= COHERENT
-        decibels, degrees, *_ = decibels_and_degrees(shown)
-        way = f"instrument {shown.instrument}" if shown.instrument else "of the input itself: biased in closed loop"
-        gain.set_title(f"{shown.source} to {shown.to}, {way}", fontsize=9, loc="left", pad=26)
-        for axis, value, half in ((gain, decibels, 20.0 / np.log(10.0) * shown.std),
-                                  (phase, degrees, np.degrees(shown.std))):
-            low, high = (np.where(usable, value + sign * INTERVAL * half, np.nan) for sign in (-1.0, 1.0))
-            axis.plot(shown.frequency, np.where(usable, value, np.nan), marker="o", markersize=3,
-                      label="measured", **MEASURED)
-            axis.plot(shown.frequency, low, color="0.35", linewidth=0.8, linestyle=":", label="95 % interval")
-            axis.plot(shown.frequency, high, color="0.35", linewidth=0.8, linestyle=":")
-            for k, each in enumerate(made.nominals):
-                same = next((one for one in each.responses if (one.source, one.to, one.instrument)
-                             == (shown.source, shown.to, shown.instrument)), None)
-                if same is not None and np.isfinite(same.nominal).any():
-                    _, _, believed, turned = decibels_and_degrees(same)
-                    axis.plot(same.frequency, believed if axis is gain else turned, label=each.label, **style(k))
-            _scaled(axis, value[usable])
-        coherence.plot(shown.frequency, shown.coherence, color="0.0", linewidth=0.9)
-        coherence.axhline(COHERENT, color="0.35", linewidth=0.9, linestyle="--")
-        coherence.annotate(f"{COHERENT:g}: below it nothing is drawn above", (shown.frequency[0], COHERENT),
-                           xytext=(4, -10), textcoords="offset points", fontsize=7,
-                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
-        coherence.set_ylim(0.0, 1.03)
-        for axis, label in ((gain, "gain [dB]"), (phase, "phase [deg]"), (coherence, "coherence [-]")):
-            axis.set_ylabel(label, fontsize=SMALL)
-            axis.set_xscale("log")
-        ticks = [x for x in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if shown.frequency[0] <= x <= shown.frequency[-1]]
-        coherence.set_xticks(ticks, [f"{x:g}" for x in ticks], minor=False)
-        coherence.set_xticks([], minor=True)
-        coherence.set_xlabel("frequency [Hz]", fontsize=SMALL)
-    return _finished(figure)
+    figure = Figure(figsize=(6.5 * max(1.4, len(shown)), 8.8), layout="constrained")
+    figure.suptitle(f"{Path(made.log.path).name}: frequency responses", fontsize=11)
+    axes = figure.subplots(3, len(shown), sharex="col", squeeze=False)
+    for column, (pair, measured) in zip(axes.T, shown.items(), strict=True):
+        best = measured[0]
+        column[0].set_title(f"{pair[0]} to {pair[1]}" + (f"; instrument {best.instrument}" if best.instrument else ""),
+                            fontsize=9, loc="left")
+        for each in measured:
+            _measured_response(column, each, is_best=each is best)
+        lines = [one for beside in made.nominals for one in beside.responses
+                 if (one.source, one.to, one.instrument) == (*pair, best.instrument)]
+        for k, (beside, one) in enumerate(zip(made.nominals, lines, strict=False)):
+            for axis, x in zip(column, decibels_and_degrees(one)[2:], strict=False):
+                axis.plot(one.frequency, x, label=beside.label, **style(k))
+        _response_axes(column, measured)
+    return _finished(figure, one_legend=True)
 
 
-def _scaled(axis: Any, values: np.ndarray) -> None:
-    """An ordinate that holds the values that are drawn as measured, and what is near them of the rest."""
-    values = values[np.isfinite(values)]
-    if len(values):
-        margin = 0.15 * max(6.0, float(np.ptp(values)))
-        axis.set_ylim(max(values.min(), values.max() - 6.0 * GAINS) - margin, values.max() + margin)
+def _measured_response(column: Any, of: Response, is_best: bool) -> None:
+    """One estimate: the best with its interval as dots, the other as a wide line."""
+    usable = of.coherence >= COHERENT
+    form = {"color": "0.0", "marker": "o", "markersize": 3, "linestyle": "None"} if is_best else MEASURED
+    words = "measured" if is_best else "measured, of the input itself (biased in closed loop)"
+    for axis, value, half in zip(column, decibels_and_degrees(of)[:2], (DECIBEL * of.std, np.degrees(of.std)),
+                                 strict=False):
+        axis.plot(of.frequency, np.where(usable, value, np.nan), label=words, zorder=12 if is_best else 1, **form)
+        for sign in (-1.0, 1.0) if is_best else ():
+            axis.plot(of.frequency, np.where(usable, value + sign * INTERVAL * half, np.nan), color="0.0",
+                      linewidth=0.9, linestyle=":", label="95 % interval" if sign > 0.0 else "_")
+    line = {"color": "0.0", "linewidth": 0.9} if is_best else {**MEASURED, "linewidth": 1.6}
+    column[2].plot(of.frequency, of.coherence, zorder=12 if is_best else 1, **line)
+
+
+def _response_axes(column: Any, measured: list[Response]) -> None:
+    """Scales that hold what is measured, and the coherence from which on it is drawn."""
+    gain, phase, coherence = column
+    usable = [each.coherence >= COHERENT for each in measured]
+    reach = np.concatenate([each.frequency[kept] for each, kept in zip(measured, usable, strict=True)])
+    low, high = (reach.min(), reach.max()) if len(reach) else (measured[0].frequency[0], measured[0].frequency[-1])
+    for axis, k in ((gain, 0), (phase, 1)):
+        values = np.concatenate([decibels_and_degrees(each)[k][kept]
+                                 for each, kept in zip(measured, usable, strict=True)])
+        if len(values):
+            margin = 0.12 * max(LEAST_SPAN[k], float(np.ptp(values)))
+            axis.set_ylim(values.min() - margin, values.max() + margin)
+    for axis, label in zip(column, ("gain [dB]", "phase [deg]", "coherence [-]"), strict=True):
+        axis.set_ylabel(label, fontsize=SMALL)
+        axis.set_xscale("log")
+        axis.set_xlim(0.9 * low, 1.1 * high)
+    coherence.axhline(COHERENT, color="0.35", linewidth=0.9, linestyle="--")
+    coherence.set_title(f"measured gain and phase are drawn where the coherence is above {COHERENT:g}", fontsize=SMALL,
+                        loc="left")
+    coherence.set_ylim(0.0, 1.03)
+    ticks = [x for x in TICKS if 0.9 * low <= x <= 1.1 * high]
+    coherence.set_xticks(ticks, [f"{x:g}" for x in ticks], minor=False)
+    coherence.set_xticks([], minor=True)
+    coherence.set_xlabel("frequency [Hz]", fontsize=SMALL)
 
 
 def _words(found: dict[str, Any]) -> str:
@@ -143,13 +159,16 @@ def _words(found: dict[str, Any]) -> str:
     return f"{fit}TIC {found['tic']:.3f}" if found["tic"] is not None else fit.rstrip(", ")
 
 
-def _finished(figure: Figure) -> Figure:
-    """The figure with grids, small ticks, and each panel's legend above it."""
+def _finished(figure: Figure, one_legend: bool = False) -> Figure:
+    """The figure with grids, small ticks, and legends above: one of the first panel, or one each."""
     for axis in figure.axes:
         axis.grid(True, color="0.88", linewidth=0.6)
         axis.tick_params(labelsize=SMALL)
-        if axis.get_legend_handles_labels()[1]:
+        if axis.get_legend_handles_labels()[1] and not one_legend:
             axis.legend(fontsize=7, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 0.99), frameon=False)
+    if one_legend:
+        figure.legend(*figure.axes[0].get_legend_handles_labels(), fontsize=SMALL, ncol=6, loc="outside lower left",
+                      frameon=False)
     return figure
 
 

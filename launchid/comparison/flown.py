@@ -1,4 +1,4 @@
-"""A log's reference flown again by a nominal, in closed loop with its controller, by the simulator itself (`sim.flight`).
+"""A log's reference flown again by a nominal, in closed loop with its controller, by the simulator (`sim.flight`).
 
 A flight begins at t = 0 at attitude 0, as every one of a nominal does; a log that begins later is none of those.
 """

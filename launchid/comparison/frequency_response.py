@@ -3,8 +3,12 @@
     beta -> theta_ddot, the airframe: k1 s^2 / (s^2 - a6);    beta_cmd -> beta, the servo behind its hold and delay
 
 Welch's method: segments that overlap by half, each less its mean, times a Hann window w; cross spectra are means over
-the segments.  Where theta_ddot is not measured its windowed transform follows from that of theta_dot, exactly and
-without a difference, by parts:  F[w theta_ddot] = j omega F[w theta_dot] - F[w' theta_dot].
+the segments.  Where the reference moves the loop, input, output and instrument are differenced twice before: their
+relation stays, and a reference of ramps, whose steep spectrum leaks from a low frequency into those above it, becomes
+pulses, whose spectrum is flat (prewhitening: Bendat and Piersol, ch. 11).  Where theta_ddot is not measured its
+windowed transform follows from that of theta_dot, exactly and without a difference, by parts:
+
+    F[w theta_ddot] = j omega F[w theta_dot] - F[w' theta_dot]
 
 In closed loop what disturbs the output comes back to the input, and S_uy/S_uu is drawn from the response towards the
 negative inverse of the controller, the more the weaker the coherence.  An instrument r, which no disturbance reaches,
@@ -47,6 +51,7 @@ WHOLE = 0.98            # of a segment's rows that are measured; the rest lies o
 HANN_OVERLAP = 1.0 / 36.0   # squared correlation of neighbouring Hann segments that overlap by half (Welch 1967)
 MOVING = 1e-9           # of an instrument's variance over its mean square: less is a constant
 COHERENT = 0.6          # that a frequency is usable from (Tischler and Remple)
+PREWHITENED = 2         # differences of a loop that a reference of ramps moves
 PAIRS = (("beta", "theta_ddot"), ("beta_cmd", "beta"))
 
 
@@ -83,9 +88,11 @@ def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
     """Return the responses of PAIRS that the log has columns, rows and motion for: with the instrument, where there is
     one, and of the input itself."""
     made = []
-    ways = [way for way in (instrument(log, nominal), (None, None)) if way[1] is not None or way == (None, None)]
+    name, series = instrument(log, nominal)
+    order = PREWHITENED if name == "theta_ref" else 0
+    ways = ((name, series), (None, None)) if name is not None else ((None, None),)
     for (source, to), (name, series) in itertools.product(PAIRS, ways):
-        spectra = transforms(log, source, to, series)
+        spectra = transforms(log, source, to, series, order)
         if spectra is None:
             continue
         gain, std, coherence = estimated(spectra)
@@ -113,12 +120,12 @@ def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | Non
     return None, None
 
 
-def transforms(log: Log, source: str, to: str, series: np.ndarray | None) -> Spectra | None:
-    """Return the windowed transforms of a log's segments, those that are measured nearly everywhere; None without FEWEST
-    of them.
+def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order: int = 0) -> Spectra | None:
+    """Return the windowed transforms of a log's segments, of those that are measured nearly everywhere; None without
+    FEWEST of them.
 
     source, to   columns;  theta_ddot is made of theta_dot where it is not measured
-    series       (n,) the instrument; None: the input
+    series       (n,) the instrument; None: the input;  order  how often all are differenced before
     """
     if to == "theta_ddot" and not np.isfinite(log.theta_ddot).any():
         to = "theta_dot"
@@ -131,11 +138,12 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None) -> Spe
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * period), 0, len(t) - 1)
     columns = np.stack([getattr(log, source), getattr(log, to), getattr(log, source) if series is None else series])
     on_grid = np.where(np.abs(t[nearest] - grid) < 0.5 * period, columns[:, usable][:, nearest], np.nan)
-    there = np.isfinite(on_grid).all(axis=0)
+    there = np.asarray(np.isfinite(on_grid).all(axis=0))
     if not there.any():
         return None
     on_grid = np.stack([np.interp(grid, grid[there], x[there]) for x in on_grid])
-    starts = [k for k in range(0, len(grid) - rows + 1, max(1, rows // 2)) if np.mean(there[k:k + rows]) >= WHOLE]
+    on_grid, there = np.diff(on_grid, n=order, axis=1), there[order:]
+    starts = [k for k in range(0, len(there) - rows + 1, max(1, rows // 2)) if np.mean(there[k:k + rows]) >= WHOLE]
     if len(starts) < FEWEST or rows < 4 * FIRST_BIN:
         return None
     angle = 2.0 * np.pi * np.arange(rows) / rows
@@ -146,7 +154,7 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None) -> Spe
     frequency = np.fft.rfftfreq(rows, period)
     if to == "theta_dot":
         y = 2j * np.pi * frequency * y - np.fft.rfft(cut[1] * slope, axis=1)
-    return Spectra(frequency, u, y, r, grid[starts] + 0.5 * rows * period)
+    return Spectra(frequency, u, y, r, grid[starts] + 0.5 * (rows + order) * period)
 
 
 def estimated(of: Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -189,7 +197,7 @@ def airframe(nominal: Nominal, a6: np.ndarray, k1: np.ndarray, frequency: np.nda
     s = 2j * np.pi * frequency
     top, bottom = k1 + 0.0 * s, s**2 - a6
     for effect in nominal.effects:
-        has = values(effect)
+        has = {name: x for name, x in values(effect).items() if not isinstance(x, str)}
         if effect.name == "aero_damping":
             bottom = bottom + has["coefficient"] * s
         elif effect.name == "nozzle_inertia":

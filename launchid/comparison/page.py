@@ -17,16 +17,18 @@ PICTURES = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
         "Wide grey: measured. Each nominal has its colour and dash, named above the panel with its fit and Theil's "
         "coefficient (TIC). Left: the nominal flies the log's reference with its own controller, without noise. Right: "
-        "what the prediction 1 s ahead leaves, from the state as the nominal's filter knows it, on the logged commands."),
+        "what the prediction 1 s ahead leaves, from the state as the nominal's filter knows it, on the logged "
+        "commands."),
     "dispersions.png": ("The flight in the nominal's dispersions",
         "Dashed: 5 and 95 % of the dispersed flights; dotted: their median; wide grey: measured. A flight of the "
         "nominal is outside in 10 % of the time."),
     "responses.png": ("Frequency responses",
-        "Dots: measured, where the coherence is high enough; dotted: 95 % interval. Each nominal has its colour and dash. "
-        "Of a vehicle that changes the nominal's response is the mean over the flight that the estimate is of.")}
+        "Dots: measured, where the coherence is high enough; dotted: 95 % interval; wide grey, where there is an "
+        "instrument: measured without it. Each nominal has its colour and dash. Of a vehicle that changes the "
+        "nominal's response is the mean over the flight that the estimate is of.")}
 GLOSSARY = (
-    ("fit", "100 % less the RMS error over the RMS of the measured values about their mean: 100 % is exact, 0 no better "
-            "than the mean"),
+    ("fit", "100 % less the RMS error over the RMS of the measured values about their mean: 100 % is exact, 0 no "
+            "better than the mean"),
     ("TIC", "Theil's inequality coefficient: RMS error over the sum of the two RMS values: 0 is exact, 1 no relation. "
             "Its shares: of the means (bias), of the spreads (variance), and the rest (covariance), which no shift or "
             "scale takes away"),
@@ -38,8 +40,8 @@ GLOSSARY = (
 
 
 def write_report(made: Comparison, folder: str | Path) -> None:
-    """Write report.html, compare.json and the figures into a folder that is made if need be; figures of an earlier report
-    that this one lacks are removed."""
+    """Write report.html, compare.json and the figures into a folder that is made if need be; figures of an earlier
+    report that this one lacks are removed."""
     path = make_folder(folder)
     try:
         for name in PICTURES:
@@ -69,7 +71,8 @@ def _drawn(made: Comparison, folder: Path) -> str:
     parts = []
     for name, figure in figures.items():
         save(figure, folder / name)
-        parts.append(picture(name.partition(".")[0], *PICTURES[name], (folder / name).read_bytes(), figure_json(figure)))
+        parts.append(picture(name.partition(".")[0], *PICTURES[name], (folder / name).read_bytes(),
+                             figure_json(figure)))
     return "".join(parts)
 
 

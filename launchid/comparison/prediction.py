@@ -8,6 +8,7 @@ The command is what the prediction is given.  It is predicted itself where the n
 that would have commanded at the attitude as predicted, with the reference of the log.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.data.check import DataCheck
 from ..diagnosis.data.record import CHANNELS, Record
 from ..diagnosis.data.used import shortened, sparser, used
+from ..diagnosis.data.world import SLOW_MOMENT, World
 from ..diagnosis.model.follower import NominalFollower
 from ..diagnosis.model.noise import Refilter, declared, dynamics, first_filter, run_filter
 from ..diagnosis.model.point import Point, innovations, prediction_errors
@@ -65,7 +67,7 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
     if not rows:
         return {}
     most = max(rows.values())
-    errors = prediction_errors(r, of, Point(), r.period * np.arange(1, most + 1), spacing * r.period)
+    errors = prediction_errors(r, of, Point(), [k * r.period for k in range(1, most + 1)], spacing * r.period)
     start = spacing * np.arange(len(errors))
     ahead = start[:, None] + np.arange(1, most + 1)
     inside = (ahead < r.rows) & (start[:, None] * r.period >= SETTLED)
@@ -90,9 +92,11 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
 
 
 def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
-    """The log on its grid with its commands; of a long or fast one the rows that a diagnosis uses."""
+    """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses, without the slow
+    moment that a diagnosis allows every nominal: the filter is that of what the nominal declares."""
     draft = shortened(record(log, nominal, sparser(data, log.t, nominal)))
-    return used(with_commands(draft, NominalFollower())[0], log.t[data.usable])[0]
+    made = used(with_commands(draft, NominalFollower())[0], log.t[data.usable])[0]
+    return replace(made, world=World(tuple(each for each in made.world.sources if each.name != SLOW_MOMENT)))
 
 
 def _logged(r: Record) -> np.ndarray:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
 DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 INTERVAL = 1.96                   # standard deviations: 95 %
+REGION = 5.991                    # 95 % of chi-squared with two degrees of freedom
 SHOWN = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
          "variance": ".2f", "covariance": ".2f"}
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
@@ -57,8 +58,9 @@ class Comparison(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        lines = [f"{self.log.path}: measured beside {', '.join(each.label for each in self.nominals)}; fit in %, 100 is "
-                 "exact; TIC: Theil's inequality coefficient, 0 is exact, with its shares of bias, variance, covariance",
+        lines = [f"{self.log.path}: measured beside {', '.join(each.label for each in self.nominals)}",
+                 "fit in %, 100 is exact; noise: what the declared noise leaves of it where the nominal is right; TIC: "
+                 "Theil's inequality coefficient, 0 is exact, with its shares of bias, variance and covariance",
                  f"{'channel':<10}{'':<12}{'nominal':<20}{'fit':>8}{'noise':>8}{'rms':>11}{'largest':>11}  {'unit':<6}"
                  f"{'TIC':>7}{'bias':>7}{'var.':>7}{'cov.':>7}"]
         for row in self._rows():
@@ -66,7 +68,6 @@ class Comparison(Answer):
                                                  for key, form in SHOWN.items())
             lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
                          f"{largest:>11}  {UNITS[row['channel']]:<6}" + "".join(f"{share:>7}" for share in shares))
-        lines.append("noise: the fit of a nominal without a fault, which its declared noise leaves")
         return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines()])
 
     def _rows(self) -> list[dict[str, Any]]:
@@ -90,26 +91,26 @@ class Comparison(Answer):
             places = "; ".join(f"{name} {100.0 * place.outside:.0f} %, peak at {100.0 * place.peak:.0f} %"
                                for name, place in each.dispersed.places.items())
             lost = f"; {each.dispersed.lost} of them were lost" if each.dispersed.lost else ""
-            lines.append(f"in the dispersed flights of {each.label}{lost}: share of the time outside their 5..95 % (10 % "
-                         f"is usual), and flights whose peak is below the log's: {places}")
+            lines.append(f"among dispersed flights of {each.label}{lost}: share of the time outside their 5..95 % (10 % "
+                         f"is usual), and the share of flights whose peak is below the log's: {places}")
         return lines
 
     def response_lines(self) -> list[str]:
-        lines = []
+        """What the frequency responses tell, a line for each pair and instrument."""
+        lines: dict[str, list[str]] = {}
         for each in self.nominals:
             for response in each.responses:
                 usable = response.coherence > COHERENT
-                way = f"with {response.instrument} as instrument" if response.instrument else \
-                    f"of the input itself: {BIASED}"
-                head = f"{response.source} -> {response.to}, {way}: coherence above {COHERENT:g}"
-                if not usable.any():
-                    lines.append(f"{head} nowhere")
-                    continue
+                way = f"instrument {response.instrument}" if response.instrument else "of the input itself"
                 span = response.frequency[usable]
-                inside = f"; {each.label} is inside the 95 % interval at {100.0 * np.mean(within(response)[usable]):.0f} " \
-                    "% of them" if np.isfinite(response.nominal[usable]).all() else ""
-                lines.append(f"{head} at {usable.sum()} frequencies from {span[0]:.2g} to {span[-1]:.2g} Hz{inside}")
-        return lines
+                head = f"{response.source} -> {response.to}, {way}: coherence above {COHERENT:g} " + (
+                    f"at {usable.sum()} frequencies, {span[0]:.2g} to {span[-1]:.2g} Hz" if usable.any() else "nowhere")
+                said = lines.setdefault(head, [])
+                if usable.any() and np.isfinite(response.nominal[usable]).all():
+                    said.append(f"{each.label} at {100.0 * np.mean(within(response)[usable]):.0f} %")
+        made = [head + (f"; inside the 95 % region of the measured: {', '.join(said)}" if said else "")
+                for head, said in lines.items()]
+        return [*made, f"of the input itself: {BIASED}"] if made else made
 
     def columns(self) -> Columns:
         return flat(self._rows())
@@ -151,14 +152,15 @@ def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, st
                            frequency_responses(clean, nominal)))
     t = log.t[np.isfinite(log.t)]
     if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
-        said += (f"{log.path}: begins at {t.min():g} s: the nominal's flights begin at 0 s, so none is flown beside it",)
+        said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
     clean = masked(log, check(log, nominals[0]))
     return Comparison(clean, made, report(clean, made), tuple(dict.fromkeys(said)))
 
 
 def labels(nominals: Sequence[Nominal]) -> list[str]:
     """Return a name for each nominal that no other has: of its file, its path, or with its place behind it."""
-    for names in ([Path(each.path).stem or each.name for each in nominals], [each.path or each.name for each in nominals]):
+    paths = [each.path or each.name for each in nominals]
+    for names in ([Path(path).stem for path in paths], paths):
         if len(set(names)) == len(names):
             return names
     return [f"{name} ({k})" for k, name in enumerate(names, start=1)]
@@ -166,14 +168,14 @@ def labels(nominals: Sequence[Nominal]) -> list[str]:
 
 def masked(log: Log, data: DataCheck) -> Log:
     """Return the log without the stamps and values in which the data check finds a fault."""
-    columns = {name: np.where(mask, getattr(log, name), np.nan) for name, mask in data.masks.items()}
+    columns: dict[str, Any] = {name: np.where(mask, getattr(log, name), np.nan) for name, mask in data.masks.items()}
     return replace(log, t=np.where(data.usable, log.t, np.nan), **columns)
 
 
 def within(response: Response) -> np.ndarray:
-    """Return where the nominal's gain is inside the 95 % interval of the measured one, and its phase likewise."""
-    off = np.log(response.gain / response.nominal)
-    return (np.abs(off.real) <= INTERVAL * response.std) & (np.abs(off.imag) <= INTERVAL * response.std)
+    """Return where the nominal is inside the 95 % region of the measured gain and phase, which together have two
+    degrees of freedom."""
+    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= REGION * response.std**2)
 
 
 # ---- the JSON
@@ -211,12 +213,15 @@ def _response(of: Response) -> dict[str, Any]:
 
 
 def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return gain [dB] and phase [deg] as measured, then of the nominal, whose phase has no jumps and which the measured
-    one is within half a turn of."""
+    """Return gain [dB] and phase [deg] as measured, then of the nominal, both phases without jumps: the nominal's
+    begins in -270 to 90, the measured one is near it where it begins, and follows itself where it is coherent."""
     believed = np.where(np.isfinite(of.nominal), of.nominal, 1.0)
+    lost, usable = ~np.isfinite(of.nominal), of.coherence > COHERENT
     phase = np.degrees(np.unwrap(np.angle(believed)))
-    lost = ~np.isfinite(of.nominal)
-    return (DECIBEL * np.log(np.abs(of.gain)), phase + np.degrees(np.angle(of.gain / believed)),
+    phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
+    off = np.angle(of.gain / believed)
+    off[usable] = np.unwrap(off[usable])
+    return (DECIBEL * np.log(np.abs(of.gain)), phase + np.degrees(off),
             np.where(lost, np.nan, DECIBEL * np.log(np.abs(believed))), np.where(lost, np.nan, phase))
 
 

@@ -124,8 +124,8 @@ def _draw(made: Diagnosis, folder: Path) -> Drawn | None:
 
 def page(made: Diagnosis, drawn: Drawn | None) -> str:
     """The whole page."""
-    return made_page(headline(made), f"launchid diagnose: measured {Path(made.log.path).name} against the simulation of "
-                     f"{made.nominal.name}", COLOURS[made.verdict], first_screen(made, drawn), _sections(made, drawn))
+    above = f"launchid diagnose: measured {Path(made.log.path).name} against the simulation of {made.nominal.name}"
+    return made_page(headline(made), above, COLOURS[made.verdict], first_screen(made, drawn), _sections(made, drawn))
 
 
 def first_screen(made: Diagnosis, drawn: Drawn | None) -> str:
