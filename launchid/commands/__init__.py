@@ -20,8 +20,9 @@ from . import (
     show,
     simulate,
     uncertainty,
+    warm,
     watch,
 )
 
 COMMANDS = (reproduce, simulate, show, identify, nominal, plan, diagnose, compare, margins, uncertainty, fit_lft,
-            export_c, campaign, convert, watch, effects)
+            export_c, campaign, convert, watch, effects, warm)

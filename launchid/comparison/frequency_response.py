@@ -31,12 +31,13 @@ P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70: overlapped segments.
 """
 
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from sim.effects import values
-from sim.flight import parameters
+from sim.flight import packed, parameters
 from sim.nominal import Nominal
 
 from ..log.log import Log
@@ -194,15 +195,11 @@ def of_nominal(of: Spectra, nominal: Nominal, pair: tuple[str, str], hold: float
 def airframe(nominal: Nominal, a6: np.ndarray, k1: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     """Return beta -> theta_ddot at frequencies [Hz] of frozen a6 and k1 [1/s^2], with the damping, the sloshing masses
     and the nozzle's inertia that the nominal's effects give it; its other effects are not in it."""
-    s = 2j * np.pi * frequency
-    top, bottom = k1 + 0.0 * s, s**2 - a6
+    s, changes = 2j * np.pi * frequency, packed(nominal)
+    top, bottom = k1 + changes.nozzle_inertia * s**2, s**2 + changes.aero_damping * s - a6
     for effect in nominal.effects:
-        has = {name: x for name, x in values(effect).items() if not isinstance(x, str)}
-        if effect.name == "aero_damping":
-            bottom = bottom + has["coefficient"] * s
-        elif effect.name == "nozzle_inertia":
-            top = top + has["coefficient"] * s**2
-        elif effect.name == "slosh":
+        if effect.name == "slosh":
+            has = {name: float(x) for name, x in values(effect).items()}
             w = has["frequency"]
             bottom = bottom + s**2 * has["coupling"] * w**2 / (s**2 + 2.0 * has["damping_ratio"] * w * s + w**2)
     return np.asarray(s**2 * top / bottom)
@@ -217,13 +214,9 @@ def servo(nominal: Nominal, frequency: np.ndarray, hold: float) -> np.ndarray:
     actuator = nominal.actuator
     if actuator is None:
         return np.full(len(frequency), np.nan, complex)
-    gain, speed, delay = 1.0, 1.0, actuator.delay
-    for effect in nominal.effects:
-        has = values(effect)
-        gain *= float(has["scale"]) if effect.name == "actuator_gain" else 1.0
-        speed *= float(has["scale"]) if effect.name == "actuator_bandwidth" else 1.0
-        delay += float(has["delay"]) if effect.name == "actuator_delay" else 0.0
-    w = speed * actuator.frequency
+    changes = packed(nominal)
+    delay = actuator.delay + changes.actuator_delay
+    w = actuator.frequency * math.prod(scale for scale, _ in changes.bandwidths)
     poles = np.array([-w]) if actuator.is_first_order else np.roots([1.0, 2.0 * actuator.damping_ratio * w, w * w])
     if len(poles) == 2 and poles[0] == poles[1]:
         poles = poles * np.array([1.0 - 1e-6, 1.0 + 1e-6])   # residues of a double pole, to twelve digits
@@ -235,4 +228,4 @@ def servo(nominal: Nominal, frequency: np.ndarray, hold: float) -> np.ndarray:
     newer, older = (np.exp(poles * (hold - part)) - 1.0) / poles, \
         np.exp(poles * (hold - part)) * (np.exp(poles * part) - 1.0) / poles
     modes = residues * (newer + older / z) / (z - np.exp(poles * hold))
-    return np.asarray(gain * modes.sum(axis=1) * z[:, 0]**-whole)
+    return np.asarray(changes.actuator_gain * modes.sum(axis=1) * z[:, 0]**-whole)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.effects import controller as controller_effects
 from sim.flight import excitation, packed
 from sim.nominal import Nominal
 
@@ -113,9 +112,8 @@ def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | N
     if law is None or actuator is None or law.is_rate_law or law.filters or r.input != "beta_cmd" or not known.any() \
             or r.every != r.tick or r.held > 1 or abs(r.period / law.period - 1.0) > NEAR:
         return None
-    fx = packed(r.nominal).controller
-    kp, kd = controller_effects.gains(fx, law.kp, law.kd)
-    lag, tau = controller_effects.latency(fx) / law.period, law.derivative_time_constant
+    changes, tau = packed(r.nominal), law.derivative_time_constant
+    kp, kd, lag = changes.kp_scale * law.kp, changes.kd_scale * law.kd, changes.computing_time / law.period
     rows = np.arange(r.rows)
     reference = np.interp(rows, rows[np.isfinite(r.reference)], r.reference[np.isfinite(r.reference)])
     error = np.interp(rows, rows[known], (r.z[:, 0] - reference)[known])

@@ -91,8 +91,8 @@ class Comparison(Answer):
             places = "; ".join(f"{name} {100.0 * place.outside:.0f} %, peak at {100.0 * place.peak:.0f} %"
                                for name, place in each.dispersed.places.items())
             lost = f"; {each.dispersed.lost} of them were lost" if each.dispersed.lost else ""
-            lines.append(f"among dispersed flights of {each.label}{lost}: share of the time outside their 5..95 % (10 % "
-                         f"is usual), and the share of flights whose peak is below the log's: {places}")
+            lines.append(f"among dispersed flights of {each.label}{lost}: share of the time outside their 5..95 % (10 "
+                         f"% is usual), and the share of flights whose peak is below the log's: {places}")
         return lines
 
     def response_lines(self) -> list[str]:

@@ -62,7 +62,8 @@ def test_a_clock_in_milliseconds_is_drawn_and_said():
     assert "millisecond" in " ".join(looked.lines) and logs_figure([looked]).axes
 
 
-@pytest.mark.parametrize(("name", "start"), [("look.png", b"\x89PNG"), ("look.svg", b"<?xml"), ("look.html", b"<!DOCTYPE")])
+@pytest.mark.parametrize(("name", "start"), [("look.png", b"\x89PNG"), ("look.svg", b"<?xml"),
+                                             ("look.html", b"<!DOCTYPE")])
 def test_pictures_and_a_page(name, start, tmp_path, capsys):
     write_columns(tmp_path / "a.csv", columns())
     write_columns(tmp_path / "b.csv", columns(2.0))

@@ -29,7 +29,7 @@ def test_the_systems_are_the_windows(found):
 
 
 def test_its_covariance_is_the_estimates(found):
-    window = [e for e in found.estimates if e.valid][0]
+    window = next(e for e in found.estimates if e.valid)
     plant = found.to_control(window.t_start)
     assert np.sqrt(np.diag(plant.covariance)) == pytest.approx([window.a6_std, window.k1_std])
     assert plant.covariance[0, 1] == pytest.approx(window.a6_k1_corr * window.a6_std * window.k1_std)

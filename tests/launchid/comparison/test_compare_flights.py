@@ -110,7 +110,8 @@ def test_a_hidden_cause_raises_the_coefficient_and_its_extension_takes_it_back()
         return statistics(found.measured, found.predicted).tic
 
     for channel in ("theta_dot", "beta"):
-        before, after, true = (tic(*pair, channel) for pair in ((hidden, CONSTANT), (hidden, extension), (own, CONSTANT)))
+        before, after, true = (tic(log, nominal, channel) for log, nominal in (
+            (hidden, CONSTANT), (hidden, extension), (own, CONSTANT)))
         assert after < 0.8 * before and after == pytest.approx(true, rel=0.05)
 
 
@@ -205,8 +206,8 @@ def test_a_log_that_begins_in_flight_is_not_flown_and_that_is_said():
 
 @pytest.fixture(scope="module")
 def made() -> Comparison:
-    return compare(log_of_seed(3, DELAY), [CONSTANT, dataclasses.replace(CONSTANT, effects=(DELAY,), path="x/ext.toml")],
-                   flights=20)
+    extension = dataclasses.replace(CONSTANT, effects=(DELAY,), path="x/ext.toml")
+    return compare(log_of_seed(3, DELAY), [CONSTANT, extension], flights=20)
 
 
 def test_its_json_is_the_contracts(made):
@@ -235,9 +236,9 @@ def test_a_nominal_that_answers_too_early_is_outside_the_measured_region(made):
 
 def test_nominals_of_one_name_are_told_apart():
     made = compare(log_of_seed(3, DELAY), [CONSTANT, CONSTANT], flights=0)
-    assert [each.label for each in made.nominals] == ["constant (1)", "constant (2)"] or \
-        len({each.label for each in made.nominals}) == 2
-    assert all(channel["percentile"] is None for each in made.report["nominals"] for channel in each["channels"].values())
+    assert len({each.label for each in made.nominals}) == 2
+    for each in made.report["nominals"]:
+        assert all(channel["percentile"] is None for channel in each["channels"].values())
 
 
 def test_without_a_nominal_it_is_refused():

@@ -1,4 +1,4 @@
-"""Frequency responses: scipy's coherence, python-control's responses, and the share of frequencies inside the interval."""
+"""Frequency responses: scipy's coherence, python-control's responses, the share of frequencies inside the interval."""
 
 import dataclasses
 import math
@@ -119,7 +119,7 @@ def test_a_true_response_is_inside_its_interval():
 
 
 def test_an_instrument_is_not_drawn_to_the_controller():
-    """Strong disturbances in closed loop: the input itself shows more than the airframe does, the test input does not."""
+    """Strong disturbances in closed loop: the input itself shows more than the airframe does, the test input not."""
     assert EXCITED.simulation is not None
     strong = dataclasses.replace(TEST_INPUT, amplitude=(2e-3,) * len(HERTZ))
     rough = dataclasses.replace(EXCITED, test_input=strong, simulation=dataclasses.replace(
