@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         NominalSource,
         UsageError,
         campaign,
+        compare,
         diagnose,
         export_c,
         fit_lft,
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
-           "campaign", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "onboard_model",
-           "plan", "read_log", "simulate", "uncertainty"]
+           "campaign", "compare", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins",
+           "onboard_model", "plan", "read_log", "simulate", "uncertainty"]
 
 
 def __getattr__(name: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from launchid.argument_checks import integer
 from launchid.log.log import Log
 from sim.errors import InputError, UsageError
 from sim.sections import Nominal
@@ -15,13 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
+    from launchid.comparison.result import Comparison
     from launchid.results.of_campaigns import Campaign
     from launchid.results.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
     from launchid.results.of_margins import FlightMargins
     from launchid.results.of_nominals import Effects, Exported, Flown, Planned
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "campaign",
-           "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "onboard_model", "plan",
+           "compare", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "onboard_model", "plan",
            "read_log", "simulate", "uncertainty"]
 
 
@@ -82,6 +84,19 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     second = None if holdout is None else read_log(holdout, ("t",))
     return of_logs.diagnose(read_log(log, ("t",)), load_nominal(nominal), holdout=second,
                             bootstrap=bootstrap, strict=strict, noise=noise)
+
+
+@from_python
+def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict: bool = False) -> Comparison:
+    """Hold a log beside nominals: predicted 0.1, 0.5 and 1 s ahead, flown from its reference, its place among dispersed
+    flights, frequency responses.
+
+    nominals  one or several, such as a nominal and the extension that `diagnose` made of it
+    flights   dispersed ones of each nominal; 0: none
+    """
+    from launchid.comparison import result
+    return result.compare(read_log(log), [load_nominal(nominal) for nominal in nominals],
+                          flights=integer("--flights", flights, 0), strict=strict)
 
 
 @from_python

@@ -11,7 +11,7 @@ EXTRAS = {  # module -> the extra that brings it
     "matplotlib": "plots", "distributed": "cluster", "pandas": "frames",
     "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs",
     "zstandard": "logs",
-    "pymavlink": "ardupilot"}
+    "pymavlink": "ardupilot", "control": "control"}
 
 
 def one_line(text: str) -> str:

@@ -1,24 +1,11 @@
-"""The pictures of a log and of a nominal's range."""
+"""The picture of a nominal's range."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from .canvas import UNIT, panels
-
-
-def log_figure(log: Any) -> Figure:
-    """A figure of a log's columns (`launchid.log.log.Log`)."""
-    units = {"theta_dot": "rad/s", "theta_ddot": "rad/s^2", "rate_ref": "rad/s"}
-    names = [name for name in log.columns if name != "t"]
-    figure, axes = panels(len(names), f"{Path(log.path).name}: a log", 1.3)
-    for axis, name in zip(axes, names, strict=True):
-        axis.plot(log.t, getattr(log, name), ".", color="0.1", markersize=1.5)
-        axis.set_ylabel(f"{name} [{units.get(name, 'rad')}]")
-    axes[-1].set_xlabel("t [s]")
-    return figure
 
 
 def range_figure(nominal: Any) -> Figure:

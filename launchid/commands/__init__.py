@@ -6,6 +6,7 @@ command needs is imported when it runs; its files are read before anything is th
 
 from . import (
     campaign,
+    compare,
     convert,
     diagnose,
     effects,
@@ -16,11 +17,12 @@ from . import (
     nominal,
     plan,
     reproduce,
+    show,
     simulate,
     uncertainty,
     warm,
     watch,
 )
 
-COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, margins, uncertainty, fit_lft, export_c, campaign,
-            convert, watch, effects, warm)
+COMMANDS = (reproduce, simulate, show, identify, nominal, plan, diagnose, compare, margins, uncertainty, fit_lft,
+            export_c, campaign, convert, watch, effects, warm)

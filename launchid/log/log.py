@@ -111,8 +111,8 @@ class Log(Result):
         return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
 
     def _figure(self) -> "Figure":
-        from sim.pictures import log_figure
-        return log_figure(self)
+        from ..figures.logs import logs_figure, looked_at
+        return logs_figure([looked_at(self)])
 
     @property
     def flight_path(self) -> np.ndarray:

@@ -27,6 +27,7 @@ from .residuals import residuals
 
 if TYPE_CHECKING:
     from sim.result import Figure
+    from .control_systems import ControlPlant
     from .of_margins import FlightMargins
 
 
@@ -69,6 +70,12 @@ class Identification(Answer):
             raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
                              "rigid-body")
         return margins_of(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
+
+    def to_control(self, t: float | None = None) -> "ControlPlant":
+        """The airframe as identified in the window that holds t [s], None: in the last valid one, as python-control's
+        StateSpace and TransferFunction, with the covariance of a6 and k1 (extra `control`)."""
+        from .control_systems import control_plant
+        return control_plant(self.estimates, self.log.path, t)
 
     def residuals(self, path: str | Path | None = None) -> "Figure":
         """A figure of the windows' residuals, whether they are white, and predictions over horizons."""

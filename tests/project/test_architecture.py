@@ -19,7 +19,8 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
 NOT_FLOWN = {"launchid_core/cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
 EXTRAS = {"matplotlib", "pandas", "distributed", "argcomplete", "pyulog", "mcap", "mcap_ros2", "mcap_protobuf",
-          "h5py", "pyarrow", "scipy", "pymavlink", "zstandard"}   # imported where they are used, named by `sim.errors`
+          "h5py", "pyarrow", "scipy", "pymavlink", "zstandard",
+          "control"}   # imported where they are used, named by `sim.errors`
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
               "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",
               "outer", "append"}

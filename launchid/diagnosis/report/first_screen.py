@@ -7,11 +7,11 @@ import math
 
 from sim.shown import PLUS_MINUS
 
+from ...charts.markup import list_of, text
 from ..judge.constancy import CONSTANCY_LIMIT, SEGMENTS
 from ..judge.diagnosis import Diagnosis
 from ..judge.measure import NOISE
 from ..search.selection import needed
-from .markup import list_of, text
 from .words import NATS, alternatives, error_words, how_it_ended, predicts_better, sentence, worth, would_decide
 
 NARROW = 0.5            # of a limit: a test passed so narrowly is worth a word

@@ -5,11 +5,9 @@ they rest on.  Figures need matplotlib; without it the page says so and has ever
 again by the browser (`launchid.charts`), to zoom and read; where it runs no scripts the pictures stay.
 """
 
-import base64
 import json
 import math
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from sim.effects import CATALOGUE
@@ -17,7 +15,9 @@ from sim.errors import InputError
 from sim.files import make_folder, remove, write_text
 from sim.nominal import rewrite_nominal
 
-from ...charts import inlined
+from ...charts.markup import table, text
+from ...charts.page import page as made_page
+from ...charts.page import picture
 from ..data.record import CHANNELS
 from ..data.world import SLOW_MOMENT, TURBULENCE, WALK
 from ..judge.diagnosis import Diagnosis
@@ -28,7 +28,6 @@ from ..model.noise import LEVELS, declared
 from ..search.selection import needed
 from . import first_screen as first
 from .answer import NEARLY_ALIKE
-from .markup import table, text
 from .words import ANGULAR, amount, given, headline
 
 WORLD_UNITS = {TURBULENCE: "rad", WALK: "rad/sqrt(s)", SLOW_MOMENT: "rad/s^2"}
@@ -37,7 +36,6 @@ COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170
            "bad-data": "#7f1d1d"}
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
-TEMPLATE = Path(__file__).with_name("template.html")
 
 Drawn = list[tuple[str, bytes, dict[str, Any] | None]]   # files of the figures, their PNG, what is drawn live of them
 FIRST = "misfit.png"
@@ -126,21 +124,14 @@ def _draw(made: Diagnosis, folder: Path) -> Drawn | None:
 
 def page(made: Diagnosis, drawn: Drawn | None) -> str:
     """The whole page."""
-    parts = [(title, body) for title, body in _sections(made, drawn) if body]
-    links = "".join(f'<a href="#s{k}">{text(title)}</a> ' for k, (title, _) in enumerate(parts))
-    body = "".join(f'<section id="s{k}"><h2>{text(title)}</h2>{body}</section>'
-                   for k, (title, body) in enumerate(parts))
-    return inlined(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
-        headline=text(headline(made)), colour=COLOURS[made.verdict], log=text(Path(made.log.path).name),
-        nominal=text(made.nominal.name), first_screen=first_screen(made, drawn),
-        links=links, sections=body))
+    above = f"launchid diagnose: measured {Path(made.log.path).name} against the simulation of {made.nominal.name}"
+    return made_page(headline(made), above, COLOURS[made.verdict], first_screen(made, drawn), _sections(made, drawn))
 
 
 def first_screen(made: Diagnosis, drawn: Drawn | None) -> str:
     """The verdict in plain words, the picture of the misfit, what the verdict rests on."""
-    picture = "".join(_figure(*each) for each in drawn or () if each[0] == FIRST)
-    return first.plain(made) + picture + first.rows(made)
-
+    misfit = "".join(_figure(*each) for each in drawn or () if each[0] == FIRST)
+    return first.plain(made) + misfit + first.rows(made)
 
 
 def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
@@ -157,12 +148,7 @@ def _sections(made: Diagnosis, drawn: Drawn | None) -> list[tuple[str, str]]:
 
 def _figure(name: str, png: bytes, live: dict[str, Any] | None) -> str:
     """A figure's picture, and what a browser with scripts draws in the place of that."""
-    title, caption = PICTURES[name]
-    chart = "" if live is None else (
-        f'<div class="chart" id="{name.partition(".")[0]}"><script type="application/json">'
-        + json.dumps(live, separators=(",", ":"), allow_nan=False).replace("</", "<\\/") + "</script></div>")
-    return (f'<figure><h3>{text(title)}</h3><img alt="{text(title)}" src="data:image/png;base64,'
-            f"{base64.b64encode(png).decode('ascii')}\">{chart}<figcaption>{text(caption)}</figcaption></figure>\n")
+    return picture(name.partition(".")[0], *PICTURES[name], png, live)
 
 
 def _ranking(made: Diagnosis) -> str:

@@ -42,6 +42,7 @@ RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {  # how it is made, a w
     "identify": (lambda f: launchid.identify(f / "log.csv", f / "n.toml", window=3, tracked=True), "window 3 s"),
     "uncertainty": (lambda f: launchid.uncertainty(f / "log.csv", f / "n.toml", window=3), "delta of a"),
     "margins": (lambda f: launchid.margins(f / "log.csv", f / "n.toml", window=4), "margins"),
+    "compare": (lambda f: launchid.compare(f / "log.csv", f / "n.toml", flights=4), "measured beside n"),
     "diagnose": (lambda f: launchid.diagnose(reversed_log(f), f / "n.toml"), "BAD DATA"),
     "fit_lft": (lambda f: launchid.fit_lft([f / "log.csv"], f / "n.toml"), "range"),
     "simulate": (lambda f: launchid.simulate(f / "n.toml", seed=1), "1200 rows"),

@@ -1,0 +1,44 @@
+"""The command `launchid show`: its options, and its run."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..cli.common import check_outputs, read_noting
+from ..cli.options import LOG_HELP, add_command, add_map
+from ..cli.terminal import answer, say
+
+
+def add(commands: Any) -> None:
+    """Add the command and its options to the parser."""
+    sub = add_command(commands, "show", "draw the columns of logs over each other, with what the data check finds",
+                      "launchid show v.csv w.csv --out look.html")
+    sub.add_argument("logs", metavar="LOG.csv", nargs="+", help=f"{LOG_HELP}; a column is enough")
+    add_map(sub)
+    sub.add_argument("--out", default="show.html", metavar="PICTURE|PAGE.html",
+                     help="write a picture (.png, .svg, .pdf), or a page that zooms (.html), which needs no network; "
+                          "either needs launchid[plots] (default %(default)s)")
+    sub.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run `launchid show`."""
+    logs = [read_noting(path, "t", map_path=args.map) for path in args.logs]
+    is_page = Path(args.out).suffix.lower() in (".html", ".htm")
+    check_outputs(args.out)
+    from sim.canvas import check_suffix, save
+    if not is_page:
+        check_suffix(args.out)
+    from ..figures.logs import logs_figure, looked_at
+    looked = [looked_at(log) for log in logs]
+    figure = logs_figure(looked)
+    if is_page:
+        from ..figures.logs_page import write_page
+        write_page(looked, figure, args.out)
+    else:
+        save(figure, args.out)
+    for each in looked:
+        for line in each.lines:
+            say(line)
+        answer(each.log.summary())
+    answer(f"{args.out}: drawn")

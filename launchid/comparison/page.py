@@ -1,0 +1,104 @@
+"""The report of a comparison: one page that needs no network, the comparison as JSON, the figures."""
+
+from pathlib import Path
+
+from sim.errors import InputError
+from sim.files import make_folder, remove, write_text
+
+from ..charts.markup import table, text
+from ..charts.page import page, picture
+from .flown import CHANNELS
+from .prediction import HORIZONS
+from .result import BIASED, UNITS, Comparison
+
+COLOUR = "#12355b"
+NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
+PICTURES = {  # file: heading, and how to read it
+    "comparison.png": ("Measured and simulated",
+        "Wide grey: measured. Each nominal has its colour and dash, named above the panel with its fit and Theil's "
+        "coefficient (TIC). Left: the nominal flies the log's reference with its own controller, without noise. Right: "
+        "what the prediction 1 s ahead leaves, from the state as the nominal's filter knows it, on the logged "
+        "commands."),
+    "dispersions.png": ("The flight in the nominal's dispersions",
+        "Dashed: 5 and 95 % of the dispersed flights; dotted: their median; wide grey: measured. A flight of the "
+        "nominal is outside in 10 % of the time."),
+    "responses.png": ("Frequency responses",
+        "Dots: measured, where the coherence is high enough; dotted: 95 % interval; wide grey, where there is an "
+        "instrument: measured without it. Each nominal has its colour and dash. Of a vehicle that changes the "
+        "nominal's response is the mean over the flight that the estimate is of.")}
+GLOSSARY = (
+    ("fit", "100 % less the RMS error over the RMS of the measured values about their mean: 100 % is exact, 0 no "
+            "better than the mean"),
+    ("TIC", "Theil's inequality coefficient: RMS error over the sum of the two RMS values: 0 is exact, 1 no relation. "
+            "Its shares: of the means (bias), of the spreads (variance), and the rest (covariance), which no shift or "
+            "scale takes away"),
+    ("noise allows", "the fit of a nominal without a fault: what its declared noise leaves of the prediction"),
+    ("coherence", "the share of the output that is linear in the input (with an instrument: in the instrument, and of "
+                  "the input likewise; the smaller one)"),
+    ("instrument", "what moves the loop and is moved by nothing in it: the test input, else the reference. Without one "
+                   f"the estimate is of the input itself: {BIASED}"))
+
+
+def write_report(made: Comparison, folder: str | Path) -> None:
+    """Write report.html, compare.json and the figures into a folder that is made if need be; figures of an earlier
+    report that this one lacks are removed."""
+    path = make_folder(folder)
+    try:
+        for name in PICTURES:
+            remove(path / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
+    pictures = _drawn(made, path)
+    write_text(path / "compare.json", [made.to_json(), "\n"])
+    names = ", ".join(each.label for each in made.nominals)
+    write_text(path / "report.html", [page(
+        f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}", COLOUR,
+        _figures(made), [("Figures", pictures), ("Words", table(("word", "meaning"), [
+            (f"<b>{text(word)}</b>", text(meaning)) for word, meaning in GLOSSARY]))])])
+
+
+def _drawn(made: Comparison, folder: Path) -> str:
+    """The figures, written, and as they stand on the page."""
+    try:
+        from sim.canvas import save
+
+        from ..charts.figure import figure_json
+        figures = made.figures()
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("matplotlib"):
+            raise
+        return f"<p>{text(NO_FIGURES)}</p>"
+    parts = []
+    for name, figure in figures.items():
+        save(figure, folder / name)
+        parts.append(picture(name.partition(".")[0], *PICTURES[name], (folder / name).read_bytes(),
+                             figure_json(figure)))
+    return "".join(parts)
+
+
+def _figures(made: Comparison) -> str:
+    """The first screen: fit and coefficient of each channel and nominal, and its place in the dispersions."""
+    rows = []
+    for name in CHANNELS:
+        for said in made.report["nominals"]:
+            if name not in said["channels"]:
+                continue
+            found = said["channels"][name]
+            cells = [_cell(found["ahead"].get(f"{h:g}")) for h in HORIZONS] + [_cell(found["flown"])]
+            last = found["ahead"].get(f"{HORIZONS[-1]:g}")
+            noise = "-" if last is None or last["noise_fit"] is None else f"{last['noise_fit']:.1f} %"
+            place = found["percentile"]
+            rows.append((f"{name} [{UNITS[name]}]", text(said["nominal"]), *cells[:3], noise, cells[3], *(
+                ("-", "-") if place is None or place["share_outside_90"] is None else
+                (f"{100.0 * place['share_outside_90']:.0f} %", f"{100.0 * place['peak']:.0f} %"))))
+    lines = "".join(f"<p class=\"note\">{text(line)}</p>" for line in (*made.response_lines(), *made.warnings))
+    return table(("channel", "nominal", *(f"{h:g} s ahead: fit, TIC" for h in HORIZONS),
+                  f"noise allows at {HORIZONS[-1]:g} s", "flown: fit, TIC", "time outside 5..95 %",
+                  "flights with a lower peak"), rows) + lines
+
+
+def _cell(found: dict[str, float | None] | None) -> str:
+    if found is None or found["rms"] is None:
+        return "-"
+    fit = "-" if found["fit"] is None else f"{found['fit']:.1f} %"
+    return fit if found["tic"] is None else f"{fit}, {found['tic']:.3f}"

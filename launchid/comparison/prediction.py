@@ -1,0 +1,139 @@
+"""A log predicted a little ahead by a nominal.
+
+At each start the state is as the nominal's own filter, at its declared noise, knows it from all rows before; from there
+the nominal runs free on the logged commands (k-step prediction: Ljung, System Identification, 2nd ed., ch. 3.2 and
+16.5).  Vehicle, effects, wind, offsets and missing rows are those of the diagnosis (`diagnosis.model.predictor`).
+
+The command is what the prediction is given.  It is predicted itself where the nominal's controller can be asked: what
+that would have commanded at the attitude as predicted, with the reference of the log.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.flight import excitation, packed
+from sim.nominal import Nominal
+
+from ..diagnosis.controller.command import record
+from ..diagnosis.controller.issued import with_commands
+from ..diagnosis.data.check import DataCheck
+from ..diagnosis.data.record import CHANNELS, Record
+from ..diagnosis.data.used import shortened, sparser, used
+from ..diagnosis.data.world import SLOW_MOMENT, World
+from ..diagnosis.model.follower import NominalFollower
+from ..diagnosis.model.noise import Refilter, declared, dynamics, first_filter, run_filter
+from ..diagnosis.model.point import Point, innovations, prediction_errors
+from ..log.log import Log
+
+HORIZONS = (0.1, 0.5, 1.0)   # s
+SPACING = 0.1    # s from one start to the next
+SETTLED = 1.0    # s after which the filter has forgotten that it knew nothing
+NEAR = 0.05      # of a horizon by which whole rows may miss it
+
+
+class Predicted(NamedTuple):
+    """The predictions of one channel over one horizon; arrays (s,) in the channel's unit.
+
+    t         [s] the times predicted for, on the log's clock
+    measured, predicted   NaN where the log has no value, or the model has run away
+    noise     rms error of a nominal without a fault: what its declared noise leaves; NaN: not known
+    """
+
+    t: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    noise: float
+
+
+Predictions = dict[str, dict[float, Predicted]]   # of channels and horizons [s]
+
+
+def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
+    """Return the predictions of every measured channel over HORIZONS; a horizon that is no whole number of rows is left
+    out.
+
+    log, nominal  as read;  data  the check of the one against the other
+    """
+    r = _record(log, nominal, data)
+    first = first_filter(r, declared(r))
+    e, _, _ = innovations(r, first, Point())
+    model = dynamics(r, Point())
+    of = run_filter(r, model, first.levels, e, first)
+    spacing = max(1, round(SPACING / r.period))
+    rows = {h: round(h / r.period) for h in HORIZONS if abs(round(h / r.period) * r.period / h - 1.0) <= NEAR}
+    if not rows:
+        return {}
+    most = max(rows.values())
+    errors = prediction_errors(r, of, Point(), [k * r.period for k in range(1, most + 1)], spacing * r.period)
+    start = spacing * np.arange(len(errors))
+    ahead = start[:, None] + np.arange(1, most + 1)
+    inside = (ahead < r.rows) & (start[:, None] * r.period >= SETTLED)
+    ahead = np.minimum(ahead, r.rows - 1)
+    predicted = r.z[ahead] - errors
+    made: Predictions = {}
+    commands = _commands(r, start, predicted[:, :, 0])
+    noise = {h: Refilter(r, model, r.z).horizon_variances(of.levels, spacing, k) for h, k in rows.items()}
+    for name, measured, series in [*((name, r.z[:, c], predicted[:, :, c]) for c, name in enumerate(CHANNELS)),
+                                   *([] if commands is None else [("beta_cmd", _logged(r), commands)])]:
+        if not np.isfinite(measured).any():
+            continue
+        made[name] = {}
+        for h, k in rows.items():
+            kept = inside[:, k - 1]
+            at = ahead[kept, k - 1]
+            counted = np.isfinite(measured[at])
+            left = float(np.sqrt(np.mean(noise[h][kept][counted, CHANNELS.index(name)]))) \
+                if name in CHANNELS and counted.any() else float("nan")
+            made[name][h] = Predicted(r.t[at] + r.shift, measured[at], series[kept, k - 1], left)
+    return made
+
+
+def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
+    """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses, without the slow
+    moment that a diagnosis allows every nominal: the filter is that of what the nominal declares."""
+    draft = shortened(record(log, nominal, sparser(data, log.t, nominal)))
+    made = used(with_commands(draft, NominalFollower())[0], log.t[data.usable])[0]
+    return replace(made, world=World(tuple(each for each in made.world.sources if each.name != SLOW_MOMENT)))
+
+
+def _logged(r: Record) -> np.ndarray:
+    """The command (n,) [rad] of every row, NaN where the log does not have it."""
+    issued = r.commands[:r.rows]
+    return issued if r.logged is None else np.where(r.logged, issued, np.nan)
+
+
+def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | None:
+    """The commands (s, rows ahead) [rad] of the nominal's attitude law at attitudes theta (s, rows ahead) [rad] that
+    follow the rows `start` (s,); None of another law, without a reference, or where rows are no ticks."""
+    law, actuator = r.nominal.controller, r.nominal.actuator
+    known = np.isfinite(r.reference) & np.isfinite(r.z[:, 0])
+    if law is None or actuator is None or law.is_rate_law or law.filters or r.input != "beta_cmd" or not known.any() \
+            or r.every != r.tick or r.held > 1 or abs(r.period / law.period - 1.0) > NEAR:
+        return None
+    changes, tau = packed(r.nominal), law.derivative_time_constant
+    kp, kd, lag = changes.kp_scale * law.kp, changes.kd_scale * law.kd, changes.computing_time / law.period
+    rows = np.arange(r.rows)
+    reference = np.interp(rows, rows[np.isfinite(r.reference)], r.reference[np.isfinite(r.reference)])
+    error = np.interp(rows, rows[known], (r.z[:, 0] - reference)[known])
+    begin = round(r.first_step / r.tick)
+    test = excitation(r.nominal, begin + r.rows + theta.shape[1] + 1, law.period)[begin:]
+    derivative = np.zeros(r.rows)   # of the attitude as measured, until the start
+    for k in range(1, r.rows):
+        derivative[k] = (tau * derivative[k - 1] + error[k] - error[k - 1]) / (tau + law.period)
+    d, before = derivative[start], error[start]
+    issued = [kp * before + kd * d + test[start]]
+    for j in range(theta.shape[1]):
+        at = start + j + 1
+        now = theta[:, j] - reference[np.minimum(at, r.rows - 1)]
+        d, before = (tau * d + now - before) / (tau + law.period), now
+        issued.append(kp * now + kd * d + test[at])
+    commands = np.clip(np.stack(issued, axis=1), -actuator.deflection_limit, actuator.deflection_limit)
+    whole, part = int(lag), lag - int(lag)   # a late command is the mean over its period, as the effect's
+    late = np.full_like(commands, np.nan)
+    late[:, whole:] = commands[:, :commands.shape[1] - whole] * (1.0 - part)
+    if part > 0.0:
+        late[:, whole + 1:] += commands[:, :commands.shape[1] - whole - 1] * part
+        late[:, whole] = np.nan
+    return late[:, 1:]

@@ -1,0 +1,233 @@
+"""The answer of `compare`: a log beside one or several nominals."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sim.errors import UsageError
+from sim.nominal import Nominal
+from sim.result import Columns
+
+from ..diagnosis.data.check import DataCheck, check
+from ..diagnosis.data.turns import unwrapped
+from ..log.check import data_warnings
+from ..log.log import Log
+from ..results.answer import Answer, flat
+from .dispersion import FLIGHTS, Dispersed, dispersed
+from .flown import CHANNELS, LATEST, flown
+from .frequency_response import COHERENT, Response, frequency_responses
+from .prediction import HORIZONS, Predictions, predictions
+from .statistics import NONE, Statistics, statistics
+
+if TYPE_CHECKING:
+    from sim.result import Figure
+
+UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
+DECIBEL = 20.0 / math.log(10.0)   # of a relative change
+INTERVAL = 1.96                   # standard deviations: 95 %
+REGION = 5.991                    # 95 % of chi-squared with two degrees of freedom
+SHOWN = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
+         "variance": ".2f", "covariance": ".2f"}
+BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A log beside one nominal: `label` names it among the others; flown, dispersed: None where it cannot fly the
+    log."""
+
+    label: str
+    nominal: Nominal
+    predictions: Predictions
+    flown: dict[str, np.ndarray] | None
+    dispersed: Dispersed | None
+    responses: list[Response]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(Answer):
+    """A log beside nominals, in the order in which these were given; the log without what the data check masks."""
+
+    log: Log
+    nominals: list[Beside]
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        lines = [f"{self.log.path}: measured beside {', '.join(each.label for each in self.nominals)}",
+                 "fit in %, 100 is exact; noise: what the declared noise leaves of it where the nominal is right; TIC: "
+                 "Theil's inequality coefficient, 0 is exact, with its shares of bias, variance and covariance",
+                 f"{'channel':<10}{'':<12}{'nominal':<20}{'fit':>8}{'noise':>8}{'rms':>11}{'largest':>11}  {'unit':<6}"
+                 f"{'TIC':>7}{'bias':>7}{'var.':>7}{'cov.':>7}"]
+        for row in self._rows():
+            fit, noise, rms, largest, *shares = ("-" if row[key] is None else f"{row[key]:{form}}"
+                                                 for key, form in SHOWN.items())
+            lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
+                         f"{largest:>11}  {UNITS[row['channel']]:<6}" + "".join(f"{share:>7}" for share in shares))
+        return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines()])
+
+    def _rows(self) -> list[dict[str, Any]]:
+        """One row for each channel, prediction or flight, and nominal."""
+        rows = []
+        for channel in CHANNELS:
+            for of in (*(f"{h:g}" for h in HORIZONS), "flown"):
+                for each in self.report["nominals"]:
+                    said = each["channels"].get(channel, {"ahead": {}})
+                    found = said.get("flown") if of == "flown" else said["ahead"].get(of)
+                    if found is not None:
+                        rows.append({"channel": channel, "of": of if of == "flown" else f"{of} s ahead",
+                                     "nominal": each["nominal"], "noise_fit": None, **found})
+        return rows
+
+    def _dispersion_lines(self) -> list[str]:
+        lines = []
+        for each in self.nominals:
+            if each.dispersed is None:
+                continue
+            places = "; ".join(f"{name} {100.0 * place.outside:.0f} %, peak at {100.0 * place.peak:.0f} %"
+                               for name, place in each.dispersed.places.items())
+            lost = f"; {each.dispersed.lost} of them were lost" if each.dispersed.lost else ""
+            lines.append(f"among dispersed flights of {each.label}{lost}: share of the time outside their 5..95 % (10 "
+                         f"% is usual), and the share of flights whose peak is below the log's: {places}")
+        return lines
+
+    def response_lines(self) -> list[str]:
+        """What the frequency responses tell, a line for each pair and instrument."""
+        lines: dict[str, list[str]] = {}
+        for each in self.nominals:
+            for response in each.responses:
+                usable = response.coherence > COHERENT
+                way = f"instrument {response.instrument}" if response.instrument else "of the input itself"
+                span = response.frequency[usable]
+                head = f"{response.source} -> {response.to}, {way}: coherence above {COHERENT:g} " + (
+                    f"at {usable.sum()} frequencies, {span[0]:.2g} to {span[-1]:.2g} Hz" if usable.any() else "nowhere")
+                said = lines.setdefault(head, [])
+                if usable.any() and np.isfinite(response.nominal[usable]).all():
+                    said.append(f"{each.label} at {100.0 * np.mean(within(response)[usable]):.0f} %")
+        made = [head + (f"; inside the 95 % region of the measured: {', '.join(said)}" if said else "")
+                for head, said in lines.items()]
+        return [*made, f"of the input itself: {BIASED}"] if made else made
+
+    def columns(self) -> Columns:
+        return flat(self._rows())
+
+    def _figure(self) -> "Figure":
+        from .figures import comparison_figure
+        return comparison_figure(self)
+
+    def figures(self) -> dict[str, "Figure"]:
+        """Name -> matplotlib figure: the comparison, the dispersions, the frequency responses, of what there is."""
+        from .figures import DRAWN
+        return {name: figure for name, make in DRAWN.items() if (figure := make(self)) is not None}
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, compare.json and the figures."""
+        from .page import write_report
+        write_report(self, folder)
+
+
+def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False,
+            progress: Callable[[int], object] | None = None) -> Comparison:
+    """Hold a log beside nominals.
+
+    flights   dispersed ones of each nominal, 0: none
+    progress  called with the number of flights newly done
+    """
+    if not nominals:
+        raise UsageError("compare: expected at least one nominal")
+    log.check_clock()
+    log = unwrapped(log)[0]
+    said: tuple[str, ...] = ()
+    made = []
+    for label, nominal in zip(labels(nominals), nominals, strict=True):
+        said += data_warnings(log, nominal, strict)
+        data = check(log, nominal)
+        clean = masked(log, data)
+        made.append(Beside(label, nominal, predictions(log, nominal, data), flown(clean, nominal),
+                           dispersed(clean, nominal, flights, progress) if flights > 0 else None,
+                           frequency_responses(clean, nominal)))
+    t = log.t[np.isfinite(log.t)]
+    if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
+        said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
+    clean = masked(log, check(log, nominals[0]))
+    return Comparison(clean, made, report(clean, made), tuple(dict.fromkeys(said)))
+
+
+def labels(nominals: Sequence[Nominal]) -> list[str]:
+    """Return a name for each nominal that no other has: of its file, its path, or with its place behind it."""
+    paths = [each.path or each.name for each in nominals]
+    for names in ([Path(path).stem for path in paths], paths):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{name} ({k})" for k, name in enumerate(names, start=1)]
+
+
+def masked(log: Log, data: DataCheck) -> Log:
+    """Return the log without the stamps and values in which the data check finds a fault."""
+    columns: dict[str, Any] = {name: np.where(mask, getattr(log, name), np.nan) for name, mask in data.masks.items()}
+    return replace(log, t=np.where(data.usable, log.t, np.nan), **columns)
+
+
+def within(response: Response) -> np.ndarray:
+    """Return where the nominal is inside the 95 % region of the measured gain and phase, which together have two
+    degrees of freedom."""
+    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= REGION * response.std**2)
+
+
+# ---- the JSON
+
+
+def report(log: Log, made: Sequence[Beside]) -> dict[str, Any]:
+    """Return the compare JSON."""
+    return {"nominals": [{"nominal": each.label, "channels": {
+        name: _channel(name, getattr(log, name), each) for name in CHANNELS if np.isfinite(getattr(log, name)).any()},
+        "frequency_response": [_response(response) for response in each.responses]} for each in made]}
+
+
+def _channel(name: str, measured: np.ndarray, each: Beside) -> dict[str, Any]:
+    ahead = {}
+    for horizon, found in each.predictions.get(name, {}).items():
+        spread = float(np.nanstd(found.measured)) if np.isfinite(found.measured).any() else 0.0
+        noise = 100.0 * (1.0 - found.noise / spread) if spread > 0.0 else math.nan
+        ahead[f"{horizon:g}"] = {**_said(statistics(found.measured, found.predicted)), "noise_fit": _json(noise)}
+    place = None if each.dispersed is None else each.dispersed.places.get(name)
+    return {"ahead": ahead,
+            "flown": None if each.flown is None else _said(statistics(measured, each.flown[name])),
+            "percentile": None if place is None else {"share_outside_90": _json(place.outside), "peak": place.peak}}
+
+
+def _said(found: Statistics) -> dict[str, float | None]:
+    return {key: _json(x) for key, x in (NONE if not math.isfinite(found.rms) else found)._asdict().items()}
+
+
+def _response(of: Response) -> dict[str, Any]:
+    gain, phase, nominal_gain, nominal_phase = decibels_and_degrees(of)
+    return {"from": of.source, "to": of.to, "instrument": of.instrument, "frequency": of.frequency.tolist(),
+            "gain_db": _list(gain), "gain_db_std": _list(DECIBEL * of.std), "phase_deg": _list(phase),
+            "phase_deg_std": _list(np.degrees(of.std)), "coherence": _list(of.coherence),
+            "nominal_gain_db": _list(nominal_gain), "nominal_phase_deg": _list(nominal_phase)}
+
+
+def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return gain [dB] and phase [deg] as measured, then of the nominal, both phases without jumps: the nominal's
+    begins in -270 to 90, the measured one is near it where it begins, and follows itself where it is coherent."""
+    believed = np.where(np.isfinite(of.nominal), of.nominal, 1.0)
+    lost, usable = ~np.isfinite(of.nominal), of.coherence > COHERENT
+    phase = np.degrees(np.unwrap(np.angle(believed)))
+    phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
+    off = np.angle(of.gain / believed)
+    off[usable] = np.unwrap(off[usable])
+    return (DECIBEL * np.log(np.abs(of.gain)), phase + np.degrees(off),
+            np.where(lost, np.nan, DECIBEL * np.log(np.abs(believed))), np.where(lost, np.nan, phase))
+
+
+def _json(x: float) -> float | None:
+    return float(x) if math.isfinite(x) else None
+
+
+def _list(x: np.ndarray) -> list[float | None]:
+    return [_json(value) for value in x.tolist()]

@@ -1,0 +1,99 @@
+"""Logs before anything is computed: their columns over each other, and where the data check found something."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sim.canvas import panels
+from sim.errors import InputError
+from sim.log_table import OPTIONAL, REQUIRED
+from sim.nominal import Nominal, constant_profile
+from sim.sections import Sensors
+
+from ..diagnosis.data.check import check
+from ..diagnosis.data.fault import Fault
+from ..log.check import COLUMN_FAULTS, faults
+from ..log.log import Log
+
+UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}   # the others: rad
+STYLES: tuple[dict[str, Any], ...] = (   # that stay apart in grey
+    {"color": "#12355b", "linestyle": "-"}, {"color": "#c2570c", "linestyle": "--"},
+    {"color": "#2f8f6b", "linestyle": "-."}, {"color": "#000000", "linestyle": ":"})
+FEW = 60       # values of a column that are drawn one by one, too
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """A log with what the data check finds in it: faults; masks, the values (n,) bool of each column that it doubts;
+    refused, why its clock is none."""
+
+    log: Log
+    faults: tuple[Fault, ...]
+    masks: dict[str, np.ndarray]
+    refused: str = ""
+
+    @property
+    def lines(self) -> list[str]:
+        """What is found, a line each."""
+        return [f"{self.log.path}: {fault.message}" for fault in self.faults] + ([self.refused] if self.refused else [])
+
+
+def looked_at(log: Log) -> Looked:
+    """Return a log with what the data check finds in it without a nominal; its clock may be none."""
+    try:
+        found, refused = faults(log, None), ""
+        period = log.period
+    except InputError as error:
+        found, refused, period = (), str(error), 1.0
+    data = check(log, Nominal(name="", vehicle=constant_profile(0.0, 0.0), sensors=Sensors(
+        period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0)))
+    doubted = {name: np.isfinite(getattr(log, name)) & ~mask for name, mask in data.masks.items()}
+    return Looked(log, found or data.faults, doubted, refused)
+
+
+def logs_figure(logs: Sequence[Looked]) -> Figure:
+    """Draw the columns of logs over each other, one panel each; crosses: values that the data check doubts; hatched:
+    stretches of columns that it doubts as a whole."""
+    names = [name for name in (*REQUIRED[1:], *OPTIONAL) if any(name in each.log.columns for each in logs)]
+    title = ", ".join(Path(each.log.path).name for each in logs)
+    figure, axes = panels(len(names), title if len(title) < 100 else f"{len(logs)} logs", 1.5)
+    for axis, name in zip(axes, names, strict=True):
+        for k, each in enumerate(logs):
+            log, x = each.log, getattr(each.log, name)
+            known = np.isfinite(log.t) & np.isfinite(x)
+            if not known.any():
+                continue
+            axis.plot(log.t, x, linewidth=1.0, marker="." if known.sum() <= FEW else None, markersize=4,
+                      label=Path(log.path).stem if len(logs) > 1 else "_", **STYLES[k % len(STYLES)])
+            _mark(axis, name, each)
+        axis.set_ylabel(f"{name} [{UNITS.get(name, 'rad')}]", fontsize=9)
+        axis.tick_params(labelsize=8)
+    for axis in axes:
+        if axis.get_legend_handles_labels()[1]:
+            axis.legend(fontsize=7, ncol=6, loc="lower left", bbox_to_anchor=(0.0, 0.98), frameon=False)
+    axes[-1].set_xlabel("t [s]")
+    return figure
+
+
+def _mark(axis: Any, name: str, each: Looked) -> None:
+    """Mark what is doubted of a column."""
+    log, x = each.log, getattr(each.log, name)
+    for fault in each.faults:
+        whole = fault.kind in COLUMN_FAULTS or fault.kind == "scale"
+        if whole and fault.channel in (name, "t", None) and math.isfinite(fault.t_start + fault.t_end):
+            axis.axvspan(fault.t_start, fault.t_end, facecolor="0.9", edgecolor="0.6", hatch="///", linewidth=0.0,
+                         zorder=0)
+            axis.annotate(fault.kind, (fault.t_start, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -10),
+                          textcoords="offset points", fontsize=7,
+                          bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
+    doubted = each.masks.get(name, np.zeros(len(x), bool)) & np.isfinite(log.t)
+    if doubted.any() and not doubted[np.isfinite(x)].all():
+        kinds = sorted({fault.kind for fault in each.faults
+                        if fault.kind not in COLUMN_FAULTS and fault.channel in (name, "t", None)})
+        axis.plot(log.t[doubted], x[doubted], "x", color="0.0", markersize=5, markeredgewidth=1.0,
+                  label=f"doubted by the data check ({doubted.sum()}): {', '.join(kinds)}")
