@@ -32,6 +32,7 @@ EXPLAINED = 0.5       # of a misfit: what other gains leave less of is no noise,
 SECTIONS = 25         # golden, of a period
 NEAR_LIMIT = 0.999    # of the deflection limit: beyond it a command tells nothing of gains
 MOST_DECIMALS = 9     # of a column that was rounded
+NOTHING = np.zeros(0)
 
 
 @kernel
@@ -157,7 +158,7 @@ class Replay:
             alone = constants.copy()
             alone[[*_gains_at(self.nominal), 4]] = 0.0, 0.0, math.inf
             alone[gain] = 1.0
-            parts.append(_run(self.nominal, alone, fx[:0], error, np.zeros(len(rows)), np.zeros(0))[0])
+            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), fx=fx[:0])[0])
         free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[4])
         free[:min(_wait(self.nominal), len(rows) // 2)] = False
         constant = np.ones((len(rows), 1 if constants[6] else 0))   # of an integral that had begun
@@ -206,9 +207,13 @@ def _gains_at(nominal: Nominal) -> list[int]:
     return [0, 5] if nominal.controller is not None and nominal.controller.is_rate_law else [0, 1]
 
 
-def _run(nominal: Nominal, constants: np.ndarray, fx: np.ndarray, error: np.ndarray, test: np.ndarray,
-         logged: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(commands (ticks,) [rad] issued, periods (ticks,) since the controller began)."""
+def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
+           logged: np.ndarray = NOTHING, fx: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(commands (ticks,) [rad] issued, periods (ticks,) since the controller began), as of `run_controller`.
+
+    fx  controller effects; None: the nominal's
+    """
+    fx = packed(nominal).controller if fx is None else fx
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
     run_controller(constants, fx, sections(nominal), error, test, logged, computed, answers)
     return later(computed, effects.latency(fx) / constants[3]), answers
@@ -224,8 +229,8 @@ def _wait(nominal: Nominal) -> int:
 
 
 def resolution(x: np.ndarray) -> float:
-    """The power of ten of which all values of a column are multiples, that of their last decimal; 0 of few or whole
-    numbers' worth of digits."""
+    """The power of ten that the values of a column are multiples of, as rounded ones are; 0 if there is none, or few
+    values."""
     x = np.unique(x[np.isfinite(x)])
     for decimals in range(1, MOST_DECIMALS + 1) if len(x) > FEWEST else ():
         if np.all(np.abs(x * 10.0**decimals - np.rint(x * 10.0**decimals)) < 1e-4):
@@ -260,7 +265,7 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     constants, fx, wait = constants_of(nominal), packed(nominal).controller, _wait(nominal)
     impulse = constants.copy()
     impulse[4] = math.inf
-    answer = _run(nominal, impulse, fx, np.eye(1, 200)[0], np.zeros(200), np.zeros(0))[0]
+    answer = issued(nominal, impulse, np.eye(1, 200)[0], np.zeros(200))[0]
     steps = (max(getattr(sensors, f"{seen}_step"), resolution(grid[seen])), resolution(grid[reference]))
     tolerance = math.sqrt(nominal.diagnosis.command**2 + resolution(grid["beta_cmd"])**2 / 12.0
                           + math.fsum(each**2 for each in steps) / 12.0 * math.fsum(answer**2))
@@ -273,16 +278,16 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
         tick = round(first / own.period)
         test = excitation(nominal, max(tick, 0) + len(error), own.period)[max(tick, 0):]
         known = np.isfinite(logged)
-        issued = np.where(known.any(axis=1), logged[np.arange(len(logged)), np.argmax(known, axis=1)], math.nan)
+        sent = np.where(known.any(axis=1), logged[np.arange(len(logged)), np.argmax(known, axis=1)], math.nan)
         late = effects.latency(fx) > 0.0
-        computed, answers = _run(nominal, constants, fx, error, test, np.zeros(0) if late else issued)
-        moved = np.nanmax(np.where(known, np.abs(logged - issued[:, None]), 0.0), axis=1)
-        off = issued - computed
+        computed, answers = issued(nominal, constants, error, test, NOTHING if late else sent)
+        moved = np.nanmax(np.where(known, np.abs(logged - sent[:, None]), 0.0), axis=1)
+        off = sent - computed
         judges = answers >= (wait if late or own.filters else 1 if constants[5 if own.is_rate_law else 1] else 0)
-        free = np.minimum(np.abs(issued), np.abs(computed)) < NEAR_LIMIT * constants[4]
+        free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[4]
         off = np.where(judges & free, np.where(moved > np.abs(off), moved, off), math.nan)
         t = first + own.period * np.arange(len(error))
-        return Replay(nominal, t, error, test, issued, computed, off, tolerance)
+        return Replay(nominal, t, error, test, sent, computed, off, tolerance)
 
     tried = [begun(phase) for phase in range(held)]
     best = min(tried, key=lambda each: rms(each.misfit[np.isfinite(each.misfit)]))

@@ -33,8 +33,7 @@ from .servo_check import contradictions, followed, words
 
 OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
 CONTROLLER, MODEL = "CONTROLLER", "MODEL"         # another controller flew, another servo
-FROZEN = ("the loop is rigid body, servo and controller, each of one moment: no bending, slosh or lateral drift, and no "
-          "limit of angle or rate is met")
+FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
 SETTLED = 2.0    # s after a sudden change, when its size is final
 NOTHING = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
@@ -307,8 +306,8 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
         kept = sum(window["t_start"] not in missed for window in there)
         if there and (of == "window" or of in said["windows"][0]):
             who = "of those all keep" if kept == len(there) else f"of those {kept} keep"
-            lines.append(f"{len(there)} of {len(said['windows'])} windows have margins{' tracked' * (of == 'tracked')}; "
-                         f"{who} what [margins] requires, with the whole 95 % interval")
+            lines.append(f"{len(there)} of {len(said['windows'])} windows have margins{' tracked' * (of == 'tracked')}"
+                         f"; {who} what [margins] requires, with the whole 95 % interval")
     return lines
 
 

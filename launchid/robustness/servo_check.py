@@ -4,8 +4,8 @@ A Kalman filter of the servo alone follows the nozzle's sensor, driven by the lo
 command and sensor.  If the servo is the one assumed, its whitened innovations are white; a servo of another frequency,
 damping ratio, delay or gain, and one with play, adds what a small change of that number would.  Rao's score test (Proc.
 Camb. Phil. Soc. 44, 1948) asks for all five at once, beside a constant that means nothing: in blocks of a second, in
-the window, and, of a servo that is known, in what came before, which fades.  What is not known of an estimated servo
-widens the test.  So a servo that changes in flight shows as soon as its own answer and the estimate part.
+the window, and in it with what came before, which fades.  What is not known of an estimated servo widens the test.  So
+a servo that changes in flight shows as soon as its own answer and the estimate part.
 """
 
 import math
@@ -24,7 +24,7 @@ from ..log.log import Log
 from ..sums import along, combined, least_squares, products
 
 BLOCK = 1.0            # s
-MEMORY = 30.0          # s, over which what earlier windows tell of a known servo fades
+MEMORIES = (10.0, 30.0)  # s, over which what earlier windows tell fades: of a change, of a known servo
 CONTRADICTED = 38.0    # of a chi square of five: 4e-7
 LOUD = 9.0             # times the declared variance: louder residuals are of no declared noise
 NOISY = 1.1            # times the declared noise: more is left by what no number of a servo is, as play
@@ -50,7 +50,7 @@ def move(x, p, f, work):
 
 
 @kernel
-def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):  # noqa: PLR0912  one loop over events
+def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
     """Innovations of the nozzle's sensor behind a servo.
 
     t, beta (n,)       in     rows [s], [rad], NaN where not measured
@@ -238,26 +238,31 @@ Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, dampi
 
 def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> list[bool | None]:
     """Which windows contradict their servos; None of those that cannot be asked."""
-    answers, doubts = [], []
+    answers, about, doubts = [], [], []
     for (t_start, t_end), (mean, covariance) in zip(windows, servos, strict=True):
         unit = np.array([1.0 / mean[0], 1.0, 1.0])
+        about.append(np.array([math.log(mean[0]), *mean[1:]]))
         doubts.append(covariance * np.outer(unit, unit))
         known = np.isfinite(mean).all()
         answers.append(follow.answer(t_start, t_end, np.append(mean, 1.0), doubts[-1]) if known else None)
     usual = float(np.median([each.left for each in answers if each is not None] or [1.0]))
+    statistics = np.full((len(windows), len(MEMORIES)), math.nan)
+    for column, memory in enumerate(MEMORIES):
+        score, information, variance, before = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(3)
+        for k, ((t_start, t_end), answer) in enumerate(zip(windows, answers, strict=True)):
+            if answer is not None:
+                fade = math.exp(-(t_end - t_start) / memory)
+                score = fade * (score + information[:, :3] @ (before - about[k])) + answer.score  # about its servo
+                information, variance = fade * information + answer.information, fade**2 * variance + answer.information
+                before = about[k]
+                statistics[k, column] = statistic(score, information, variance, doubts[k] / usual)
     found: list[bool | None] = []
-    score, information, variance = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
-    for (t_start, t_end), answer, doubt in zip(windows, answers, doubts, strict=True):
+    for faded, answer, doubt in zip(statistics, answers, doubts, strict=True):
         if answer is None:
             found.append(None)
             continue
-        worst = [answer.blocks, statistic(answer.score, answer.information, answer.information, doubt / usual)]
-        fade = math.exp(-(t_end - t_start) / MEMORY)
-        score, information = fade * score + answer.score, fade * information + answer.information
-        variance = fade**2 * variance + answer.information
-        if not doubt.any():   # about one servo, so that windows add up
-            worst.append(statistic(score, information, variance, doubt))
-        found.append(max(worst) > CONTRADICTED * usual or answer.left > LOUD)
+        own = statistic(answer.score, answer.information, answer.information, doubt / usual)
+        found.append(max(answer.blocks, own, *faded) > CONTRADICTED * usual or answer.left > LOUD)
     return found
 
 
