@@ -23,7 +23,7 @@ the gate is judged by the true vehicle of that moment: how many had less than 20
 
 another: the loop that flew is not the nominal's: CONTROLLERS, servos that CHANGE in flight, declared known and not
 known, and servos that are otherwise wrong (WRONG).  A window is right if each margin is within three half-widths of its
-interval of the true frozen loop's, or if it is refused.
+interval of the true frozen loop's (the low gain margin as a factor), or if it is refused.
 
 clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
 share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
@@ -314,10 +314,13 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
         middle = 0.5 * (each.t_start + each.t_end)
         vehicle = vehicle_at(middle)
         truth = np.full(4, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
-        for x, margin in zip(truth, NAMES, strict=True):
+        for true, margin in zip(truth, NAMES, strict=True):
             interval = getattr(each.window.spread, margin)
-            half = interval.high - interval.value if x > interval.value else interval.value - interval.low
-            error = abs(x - interval.value) / max(half, 1e-9) if not np.isnan(x) else np.inf
+            x, value, low, high = true, interval.value, interval.low, interval.high
+            if margin == "gain_low_db":   # as a factor: of a plant that is hardly unstable dB have no end
+                x, value, low, high = (10.0 ** (db / 20.0) for db in (x, value, low, high))
+            half = high - value if x > value else value - low
+            error = abs(x - value) / max(half, 1e-9) if not np.isnan(x) else np.inf
             if error > worst:
                 worst, where = error, f"{margin} in {each.t_start:g}..{each.t_end:g} s"
     return len(made.windows), sum(not each.window.valid for each in made.windows), worst, where

@@ -70,6 +70,7 @@ def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[E
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
-    if config.model is not None and (asked := next_step([{"status": e.status.name} for e in estimates], config.model)):
+    of_others = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
+    if config.model is not None and (asked := next_step(of_others, config.model)):
         report["next"] = asked
     return FlightMargins(log, nominal, config, windows, servo, report, said)

@@ -34,6 +34,7 @@ from .servo_check import contradictions, followed, words
 OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
 CONTROLLER, MODEL = "CONTROLLER", "MODEL"         # another controller flew, another servo
 FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
+DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
 SETTLED = 2.0    # s after a sudden change, when its size is final
 NOTHING = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
@@ -138,7 +139,8 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) ->
             flown.refused |= {k: MODEL for k in another if k not in flown.refused}
             flown.findings.append(
                 f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
-                + words(follows, windows[another[-1]], servos[another[-1]].mean))
+                + words(follows, windows[another[-1]], servos[another[-1]].mean)
+                + DECLARE * (not declared.covariance.any()))
     return flown
 
 
@@ -305,7 +307,7 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
         missed = {each["t_start"] for each in said["below"] + said["may_be_below"] if each["estimate"] == of}
         kept = sum(window["t_start"] not in missed for window in there)
         if there and (of == "window" or of in said["windows"][0]):
-            who = "of those all keep" if kept == len(there) else f"of those {kept} keep"
+            who = "of those " + ("all keep" if kept == len(there) else f"{kept} keep" if kept else "none keeps")
             lines.append(f"{len(there)} of {len(said['windows'])} windows have margins{' tracked' * (of == 'tracked')}"
                          f"; {who} what [margins] requires, with the whole 95 % interval")
     return lines

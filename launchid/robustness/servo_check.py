@@ -29,6 +29,7 @@ CONTRADICTED = 38.0    # of a chi square of five: 4e-7
 LOUD = 9.0             # times the declared variance: louder residuals are of no declared noise
 NOISY = 1.1            # times the declared noise: more is left by what no number of a servo is, as play
 ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
+STARTS = (0.0, 0.02, 0.05)  # s later, from where they begin
 LARGEST = 5.0          # standard deviations of an innovation: more is a fault of one sample
 FEWEST = 20            # innovations, without which nothing is said
 UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
@@ -267,11 +268,12 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
 
 
 def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:
-    """The servo that a window shows in place of this one (3,)."""
-    own = follow.own(*window, np.append(servo, 1.0))
-    if own is None:
-        return ""
-    (w, zeta, delay, gain), std, noise = own
+    """The servo that a window shows in place of this one (3,), sought from several delays."""
+    found = [follow.own(*window, np.append(servo + (0.0, 0.0, later), 1.0)) for later in STARTS]
+    tried = [each for each in found if each is not None]
+    if not tried:
+        return "no servo follows"
+    (w, zeta, delay, gain), std, noise = min(tried, key=lambda each: each[2])
     left = f", and {noise:.2g} times the declared noise is left" if noise > NOISY else ""
     late = with_std(1e3 * delay, 1e3 * std[2])
     return (f"{with_std(w, std[0])} rad/s, damping ratio {with_std(zeta, std[1])}, delay {late} ms, gain "
