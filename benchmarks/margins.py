@@ -3,8 +3,10 @@
     python benchmarks/margins.py coverage [--flights 100] [--seed 0] [--windows 5 10] [--nominals ...] [--air calm wind]
     python benchmarks/margins.py warnings [--flights 200] [--seed 0]
     python benchmarks/margins.py gate [--flights 100] [--seed 0] [--nominals ...]
+    python benchmarks/margins.py another [--flights 4] [--seed 0] [--nominals ...]
+    python benchmarks/margins.py clean [--flights 10] [--seed 0] [--nominals ...]
 
-The servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
+In the first three the servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
 
 coverage: `flight` suite, a6 and k1 within 20 % of the nominal's, servo frequency and damping ratio within 30 %, delay 0
 to 30 ms, all drawn uniformly.  The truth is the frozen loop of the true vehicle at the window's centre (tracked: at its
@@ -18,6 +20,13 @@ False: it lists any window of a vehicle that keeps what is required.
 
 gate: the scenarios of `reconfiguration.py` with the true servo drawn as in coverage.  Every gain set that was put to
 the gate is judged by the true vehicle of that moment: how many had less than 20 degrees, and how many of these flew.
+
+another: the loop that flew is not the nominal's: CONTROLLERS, servos that CHANGE in flight, declared known and not
+known, and servos that are otherwise wrong (WRONG).  A window is right if each margin is within three half-widths of its
+interval of the true frozen loop's (the low gain margin as a factor), or if it is refused.
+
+clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
+share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
 """
 
 import argparse
@@ -26,20 +35,25 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from flights import NOMINALS, in_air, nominal, run_jobs
+from flights import NOMINALS, at_rate, in_air, nominal, run_jobs
 
 import launchid
 from launchid.bound.flights import flight_bound
 from launchid.monte_carlo.campaign import draw_jobs
 from launchid.robustness import reconfigure
+from launchid.robustness.flight_margins import loop_that_flew
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import NAMES, margin_table
 from launchid.robustness.montecarlo import SCENARIOS, factors
-from sim.flight import Factor, Flight, fly_whole, parameters
+from sim.effects import effect
+from sim.flight import Factor, Flight, fly_whole, parameters, prepare
 from sim.nominal import Nominal
+from sim.sections import Controller, Section
+from sim.vehicle import step as st
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
+LOGGED = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
 LEAST, MOST, RATIO_MOST = 0.93, 0.975, 1.15
 
 
@@ -63,7 +77,7 @@ def declared_unknown(vehicle: Nominal) -> Nominal:
 
 def _columns(flight: Flight) -> dict[str, np.ndarray]:
     """The columns that are logged of a flight."""
-    return {each: getattr(flight, each) for each in ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")}
+    return {each: getattr(flight, each) for each in LOGGED}
 
 
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
@@ -223,10 +237,142 @@ def gate(flights: int, first: int, names: list[str]) -> None:
                   + (" MISSED" if missed else ""))
 
 
+# ---- the loop that flew
+
+
+def _gains(kp: float = 1.0, kd: float = 1.0, tau: float = 1.0, period: float = 1.0) -> Any:
+    return lambda c: dataclasses.replace(c, kp=kp * c.kp, kd=kd * c.kd, period=period * c.period,
+                                         derivative_time_constant=tau * c.derivative_time_constant)
+
+
+def _averaged(c: Controller) -> Controller:
+    """The mean of two commands: half a period later, and no more."""
+    return dataclasses.replace(c, filters=(Section((0.5, 0.5, 0.0), (1.0, 0.0, 0.0)),))
+
+
+CONTROLLERS = {"kp * 0.8": _gains(kp=0.8), "kp * 1.2": _gains(kp=1.2), "kp * 0.95": _gains(kp=0.95),
+               "kd * 0.6": _gains(kd=0.6), "kd * 1.3": _gains(kd=1.3), "kd * 1.01": _gains(kd=1.01),
+               "kp * 2, kd * 0.7": _gains(kp=2.0, kd=0.7), "tau * 2": _gains(tau=2.0), "tau * 0.9": _gains(tau=0.9),
+               "10 ms late": _gains(), "period * 2": _gains(period=2.0), "filter": _averaged}
+CHANGE_AT = 33.0   # s: no window's edge
+CHANGE = {"delay 10 to 30 ms": (1.0, 1.0, 0.01, 0.02), "delay + 5 ms": (1.0, 1.0, 0.0, 0.005),
+          "delay + 2 ms": (1.0, 1.0, 0.0, 0.002), "frequency - 30 %": (0.7, 1.0, 0.0, 0.0),
+          "frequency - 10 %": (0.9, 1.0, 0.0, 0.0), "damping - 40 %": (1.0, 0.6, 0.0, 0.0)}  # and delay before, added
+WRONG = {"damping + 20 %": 0.0, "play 1 mrad": 0.001, "play 0.3 mrad": 0.0003, "row late": 0.0}
+RIGHT, LOST_MOST = 3.0, 0.02
+RATES = ((25.0, 25.0), (50.0, 50.0), (100.0, 100.0), (200.0, 200.0), (50.0, 200.0), (100.0, 50.0))  # controller, log
+
+
+def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str, np.ndarray], Nominal, Any]:
+    """A log of another loop, the nominal that its margins are asked with, and the true vehicle at t [s] (None: its
+    margins are not known)."""
+    servo, controller = believed.actuator, believed.controller
+    assert servo is not None and controller is not None
+    if kind == "controller":
+        true = dataclasses.replace(believed, controller=CONTROLLERS[name](controller))
+        late = 0.01 if name == "10 ms late" else 0.0
+        effects = [effect("controller_mismatch", delay=late)] if late else []
+        at = dataclasses.replace(true, actuator=dataclasses.replace(servo, delay=servo.delay + late))
+        log = _columns(fly_whole(true, seed, effects=effects, period=believed.sensors.period))
+        return log, believed, lambda t: None if name == "filter" else at
+    if kind == "wrong":
+        true = dataclasses.replace(believed, actuator=dataclasses.replace(
+            servo, damping_ratio=servo.damping_ratio * (1.2 if name == "damping + 20 %" else 1.0)))
+        effects = [effect("actuator_backlash", half_width=WRONG[name])] if WRONG[name] else []
+        log = _columns(fly_whole(true, seed, effects=effects))
+        if name == "row late":
+            log["beta_cmd"] = np.concatenate([log["beta_cmd"][1:], log["beta_cmd"][-1:]])
+        return log, believed, lambda t: None if name == "row late" else true
+    frequency, damping, delay, more = CHANGE[name]
+    before = dataclasses.replace(believed, actuator=dataclasses.replace(servo, delay=servo.delay + delay))
+    after = dataclasses.replace(believed, actuator=dataclasses.replace(
+        servo, natural_frequency=servo.natural_frequency * frequency, damping_ratio=servo.damping_ratio * damping,
+        delay=servo.delay + delay + more))
+    vehicle, steps = prepare(before, seed, "flight", None, 1.0, 1.0)
+    rows = np.empty((steps, len(st.COLUMNS)))
+    first = round(CHANGE_AT / vehicle.constant[st.STEP])
+    st.advance(vehicle, first, rows)
+    assert after.actuator is not None
+    vehicle.constant[[st.FREQUENCY, st.DAMPING, st.DELAY]] = (
+        after.actuator.natural_frequency, after.actuator.damping_ratio, after.actuator.delay)
+    st.advance(vehicle, steps - first, rows)
+    columns = dict(zip(st.COLUMNS, rows[:int(vehicle.counter[st.ROWS])].T.copy(), strict=True))
+    return {each: columns[each] for each in LOGGED}, (declared_unknown(before) if kind == "unknown" else before), \
+        lambda t: before if t < CHANGE_AT else after
+
+
+def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float, str]:
+    """Of a flight of another loop: windows, those refused, the largest error of the others in half-widths, and in
+    which window it is."""
+    believed = nominal(name)
+    log, asked, vehicle_at = flown(believed, kind, regime, seed)
+    made = launchid.margins(log, asked)
+    worst, where = 0.0, ""
+    for each in made.windows:
+        if each.window.spread is None:
+            continue
+        middle = 0.5 * (each.t_start + each.t_end)
+        vehicle = vehicle_at(middle)
+        truth = np.full(4, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
+        for true, margin in zip(truth, NAMES, strict=True):
+            interval = getattr(each.window.spread, margin)
+            x, value, low, high = true, interval.value, interval.low, interval.high
+            if margin == "gain_low_db":   # as a factor: of a plant that is hardly unstable dB have no end
+                x, value, low, high = (10.0 ** (db / 20.0) for db in (x, value, low, high))
+            half = high - value if x > value else value - low
+            error = abs(x - value) / max(half, 1e-9) if not np.isnan(x) else np.inf
+            if error > worst:
+                worst, where = error, f"{margin} in {each.t_start:g}..{each.t_end:g} s"
+    return len(made.windows), sum(not each.window.valid for each in made.windows), worst, where
+
+
+def another(flights: int, first: int, names: list[str]) -> None:
+    """A line for each loop."""
+    regimes = [*(("controller", each) for each in CONTROLLERS), *(("known", each) for each in CHANGE),
+               *(("unknown", each) for each in CHANGE), *(("wrong", each) for each in WRONG)]
+    print(f"{'nominal':16} {'what':10} {'regime':18} {'windows':>7} {'refused':>7}  "
+          "largest error of the others, half-widths")
+    for name in names:
+        for kind, regime in regimes:
+            rows = run_jobs(right, [(name, kind, regime, first + k) for k in range(flights)])
+            worst = max(rows, key=lambda each: each[2])
+            windows, refused = (sum(each[k] for each in rows) for k in (0, 1))
+            print(f"{name:16} {kind:10} {regime:18} {windows:7d} {refused:7d}  {worst[2]:.2f}"
+                  + (f" ({worst[3]}) MISSED" if worst[2] > RIGHT else ""), flush=True)
+
+
+def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[int, int, int]:
+    """Of a flight in which nothing is wrong: windows that the estimator has numbers of, those refused, tests that were
+    not made; 0 of a lost vehicle."""
+    believed = in_air(at_rate(nominal(name), rate), air)
+    flight = fly_whole(believed, seed, period=1.0 / of_log)
+    if flight.lost:
+        return 0, 0, 0
+    made = launchid.identify(_columns(flight), believed, window=5.0)
+    tested = loop_that_flew(made.log, believed, made.estimates)
+    valid = [k for k, e in enumerate(made.estimates) if e.valid]
+    return len(valid), sum(k in tested.refused for k in valid), len(tested.assumed) - 1
+
+
+def clean(flights: int, first: int, names: list[str], airs: list[str]) -> None:
+    """A line for each nominal, air and rates."""
+    total = np.zeros(3, int)
+    for name in names:
+        for air in airs:
+            for rate, of_log in RATES:
+                jobs = [(name, air, rate, of_log, first + k) for k in range(flights)]
+                rows = np.array(run_jobs(kept, jobs)).sum(axis=0)
+                total += rows
+                print(f"{name:16} {air:5} controller {rate:3g} Hz, log {of_log:3g} Hz: {rows[0]:5d} windows, "
+                      f"{rows[1]:3d} refused, {rows[2]:3d} tests not made", flush=True)
+    lost = total[1] / total[0]
+    print(f"{100 * lost:.2f} % of {total[0]} windows lost" + (" MISSED" if lost > LOST_MOST else ""))
+
+
 def main() -> None:
     """The part that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=["coverage", "warnings", "gate"])
+    parser.add_argument("part", choices=["coverage", "warnings", "gate", "another", "clean"])
     parser.add_argument("--flights", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--windows", type=float, nargs="+", default=[5.0, 10.0])
@@ -237,6 +383,10 @@ def main() -> None:
         warnings(args.flights or 200, args.seed)
     elif args.part == "gate":
         gate(args.flights or 100, args.seed, args.nominals)
+    elif args.part == "another":
+        another(args.flights or 4, args.seed, args.nominals)
+    elif args.part == "clean":
+        clean(args.flights or 10, args.seed, args.nominals, args.air)
     else:
         for name in args.nominals:
             for air in args.air:

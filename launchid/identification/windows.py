@@ -225,7 +225,8 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
            "RANK": "the terms cannot be told apart: one of them does not move, or two move as one",
            "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
            "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
-           "SEPARATION": "a6 and k1 cannot be told apart"}
+           "SEPARATION": "a6 and k1 cannot be told apart", "CHANGE": "a6 or k1 changed suddenly",
+           "CONTROLLER": "the commands are not the nominal controller's"}
 
 
 def why(windows: list[dict[str, Any]]) -> str:

@@ -64,11 +64,13 @@ def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = 
 def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
                tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
     """The margins of what was identified."""
-    windows = fm.flight_margins(nominal, estimates, changes)
+    flown = fm.loop_that_flew(log, nominal, estimates)
+    windows = fm.flight_margins(nominal, estimates, changes, flown.refused)
     servo = fm.last_servo(declared_servo(nominal), estimates)
-    report = fm.report(windows, servo, nominal.margins, tracked)
+    report = fm.report(windows, servo, nominal.margins, tracked, flown)
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
-    if config.model is not None and (asked := next_step(report["windows"], config.model)):
+    of_others = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
+    if config.model is not None and (asked := next_step(of_others, config.model)):
         report["next"] = asked
     return FlightMargins(log, nominal, config, windows, servo, report, said)

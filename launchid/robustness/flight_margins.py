@@ -6,11 +6,13 @@ window's end.  What is unknown of the servo is in a6, k1 and their covariance al
 belong together is left out (`docs/margins.md` says what it was checked by).
 
 A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
-estimate until the change is settled: no frozen loop is that flight's.
+estimate until the change is settled: no frozen loop is that flight's.  Nor has one in which another loop flew: whose
+commands are not the nominal controller's (CONTROLLER), or whose nozzle does not answer them as the servo does (MODEL).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +24,17 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 from sim.shown import servo_lines
 
+from ..controller_replay import FEWEST, Replay, replay, rms
+from ..log.log import Log
 from ..onboard import onboard_model
 from ..unsupported import refuse_foreign_loop
 from .margin_spread import NAMES, Known, Spread, json_number, margin_spread
+from .servo_check import contradictions, followed, words
 
 OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
+CONTROLLER, MODEL = "CONTROLLER", "MODEL"         # another controller flew, another servo
+FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
+DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
 SETTLED = 2.0    # s after a sudden change, when its size is final
 NOTHING = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
@@ -98,14 +106,83 @@ def is_neutral(parameters: dict[str, Any]) -> bool:
     return parameters.get("scale", 1.0) == 1.0 and parameters.get("coefficient", 0.0) == 0.0
 
 
-def flight_margins(nominal: Nominal, estimates: Sequence[Estimate],
-                   changes: Sequence[Change]) -> list[WindowMargins]:
-    """The margins of every window of a flight, with the controller of its nominal."""
-    declared = declared_servo(nominal)
-    servos = [servo_at(declared, e) for e in estimates]
-    return [WindowMargins(e.t_start, e.t_end, _of_window(nominal, e, changes, servo),
-                          _of_tracked(nominal, e, changes, servo))
-            for e, servo in zip(estimates, servos, strict=True)]
+@dataclass
+class Flown:
+    """Whether the loop that flew is the one whose margins are given.
+
+    refused   status of the windows, by their number, in which it is not
+    findings  sentences on them;  assumed  sentences on what this log does not test
+    """
+
+    refused: dict[int, str] = field(default_factory=dict)
+    findings: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=lambda: [FROZEN])
+
+
+def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) -> Flown:
+    """The tests of the controller and of the servo in every window of a log."""
+    flown = Flown()
+    replayed, follows = replay(log, nominal), followed(log, onboard_model(nominal))
+    if isinstance(replayed, str):
+        flown.assumed.append(f"the controller is the nominal's (not tested: {replayed})")
+    else:
+        _test_controller(flown, replayed, estimates)
+    if isinstance(follows, str):
+        flown.assumed.append(f"the servo is as declared, and does not change (not tested: {follows})")
+    else:
+        declared = declared_servo(nominal)
+        servos = [servo_at(declared, e) for e in estimates]
+        windows = [(e.t_start, e.t_end) for e in estimates]
+        found = contradictions(follows, windows, servos)
+        _note(flown.assumed, "the servo does not change", [each is None for each in found])
+        if another := [k for k, is_other in enumerate(found) if is_other]:
+            flown.refused |= {k: MODEL for k in another if k not in flown.refused}
+            flown.findings.append(
+                f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
+                + words(follows, windows[another[-1]], servos[another[-1]].mean)
+                + DECLARE * (not declared.covariance.any()))
+    return flown
+
+
+def _test_controller(flown: Flown, replayed: Replay, estimates: Sequence[Estimate]) -> None:
+    judged = [replayed.judged(e.t_start, e.t_end) for e in estimates]
+    few = [int(np.count_nonzero(ticks)) < FEWEST for ticks in judged]
+    _note(flown.assumed, "the controller is the nominal's", few)
+    others = [k for k, ticks in enumerate(judged) if not few[k] and replayed.contradicts(ticks)]
+    if others:
+        flown.refused |= dict.fromkeys(others, CONTROLLER)
+        ticks = np.any([judged[k] for k in others], axis=0)
+        flown.findings.append(
+            f"in {_count(others, estimates)} the commands are not the nominal controller's (CONTROLLER): rms "
+            f"{rms(replayed.misfit[ticks]):.2g} rad apart, {replayed.tolerance:.2g} would be none; "
+            f"{replayed.words(replayed.explained(ticks))}")
+
+
+def _count(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
+    """`3 of 14 windows, from 30 s on`."""
+    return f"{len(which)} of {len(estimates)} windows, from {estimates[which[0]].t_start:g} s on,"
+
+
+def _note(assumed: list[str], what: str, unasked: Sequence[bool]) -> None:
+    if any(unasked):
+        assumed.append(f"{what} (not tested in {sum(unasked)} of {len(unasked)} windows: too few rows)")
+
+
+def flight_margins(nominal: Nominal, estimates: Sequence[Estimate], changes: Sequence[Change],
+                   refused: Mapping[int, str] | None = None) -> list[WindowMargins]:
+    """The margins of every window of a flight, with the controller of its nominal.
+
+    refused  status of the windows, by their number, of which another loop flew
+    """
+    declared, windows = declared_servo(nominal), []
+    for k, e in enumerate(estimates):
+        if refused is not None and k in refused:
+            of_window = of_tracked = Judged(refused[k])
+        else:
+            servo = servo_at(declared, e)
+            of_window, of_tracked = _of_window(nominal, e, changes, servo), _of_tracked(nominal, e, changes, servo)
+        windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
+    return windows
 
 
 def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
@@ -117,8 +194,8 @@ def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: 
 
 
 def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
-    if e.status.name == "MODEL":
-        return Judged(e.status.name)
+    if e.status.name == MODEL:
+        return Judged(MODEL)
     if e.tracked is None or not e.tracked.valid:
         return Judged(UNKNOWN)
     if any(change.t <= e.t_end < change.t + SETTLED for change in changes):
@@ -180,7 +257,8 @@ def required_of(required: Required, name: str) -> float:
             "delay_ms": required.delay_ms}[name]
 
 
-def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool) -> dict[str, Any]:
+def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool,
+           flown: Flown) -> dict[str, Any]:
     """The margins JSON."""
     reached = below_json(windows, required, is_tracked)
     std = np.sqrt(np.diag(servo.covariance))
@@ -189,7 +267,8 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
             "actuator": {name: {"value": float(servo.mean[k]), "std": float(std[k])} for k, name in enumerate(SERVO)},
             "below": [{key: x for key, x in each.items() if key != "certain"} for each in reached if each["certain"]],
             "may_be_below": [{key: x for key, x in each.items() if key != "certain"} for each in reached
-                             if not each["certain"]]}
+                             if not each["certain"]],
+            "findings": flown.findings, "assumed": flown.assumed}
 
 
 def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
@@ -216,9 +295,22 @@ def table(said: dict[str, Any]) -> str:
                          f"{'-' if stable is None else f'{stable:.4f}':>10}")
     lines += servo_lines(said["actuator"])
     lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
-    if any(window["valid"] for window in said["windows"]) and not said["below"] and not said["may_be_below"]:
-        lines.append("every margin keeps what [margins] requires, and so does its whole 95 % interval")
-    return "\n".join(lines)
+    lines += [*said["findings"], *(f"assumed: {each}" for each in said["assumed"])]
+    return "\n".join([*lines, *closing_lines(said)])
+
+
+def closing_lines(said: dict[str, Any]) -> list[str]:
+    """How many windows have margins, and how many of those keep what is required; the same of the tracked estimate."""
+    lines = []
+    for of in ("window", "tracked"):
+        there = [window for window in said["windows"] if (window | window.get(of, {}))["valid"]]
+        missed = {each["t_start"] for each in said["below"] + said["may_be_below"] if each["estimate"] == of}
+        kept = sum(window["t_start"] not in missed for window in there)
+        if there and (of == "window" or of in said["windows"][0]):
+            who = "of those " + ("all keep" if kept == len(there) else f"{kept} keep" if kept else "none keeps")
+            lines.append(f"{len(there)} of {len(said['windows'])} windows have margins{' tracked' * (of == 'tracked')}"
+                         f"; {who} what [margins] requires, with the whole 95 % interval")
+    return lines
 
 
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:

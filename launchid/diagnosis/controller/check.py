@@ -7,7 +7,7 @@ is waited for until it is forgotten.  Of a slower one `gaps` has the check.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -15,9 +15,10 @@ import numpy as np
 
 from sim.sections import Multisine
 
+from ...controller_replay import later, lowest
 from ...sums import combined, least_squares, products, square
 from ..data.record import THETA, Record
-from .command import controller_gains, later, recomputed, without_limit
+from .command import controller_gains, recomputed, without_limit
 from .kind import FEWEST, FILTER, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
@@ -30,14 +31,6 @@ WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
 HUNDRED_MILLIONTH = 40  # golden sections between two of them, to so much of their distance
 FORGOTTEN = 1e-5        # of what filters remember: less is nothing
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
-
-
-def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
-    """The place where a cost with one minimum between low and high is least, by golden section."""
-    for _ in range(steps):
-        left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
-        low, high = (low, right) if cost(left) < cost(right) else (left, high)
-    return 0.5 * (low + high)
 
 
 def check_controller(record: Record) -> ControllerCheck | None:

@@ -11,11 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InputError
-from sim.flight import excitation, packed, sections
+from sim.flight import excitation, packed
 from sim.nominal import Nominal
-from sim.vehicle.controller import filtered, limited, pseudo_derivative
-from sim.vehicle.kernels import kernel
 
+from ...controller_replay import constants_of, issued
 from ...log.log import Log
 from ..data.check import DataCheck
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
@@ -244,29 +243,11 @@ def _phase(command: np.ndarray, held: int) -> int:
 # ---- recomputed
 
 
-@kernel
-def run_controller(gains, filters, error, excitation, commands, derivative):
-    """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0, filters at rest.
-
-    gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
-    filters (s,) SECTION  inout  of the controller
-    error, excitation (ticks,) [rad] in
-    commands, derivative (ticks,) out  before the computing time
-    """
-    d, before = 0.0, error[0]
-    for k in range(len(error)):
-        d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
-        before = error[k]
-        derivative[k] = d
-        commands[k] = limited(gains[4], filtered(filters, gains[0] * error[k] + gains[1] * d) + excitation[k])
-
-
 def controller_gains(nominal: Nominal) -> np.ndarray:
-    """The gains (5,) as `run_controller` reads them."""
+    """kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]."""
     c = nominal.controller
     assert c is not None
-    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
-    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
+    return np.array([c.kp, c.kd, *constants_of(nominal)[2:5]])
 
 
 def without_limit(r: Record) -> Record:
@@ -275,14 +256,6 @@ def without_limit(r: Record) -> Record:
         return r
     wide = replace(r.nominal.actuator, deflection_limit=math.inf)
     return replace(r, nominal=replace(r.nominal, actuator=wide))
-
-
-def later(x: np.ndarray, lag: float) -> np.ndarray:
-    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
-    (`sim.effects.controller`); before the first the command was 0."""
-    whole, part = int(lag), lag - int(lag)
-    shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
-    return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
 
 
 def recomputed(r: Record) -> np.ndarray:
@@ -308,10 +281,5 @@ def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
 
 def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
     """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
-    commands, derivative = np.empty_like(error), np.empty_like(error)
-    gains = controller_gains(r.nominal)
-    test = excitation(r.nominal, first + len(error), gains[3])[first:]
-    changes = packed(r.nominal)
-    gains[0], gains[1] = changes.kp_scale * gains[0], changes.kd_scale * gains[1]
-    run_controller(gains, sections(r.nominal), error, test, commands, derivative)
-    return later(commands, changes.computing_time / gains[3])
+    test = excitation(r.nominal, first + len(error), constants_of(r.nominal)[3])[first:]
+    return issued(r.nominal, constants_of(r.nominal), error, test)[0]

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...controller_replay import lowest
 from ...sums import combined, least_squares, products
 from ..data.record import THETA, Record
-from .check import lowest
 from .fill import OnBoard, errors_seen, on_board, shifted, test_issued
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 from .ticks import noise_std

@@ -13,10 +13,10 @@ import numpy as np
 
 from sim.flight import excitation, packed
 
+from ...controller_replay import later
 from ...sums import combined, least_squares, products
 from ..data.record import THETA_DOT, Record
 from .check import EXPLAINED, LAG_STEP, LONGEST_LAG, SAME_RECOMPUTED
-from .command import later
 from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
 
 FINE = 41            # computing times from a step before the best to one behind it

@@ -237,7 +237,7 @@ def test_an_open_change_closes_the_tracked_margins(made):
 
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
-    assert list(said) == ["windows", "actuator", "below", "may_be_below"]
+    assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed"]
     first = said["windows"][0]
     assert list(first) == ["t_start", "t_end", "valid", "status", *NAMES, "stable", "tracked"]
     assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
@@ -310,7 +310,11 @@ def test_windows_below_are_listed_and_said(flight, made):
             assert ((each.t_start, of, "phase_deg") in listed) == certain
     assert listed and found.report["may_be_below"]
     assert f"phase margin (window) is below {demand:g} degrees in" in found.summary()
-    assert "may be below" in found.summary() and "every margin keeps" not in found.summary()
+    assert "may be below" in found.summary() and "all keep" not in found.summary()
+    missed = {each["t_start"] for each in found.report["below"] + found.report["may_be_below"]
+              if each["estimate"] == "window"}
+    valid = sum(each["valid"] for each in found.report["windows"])
+    assert f"{valid} of 14 windows have margins; of those {valid - len(missed)} keep what" in found.summary()
 
 
 def test_the_nominals_margins_are_read_checked_and_written(tmp_path):
@@ -383,11 +387,10 @@ def test_a_servo_far_from_the_one_believed_is_reached():
     assert np.all(np.abs(servo.mean - [30.0, 0.7, 0.07]) < 3.5 * np.sqrt(np.diag(servo.covariance)))
 
 
-def test_a_known_servo_that_is_another_one_lies(slow):
-    """The servo's sigma is needed: without it the phase margin is beyond its interval in every window."""
-    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
+def test_a_known_servo_that_is_another_one_has_no_margins(slow):
+    """Without the servo's sigma the phase margin would be beyond its interval in every window."""
     found = launchid.margins(slow, CONSTANT)
-    assert all(each.window.spread.phase_deg.low > truth[2] for each in found.windows)
+    assert [each["status"] for each in found.report["windows"]] == ["MODEL"] * 6
 
 
 def test_not_knowing_the_servo_widens_the_intervals(slow):
@@ -432,7 +435,7 @@ def test_the_command_writes_what_python_has(flight, made, tmp_path, capsys):
     flight.write(log)
     assert main(["margins", str(log), "constant", "--tracked", "--json", str(answer)]) == 0
     assert json.loads(answer.read_text()) == json.loads(made.to_json())
-    assert "every margin keeps what [margins] requires" in capsys.readouterr().out
+    assert "13 of 14 windows have margins; of those all keep what [margins] requires" in capsys.readouterr().out
     assert main(["margins", str(log), "constant", "--window", "100"]) == 0
     assert "no window of 100 s is complete" in capsys.readouterr().out
     assert main(["margins", str(log), "pendulum_linear"]) == 3

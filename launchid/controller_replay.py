@@ -1,0 +1,301 @@
+"""The nominal's controller over a log's own columns: would it have issued the commands that the log holds?
+
+The log holds what the controller saw, theta (law `attitude`) or theta_dot (law `rate`) and its reference, so each
+command can be computed again, by the simulator's own law.  What the controller remembered when the log, or what follows
+missing rows, began is not known.  Without filters that is one number, the pseudo-derivative or the integral, and the
+first logged command gives it; with filters it is waited for until it is forgotten.
+
+The rows must be at the controller's periods, one or several a period; a slower log lacks errors.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.flight import excitation, packed, sections
+from sim.nominal import Nominal
+from sim.vehicle.controller import filtered, limited, pseudo_derivative
+from sim.vehicle.kernels import kernel
+
+from .log.log import Log
+from .sums import combined, least_squares, products
+
+FORGOTTEN = 1e-5      # of what the controller remembered: less is nothing
+FEWEST = 20           # commands, without which nothing is said
+LATEST = 6            # periods of computing time that are tried
+OFF_GRID, ON_GRID = 0.25, 0.99  # of a row's distance, by which 0.99 of the stamps lie on the controller's periods
+SAME = 2e-3           # relative, of a gain; of a period, of a delay: closer is the same
+EXPLAINED = 0.5       # of a misfit: what other gains leave less of is no noise, however small it is
+SECTIONS = 25         # golden, of a period
+NEAR_LIMIT = 0.999    # of the deflection limit: beyond it a command tells nothing of gains
+MOST_DECIMALS = 9     # of a column that was rounded
+NOTHING = np.zeros(0)
+
+
+@kernel
+def run_controller(constants, filters, error, excitation, logged, computed, answers):
+    """The controller over errors, one a period; one that is not known is a gap, behind which it begins anew.
+
+    constants (7,)           in     kp, kd [s], derivative time constant [s], period [s], limit [rad], ki, 1: law `rate`
+    filters (s,) SECTION     inout  of the controller
+    error (ticks,)           in     [rad] or [rad/s], NaN where not known
+    excitation (ticks,)      in     [rad] test input
+    logged (ticks,)          in     [rad] commands that tell what is remembered where it begins; (0,): nothing is
+    computed (ticks,)        out    [rad] commands, before the computing time, NaN where it has no error
+    answers (ticks,) int64   out    periods since it began, -1 where it has not
+    """
+    kp, kd, tau, period = constants[0], constants[1], constants[2], constants[3]
+    limit, ki, is_rate = constants[4], constants[5], constants[6] != 0.0
+    memory = ki if is_rate else kd
+    is_told = logged.shape[0] > 0 and filters.shape[0] == 0 and memory != 0.0
+    since, before, remembered = -1, 0.0, 0.0
+    for k in range(error.shape[0]):
+        computed[k], answers[k] = math.nan, -1
+        if math.isnan(error[k]):
+            since = -1
+            continue
+        begins = since < 0
+        if begins:
+            before, remembered = error[k], 0.0
+            for section in filters:
+                section.first, section.second = 0.0, 0.0
+        held = remembered
+        if is_rate:
+            remembered += period * error[k]
+        else:
+            remembered = pseudo_derivative(tau, period, error[k], before, remembered)
+        before = error[k]
+        since += 1
+        if begins and is_told:
+            if not abs(logged[k]) < NEAR_LIMIT * limit:
+                since = -1
+                continue
+            remembered = (logged[k] - excitation[k] - kp * error[k]) / memory
+        command = kp * error[k] + (ki if is_rate else kd) * remembered
+        command = filtered(filters, command) + excitation[k]
+        computed[k], answers[k] = limited(limit, command), since
+        if is_rate and computed[k] != command:
+            remembered = held
+
+
+def constants_of(nominal: Nominal) -> np.ndarray:
+    """The constants (7,) of `run_controller`, with what the nominal's effects make of its gains."""
+    c, effects = nominal.controller, packed(nominal)
+    assert c is not None
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([effects.kp_scale * c.kp, effects.kd_scale * c.kd, c.derivative_time_constant, c.period, limit,
+                     c.ki, float(c.is_rate_law)])
+
+
+def computing(nominal: Nominal) -> float:
+    """Computing time of the nominal's effects, in periods of its controller."""
+    assert nominal.controller is not None
+    return float(packed(nominal).computing_time / nominal.controller.period)
+
+
+def later(x: np.ndarray, lag: float) -> np.ndarray:
+    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
+    (`sim.effects.controller`); before the first the command was 0."""
+    whole, part = int(lag), lag - int(lag)
+    shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
+    return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The gains and computing time that explain commands best.
+
+    gains, std     (2,) kp and kd [s], of the law `rate` kp and ki; standard deviations as if what is left were white
+    delay          [s] of computing time beside the nominal's
+    before, after  [rad] rms of logged less computed command, with the nominal's gains and with these
+    """
+
+    gains: np.ndarray
+    std: np.ndarray
+    delay: float
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """The nominal's controller over a log, arrays (ticks,), one entry a period of the controller.
+
+    t           [s];  error [rad] or [rad/s] as the controller saw it;  excitation [rad] of the test input
+    logged      [rad] commands;  computed [rad] the nominal controller's;  misfit [rad] the difference, or, if it is
+                larger, that of the commands in rows of one period; NaN where there is none, or both are at the limit
+    tolerance   [rad] rms of a misfit that is none: [diagnosis] command, and what the rounding of the columns makes
+    """
+
+    nominal: Nominal
+    t: np.ndarray
+    error: np.ndarray
+    excitation: np.ndarray
+    logged: np.ndarray
+    computed: np.ndarray
+    misfit: np.ndarray
+    tolerance: float
+
+    def judged(self, t_start: float, t_end: float) -> np.ndarray:
+        """(ticks,) bool: those from t_start to t_end [s] whose command follows."""
+        return np.isfinite(self.misfit) & (self.t >= t_start) & (self.t < t_end)
+
+    def contradicts(self, ticks: np.ndarray) -> bool:
+        """Whether the commands of these ticks (ticks,) bool are another controller's: further off than the tolerance,
+        or off as other gains are."""
+        off = rms(self.misfit[ticks])
+        if off > self.tolerance:
+            return True
+        found = self.explained(ticks, latest=0)
+        own = constants_of(self.nominal)[_gains_at(self.nominal)]
+        return bool(found.after < EXPLAINED * off and np.max(np.abs(found.gains - own)) > SAME * np.max(np.abs(own)))
+
+    def explained(self, ticks: np.ndarray, latest: int = LATEST) -> Explanation:
+        """The gains and computing time, up to `latest` periods, that explain the commands of these ticks best: a
+        command is linear in the gains, and whole periods are tried first, then parts of one."""
+        constants = constants_of(self.nominal)
+        known, rows = np.isfinite(self.error), np.arange(len(self.error))
+        error = np.interp(rows, rows[known], self.error[known])
+        early = computing(self.nominal)
+        parts = []
+        for gain in _gains_at(self.nominal):
+            alone = constants.copy()
+            alone[[*_gains_at(self.nominal), 4]] = 0.0, 0.0, math.inf
+            alone[gain] = 1.0
+            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), lag=0.0)[0])
+        free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[4])
+        free[:min(_wait(self.nominal), len(rows) // 2)] = False
+        constant = np.ones((len(rows), 1 if constants[6] else 0))   # of an integral that had begun
+
+        def fit(lag: float) -> tuple[float, np.ndarray, np.ndarray]:
+            design = np.column_stack([*(later(x, early + lag) for x in parts), constant])[free]
+            wanted = (self.logged - later(self.excitation, early + lag))[free]
+            x = least_squares(design, wanted)
+            after = rms(wanted - combined(design, x))
+            return after, x, after * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
+
+        lag = float(min(range(latest + 1), key=lambda each: fit(each)[0]))
+        after, x, std = fit(lag)
+        for low, high in ((lag, lag + 1.0), (max(lag - 1.0, 0.0), lag)) if latest and after > self.tolerance else ():
+            between = lowest(lambda each: fit(each)[0], low, high, SECTIONS)
+            if fit(between)[0] < EXPLAINED * after:
+                lag, (after, x, std) = between, fit(between)
+        return Explanation(x[:2], std[:2], lag * constants[3], rms(self.misfit[ticks]), after)
+
+    def words(self, found: Explanation) -> str:
+        """What would explain the commands, or that nothing does."""
+        names = ("kp", "ki") if constants_of(self.nominal)[6] else ("kp", "kd")
+        late = found.delay / constants_of(self.nominal)[3]
+        said = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, found.gains, strict=True))
+        said += f", {late:.3g} periods of delay" if late else ""
+        if found.after < 0.1 * found.before:
+            return f"{said} would explain them (rms {found.after:.2g} rad left)"
+        return f"no gains and delay explain them (best: {said}, rms {found.after:.2g} rad left)"
+
+
+def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
+    """The place where a cost with one minimum between low and high is least, by golden section."""
+    for _ in range(steps):
+        left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        low, high = (low, right) if cost(left) < cost(right) else (left, high)
+    return 0.5 * (low + high)
+
+
+def rms(x: np.ndarray) -> float:
+    """Root mean square; 0 of none."""
+    return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
+
+
+def _gains_at(nominal: Nominal) -> list[int]:
+    """The places of the law's two gains among its constants."""
+    return [0, 5] if nominal.controller is not None and nominal.controller.is_rate_law else [0, 1]
+
+
+def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
+           logged: np.ndarray = NOTHING, lag: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(commands (ticks,) [rad] issued, periods (ticks,) since the controller began), as of `run_controller`.
+
+    lag  computing time in periods; None: that of the nominal's effects
+    """
+    computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
+    run_controller(constants, sections(nominal), error, test, logged, computed, answers)
+    return later(computed, computing(nominal) if lag is None else lag), answers
+
+
+def _wait(nominal: Nominal) -> int:
+    """Periods until the controller has forgotten what was before; more than any log has where it never does."""
+    c = nominal.controller
+    assert c is not None
+    poles = [0.0] if c.is_rate_law else [c.derivative_time_constant / (c.derivative_time_constant + c.period)]
+    slowest = max(*poles, *(float(np.max(np.abs(np.roots(section.a)))) for section in c.filters), FORGOTTEN)
+    return math.ceil(math.log(FORGOTTEN) / math.log(slowest)) if slowest < 1.0 else 2**31
+
+
+def resolution(x: np.ndarray) -> float:
+    """The power of ten that the values of a column are multiples of, as rounded ones are; 0 if there is none, or few
+    values."""
+    x = np.unique(x[np.isfinite(x)])
+    for decimals in range(1, MOST_DECIMALS + 1) if len(x) > FEWEST else ():
+        if np.all(np.abs(x * 10.0**decimals - np.rint(x * 10.0**decimals)) < 1e-4):
+            return float(10.0**-decimals)
+    return 0.0
+
+
+def replay(log: Log, nominal: Nominal) -> Replay | str:
+    """The nominal's controller over a log, or in words why it cannot be replayed."""
+    own, sensors = nominal.controller, nominal.sensors
+    if own is None:
+        return "the nominal has no [controller]"
+    seen, reference = ("theta_dot", "rate_ref") if own.is_rate_law else ("theta", "theta_ref")
+    lacking = [name for name in ("beta_cmd", seen, reference) if not np.isfinite(getattr(log, name)).any()]
+    if lacking:
+        return f"the log has no {' and no '.join(lacking)}"
+    if own.is_rate_law and own.filters:
+        return "what an integral and filters remember as the log begins is not known"
+    held = max(1, round(own.period / log.period))
+    if log.period > 1.5 * own.period:
+        return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
+    step = own.period / held
+    at = (log.t - log.t[np.isfinite(log.t)][0]) / step
+    on = np.abs(at - np.rint(at)) < OFF_GRID
+    if on.mean() < ON_GRID:
+        return f"the log's rows are not at the controller's periods of {own.period:g} s"
+    index = np.rint(at[on]).astype(np.int64)
+    count = (int(index.max()) // held + 2) * held
+    grid = {name: np.full(count, math.nan) for name in ("beta_cmd", seen, reference)}
+    for name, column in grid.items():
+        column[index] = getattr(log, name)[on]
+    constants, wait = constants_of(nominal), _wait(nominal)
+    impulse = constants.copy()
+    impulse[4] = math.inf
+    answer = issued(nominal, impulse, np.eye(1, 200)[0], np.zeros(200))[0]
+    steps = (max(getattr(sensors, f"{seen}_step"), resolution(grid[seen])), resolution(grid[reference]))
+    tolerance = math.sqrt(nominal.diagnosis.command**2 + resolution(grid["beta_cmd"])**2 / 12.0
+                          + math.fsum(each**2 for each in steps) / 12.0 * math.fsum(answer**2))
+
+    def begun(phase: int) -> Replay:
+        """The replay of a controller whose periods begin with this row of `held`."""
+        logged, z, wanted = (np.append(column[phase:], np.full(phase, math.nan)).reshape(-1, held)
+                             for column in grid.values())
+        error, first = z[:, 0] - wanted[:, 0], log.t[np.isfinite(log.t)][0] + phase * step
+        tick = round(first / own.period)
+        test = excitation(nominal, max(tick, 0) + len(error), own.period)[max(tick, 0):]
+        known = np.isfinite(logged)
+        sent = np.where(known.any(axis=1), logged[np.arange(len(logged)), np.argmax(known, axis=1)], math.nan)
+        late = computing(nominal) > 0.0
+        computed, answers = issued(nominal, constants, error, test, NOTHING if late else sent)
+        moved = np.nanmax(np.where(known, np.abs(logged - sent[:, None]), 0.0), axis=1)
+        off = sent - computed
+        judges = answers >= (wait if late or own.filters else 1 if constants[5 if own.is_rate_law else 1] else 0)
+        free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[4]
+        off = np.where(judges & free, np.where(moved > np.abs(off), moved, off), math.nan)
+        t = first + own.period * np.arange(len(error))
+        return Replay(nominal, t, error, test, sent, computed, off, tolerance)
+
+    tried = [begun(phase) for phase in range(held)]
+    best = min(tried, key=lambda each: rms(each.misfit[np.isfinite(each.misfit)]))
+    if np.count_nonzero(np.isfinite(best.misfit)) < FEWEST:
+        return "too few commands follow: of gaps, or of filters that remember longer than the log"
+    return best

@@ -1,0 +1,283 @@
+"""Does the nozzle answer the logged commands as the servo of the margins does, in every window?
+
+A Kalman filter of the servo alone follows the nozzle's sensor, driven by the logged commands and the declared noise of
+command and sensor.  If the servo is the one assumed, its whitened innovations are white; a servo of another frequency,
+damping ratio, delay or gain, and one with play, adds what a small change of that number would.  Rao's score test (Proc.
+Camb. Phil. Soc. 44, 1948) asks for all five at once, beside a constant that means nothing: in blocks of a second, in
+the window, and in it with what came before, which fades.  What is not known of an estimated servo widens the test.  So
+a servo that changes in flight shows as soon as its own answer and the estimate part.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from launchid_core import Model
+from sim.effects.actuator import play
+from sim.shown import PLUS_MINUS, with_std
+from sim.vehicle.actuator import fastest_pole, free_servo
+from sim.vehicle.kernels import kernel
+
+from ..log.log import Log
+from ..sums import along, combined, least_squares, products
+
+BLOCK = 1.0            # s
+MEMORIES = (10.0, 30.0)  # s, over which what earlier windows tell fades: of a change, of a known servo
+CONTRADICTED = 38.0    # of a chi square of five: 4e-7
+LOUD = 9.0             # times the declared variance: louder residuals are of no declared noise
+NOISY = 1.1            # times the declared noise: more is left by what no number of a servo is, as play
+ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
+STARTS = (0.0, 0.02, 0.05)  # s later, from where they begin
+LARGEST = 5.0          # standard deviations of an innovation: more is a fault of one sample
+FEWEST = 20            # innovations, without which nothing is said
+UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
+MOST_GAP = 1.5         # of the log's period, behind which it begins anew
+STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, delay [s], gain
+ASKED = ("natural_frequency", "damping_ratio", "delay", "gain", "play")
+
+
+pole = kernel(fastest_pole)
+
+
+@kernel
+def move(x, p, f, work):
+    """x <- f x, p <- f p f'.  x (3,), p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
+    for a in range(3):
+        work[a] = f[a, 0] * p[0] + f[a, 1] * p[1] + f[a, 2] * p[2]
+    for a in range(3):
+        p[a] = f[a, 0] * work[:, 0] + f[a, 1] * work[:, 1] + f[a, 2] * work[:, 2]
+    x0, x1, x2 = x
+    for a in range(3):
+        x[a] = f[a, 0] * x0 + f[a, 1] * x1 + f[a, 2] * x2
+
+
+@kernel
+def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
+    """Innovations of the nozzle's sensor behind a servo.
+
+    t, beta (n,)       in     rows [s], [rad], NaN where not measured
+    at, command (m,)   in     when each command was issued [s], the command [rad], NaN where not known
+    servo (5,)         in     frequency [rad/s], damping ratio, delay [s], gain and constant [rad] of the command
+    noise (2,)         in     variances [rad^2] of the sensor, and of what is drawn with each command
+    most_gap           in     [s] between rows, behind which the nozzle is not known
+    frozen             in     use the gains and variances of an earlier run
+    e, s (n,), gain (n, 3)  inout  innovations [rad], NaN where there is none, their variances, the filter's gains
+    """
+    w, zeta, delay, r, q = servo[0], servo[1], servo[2], noise[0], noise[1]
+    x, p, f, work = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))  # nozzle, rate, command's noise
+    known, j, u = False, -1, math.nan
+    for i in range(t.shape[0]):
+        now = t[i - 1] if i > 0 else t[i]
+        known = known and t[i] - now <= most_gap
+        while known and now < t[i]:
+            due = at[j + 1] + delay if j + 1 < at.shape[0] else math.inf
+            h = min(due, t[i]) - now
+            if h > 0.0:
+                f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, pole(w, zeta), False, h)
+                f[0, 2], f[1, 2], f[2, 2] = 1.0 - f[0, 0], -f[1, 0], 1.0
+                x[0] -= u
+                move(x, p, f, work)
+                x[0] += u
+                now += h
+            if due <= t[i]:
+                j += 1
+                now, u = max(now, due), servo[3] * command[j] + servo[4]
+                known = not math.isnan(u)
+                x[2], p[2, :], p[:, 2] = 0.0, 0.0, 0.0
+                p[2, 2] = q
+        e[i] = math.nan
+        if not known:
+            j = np.searchsorted(at, t[i] - delay, side="right") - 1
+            u = servo[3] * command[j] + servo[4] if j >= 0 else math.nan
+            known = not math.isnan(u + beta[i])
+            if known:
+                x[0], x[1], x[2] = beta[i], 0.0, 0.0
+                p[:, :] = 0.0
+                p[0, 0], p[1, 1], p[2, 2] = r, (UNKNOWN * w) ** 2, q
+            continue
+        if math.isnan(beta[i]):
+            continue
+        e[i] = beta[i] - x[0]
+        if not frozen:
+            s[i] = p[0, 0] + r
+            gain[i] = p[0] / s[i]
+            work[0] = p[0]
+            for a in range(3):
+                p[a] -= gain[i, a] * work[0]
+        x += gain[i] * e[i]
+
+
+@kernel
+def played(half_width, command, out):
+    """What is left of commands (m,) [rad] behind a play of +-half_width [rad]; out (m,)."""
+    w = command[0]
+    for k in range(command.shape[0]):
+        w = w if math.isnan(command[k]) else command[k] if math.isnan(w) else play(half_width, command[k], w)
+        out[k] = w if not math.isnan(command[k]) else math.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a window tells of its servo.
+
+    score (6,), information (6, 6)  of ASKED and a constant
+    left             mean square of the whitened innovations beside the best numbers
+    numbers, std (4,)  the best ln frequency, damping ratio, delay [s] and gain less the servo's, without play
+    blocks           largest statistic of a block
+    """
+
+    score: np.ndarray
+    information: np.ndarray
+    left: float
+    numbers: np.ndarray
+    std: np.ndarray
+    blocks: float
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """The commands and the nozzle of a log, as `follow` takes them; half of a play [rad] that shows."""
+
+    t: np.ndarray
+    beta: np.ndarray
+    at: np.ndarray
+    command: np.ndarray
+    noise: np.ndarray
+    most_gap: float
+    half_width: float
+
+    def answer(self, t_start: float, t_end: float, servo: np.ndarray, doubt: np.ndarray) -> Answer | None:
+        """What the rows from t_start to t_end [s] tell of a servo (4,), its gain the last, the others being known to
+        doubt (3, 3); None: too few do."""
+        rows = (self.t >= t_start) & (self.t < t_end)
+        t, beta = self.t[rows], self.beta[rows]
+        n = len(t)
+        s, gain, play_of = np.ones(n), np.zeros((n, 3)), np.empty_like(self.command)
+        played(self.half_width, self.command, play_of)
+
+        def innovations(move: np.ndarray, command: np.ndarray, frozen: bool = True) -> np.ndarray:
+            e = np.empty(n)
+            values = np.array([servo[0] * math.exp(move[0]), *(servo[1:] + move[1:4]), move[4]])
+            follow(t, beta, self.at, command, values, self.noise, self.most_gap, frozen, e, s, gain)
+            return e
+
+        still = innovations(np.zeros(5), self.command, frozen=False)
+        moves = np.diag([*STEPS, self.half_width])
+        slopes = [(innovations(-move, self.command) - innovations(move, self.command)) / (2.0 * move.max())
+                  for move in moves]
+        slopes.insert(4, (still - innovations(np.zeros(5), play_of)) / self.half_width)
+        told = np.isfinite(still + sum(slopes))
+        if np.count_nonzero(told) < FEWEST:
+            return None
+        weight = 1.0 / np.sqrt(s[told])
+        e = np.clip(still[told] * weight, -LARGEST, LARGEST)
+        design = np.column_stack(slopes)[told] * weight[:, None]
+        blocks = np.floor((t[told] - t_start) / BLOCK).astype(int)
+        score, information = along(design, e), products(design, design)
+        worst = 0.0
+        for one in (blocks == each for each in np.unique(blocks)):
+            if np.count_nonzero(one) >= FEWEST:
+                own = products(design[one], design[one])
+                worst = max(worst, statistic(along(design[one], e[one]), own, own, doubt))
+        x, usual = least_squares(design, e), [0, 1, 2, 3, 5]
+        inverse = np.linalg.pinv(information[np.ix_(usual, usual)])
+        return Answer(score, information, float(np.mean((e - combined(design, x))**2)),
+                      (inverse @ score[usual])[:4], np.sqrt(np.diag(inverse)[:4]), worst)
+
+    def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """The servo (4,) that the rows from t_start to t_end [s] show, its standard deviations (4,), and what it leaves
+        of the declared noise; sought from a servo (4,) by Gauss and Newton."""
+        found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
+        for _ in range(ROUNDS):
+            if found is None:
+                return None
+            step = np.clip(found.numbers, -FARTHEST, FARTHEST)
+            servo = np.maximum(np.append(servo[0] * math.exp(step[0]), servo[1:] + step[1:]), (1.0, 0.05, 0.0, 0.05))
+            found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
+        if found is None:
+            return None
+        noise = math.sqrt(found.left)
+        return servo, found.std * np.array([servo[0], 1.0, 1.0, 1.0]) * max(noise, 1.0), noise
+
+
+def statistic(score: np.ndarray, information: np.ndarray, variance: np.ndarray, doubt: np.ndarray) -> float:
+    """Score test of ASKED, the constant being free.
+
+    score (6,), information (6, 6);  variance (6, 6) of the score;  doubt (3, 3) of the servo that it is about
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(variance), 1e-300))
+    g, total = score * scale, variance + information[:, :3] @ doubt @ information[:3]
+    total = total * np.outer(scale, scale)
+    free = np.outer(total[:, -1], total[-1]) / total[-1, -1]
+    g, total = (g - total[:, -1] * g[-1] / total[-1, -1])[:-1], (total - free)[:-1, :-1]
+    return float(g @ np.linalg.pinv(total, rcond=1e-9, hermitian=True) @ g)
+
+
+def followed(log: Log, model: Model) -> Followed | str:
+    """The commands and the nozzle of a log, or in words why its servo cannot be asked for."""
+    there = np.isfinite(log.beta_cmd) & np.isfinite(log.beta)
+    if not there.any():
+        return f"the log has no {'beta_cmd' if not np.isfinite(log.beta_cmd).any() else 'beta'}"
+    if np.array_equal(log.beta[there], log.beta_cmd[there]):
+        return "column beta is the command itself"
+    if log.period > 1.01 * model.noise_period:
+        return f"the log's rows are {log.period:g} s apart, the controller's commands {model.noise_period:g} s"
+    rows = np.flatnonzero(np.isfinite(log.t))
+    rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(log.t[rows])) > 0.0])]
+    t, command = log.t[rows], log.beta_cmd[rows]
+    new = np.concatenate([[True], command[1:] != command[:-1]]) if log.period < 0.75 * model.noise_period else \
+        np.ones(len(t), bool)   # a row a period: each has a command of its own, even if it is the one before
+    steps = np.abs(np.diff(command[new]))
+    half_width = 0.2 * float(np.sqrt(np.nanmean(steps**2))) if np.isfinite(steps).any() else 0.0
+    if half_width == 0.0:
+        return "the command never changes"
+    return Followed(t, log.beta[rows], t[new], command[new],
+                    np.array([model.beta_std**2, model.command_noise_std**2]), MOST_GAP * log.period, half_width)
+
+
+Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, damping ratio, delay; covariance (3, 3)
+
+
+def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> list[bool | None]:
+    """Which windows contradict their servos; None of those that cannot be asked."""
+    answers, about, doubts = [], [], []
+    for (t_start, t_end), (mean, covariance) in zip(windows, servos, strict=True):
+        unit = np.array([1.0 / mean[0], 1.0, 1.0])
+        about.append(np.array([math.log(mean[0]), *mean[1:]]))
+        doubts.append(covariance * np.outer(unit, unit))
+        known = np.isfinite(mean).all()
+        answers.append(follow.answer(t_start, t_end, np.append(mean, 1.0), doubts[-1]) if known else None)
+    usual = float(np.median([each.left for each in answers if each is not None] or [1.0]))
+    statistics = np.full((len(windows), len(MEMORIES)), math.nan)
+    for column, memory in enumerate(MEMORIES):
+        score, information, variance, before = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(3)
+        for k, ((t_start, t_end), answer) in enumerate(zip(windows, answers, strict=True)):
+            if answer is not None:
+                fade = math.exp(-(t_end - t_start) / memory)
+                score = fade * (score + information[:, :3] @ (before - about[k])) + answer.score  # about its servo
+                information, variance = fade * information + answer.information, fade**2 * variance + answer.information
+                before = about[k]
+                statistics[k, column] = statistic(score, information, variance, doubts[k] / usual)
+    found: list[bool | None] = []
+    for faded, answer, doubt in zip(statistics, answers, doubts, strict=True):
+        if answer is None:
+            found.append(None)
+            continue
+        own = statistic(answer.score, answer.information, answer.information, doubt / usual)
+        found.append(max(answer.blocks, own, *faded) > CONTRADICTED * usual or answer.left > LOUD)
+    return found
+
+
+def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:
+    """The servo that a window shows in place of this one (3,), sought from several delays."""
+    found = [follow.own(*window, np.append(servo + np.array([0.0, 0.0, later]), 1.0)) for later in STARTS]
+    tried = [each for each in found if each is not None]
+    if not tried:
+        return "no servo follows"
+    (w, zeta, delay, gain), std, noise = min(tried, key=lambda each: each[2])
+    left = f", and {noise:.2g} times the declared noise is left" if noise > NOISY else ""
+    late = with_std(1e3 * delay, 1e3 * std[2])
+    return (f"{with_std(w, std[0])} rad/s, damping ratio {with_std(zeta, std[1])}, delay {late} ms, gain "
+            f"{with_std(gain, std[3])} would explain {window[0]:g}..{window[1]:g} s best ({PLUS_MINUS}){left}")

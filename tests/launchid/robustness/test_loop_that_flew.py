@@ -1,0 +1,216 @@
+"""Margins of the loop that flew: the controller replayed on the log, the servo asked in every window."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import launchid
+from launchid.controller_replay import Replay, replay, resolution, rms
+from launchid.onboard import onboard_model
+from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.margin_spread import NAMES, margin_table
+from launchid.robustness.servo_check import contradictions, followed
+from launchid.sources import read_log
+from sim.effects import effect
+from sim.nominal import Nominal, Section, load_nominal
+
+CONSTANT = load_nominal("constant")
+CONSTANT = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=30.0))
+PD = CONSTANT.controller
+RATE = replace(CONSTANT, controller=replace(PD, law="rate", kp=0.5, ki=1.2, kd=0.0, derivative_time_constant=0.0))
+FILTERED = replace(CONSTANT, controller=replace(PD, filters=(Section((0.2, 0.0, 0.0), (1.0, -0.8, 0.0)),)))
+COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
+
+
+def flown(nominal: Nominal, seed: int = 1, **how) -> dict[str, np.ndarray]:
+    """The columns of a flight."""
+    log = read_log(launchid.simulate(nominal, seed=seed, **how))
+    return {name: x.copy() for name, x in log.measured().items()}
+
+
+def replayed(columns: dict[str, np.ndarray], nominal: Nominal = CONSTANT) -> Replay:
+    found = replay(read_log(columns), nominal)
+    assert not isinstance(found, str), found
+    return found
+
+
+# ---- the controller
+
+
+@pytest.mark.parametrize("nominal", [CONSTANT, RATE, FILTERED], ids=["attitude", "rate", "filtered"])
+@pytest.mark.parametrize("period", [0.01, 0.002])
+@pytest.mark.parametrize("first", [0, 1234], ids=["from the start", "from within"])
+def test_the_replay_is_the_simulators_own_command(nominal, period, first):
+    """To rounding, or to what filters still remember of before the log; whichever row of a period is the first."""
+    columns = {name: x[first:] for name, x in flown(nominal, period=period).items()}
+    found = replayed(columns, nominal)
+    told = np.isfinite(found.misfit)
+    assert np.mean(told) > 0.9 and rms(found.misfit[told]) < (1e-15 if nominal is not FILTERED else 3e-7)
+    assert not found.contradicts(found.judged(0.0, 30.0))
+
+
+def test_missing_rows_cost_two_commands_each_and_are_no_misfit():
+    columns = flown(CONSTANT)
+    lost = np.random.default_rng(0).random(len(columns["t"])) < 0.15
+    columns["theta"][lost] = np.nan
+    gap = np.ones(len(lost), bool)
+    gap[700:900] = False
+    found = replayed({name: x[gap] for name, x in columns.items()})
+    told = np.isfinite(found.misfit)
+    assert np.count_nonzero(told) > 0.65 * len(lost) and rms(found.misfit[told]) < 1e-15
+
+
+@pytest.mark.parametrize(("kp", "kd", "late"), [(0.8, 1.0, 0.0), (1.0, 0.6, 0.0), (2.0, 0.7, 0.0), (1.0, 1.0, 0.01),
+                                                (1.1, 0.9, 0.03), (1.0, 1.01, 0.0), (1.0, 0.9, 0.004)])
+def test_another_controller_is_contradicted_and_its_gains_are_found(kp, kd, late):
+    found = replayed(flown(CONSTANT, effects=[effect("controller_mismatch", kp_scale=kp, kd_scale=kd, delay=late)]))
+    ticks = found.judged(10.0, 15.0)
+    assert np.count_nonzero(ticks) == 500 and found.contradicts(ticks)
+    told = found.explained(found.judged(0.0, 30.0))
+    assert told.gains == pytest.approx([kp * PD.kp, kd * PD.kd], rel=1e-6)
+    assert told.delay == pytest.approx(late, abs=1e-6) and told.after < 1e-7 < told.before
+    assert f"kp {kp * PD.kp:.4g}, kd {kd * PD.kd:.4g}" in found.words(told) and "would explain" in found.words(told)
+
+
+def test_another_rate_controller_is_found():
+    other = replace(RATE, controller=replace(RATE.controller, kp=0.45, ki=1.5))
+    found = replayed(flown(other), RATE)
+    told = found.explained(found.judged(0.0, 30.0))
+    assert found.contradicts(found.judged(0.0, 5.0)) and told.gains == pytest.approx([0.45, 1.5], rel=1e-6)
+
+
+@pytest.mark.parametrize("controller", [replace(PD, derivative_time_constant=0.1), replace(PD, period=0.02),
+                                        replace(PD, period=0.005), FILTERED.controller],
+                         ids=["time constant", "period", "faster", "filter"])
+def test_what_no_gains_explain_is_contradicted_too(controller):
+    found = replayed(flown(replace(CONSTANT, controller=controller), period=0.01))
+    assert found.contradicts(found.judged(0.0, 5.0)) and found.contradicts(found.judged(20.0, 25.0))
+    assert "no gains and delay explain them" in found.words(found.explained(found.judged(0.0, 30.0)))
+
+
+def test_the_rounding_of_a_columns_digits_is_no_other_controller():
+    """Four decimals, through the law's gain of noise; the same rounding hides no gain that is 40 % off."""
+    columns = flown(CONSTANT)
+    columns["theta"] = np.round(columns["theta"], 4)
+    found = replayed(columns)
+    assert rms(found.misfit[found.judged(0.0, 30.0)]) > CONSTANT.diagnosis.command
+    assert not any(found.contradicts(found.judged(t, t + 5.0)) for t in range(0, 30, 5))
+    columns = flown(replace(CONSTANT, controller=replace(PD, kd=0.6 * PD.kd)))
+    columns["theta"] = np.round(columns["theta"], 4)
+    other = replayed(columns)
+    assert all(other.contradicts(other.judged(t, t + 5.0)) for t in range(0, 30, 5))
+
+
+def test_the_resolution_is_that_of_the_last_decimal():
+    x = np.random.default_rng(0).normal(size=200)
+    assert resolution(np.round(x, 3)) == 1e-3 and resolution(x) == 0.0
+    assert resolution(np.array([0.0, 0.1] * 50)) == 0.0    # two values are no rounding
+
+
+@pytest.mark.parametrize(("period", "drop", "why"), [
+    (0.05, (), "0.05 s apart"), (0.01, ("beta_cmd",), "beta_cmd"), (0.01, ("theta_ref",), "theta_ref"),
+    (0.007, (), "not at the controller's periods")])
+def test_what_cannot_be_replayed_says_why(period, drop, why):
+    columns = {name: x for name, x in flown(CONSTANT, period=period).items() if name not in drop}
+    found = replay(read_log(columns), CONSTANT)
+    assert isinstance(found, str) and why in found
+
+
+# ---- the servo
+
+
+def checked(columns: dict[str, np.ndarray], nominal: Nominal = CONSTANT) -> tuple[list[bool | None], object]:
+    model = onboard_model(nominal)
+    found = followed(read_log(columns), model)
+    servo = np.array([model.natural_frequency, model.damping_ratio, model.delay])
+    windows = [(t, t + 5.0) for t in range(0, 30, 5)]
+    return contradictions(found, windows, [(servo, np.zeros((3, 3)))] * 6), found
+
+
+@pytest.mark.parametrize("period", [0.01, 0.002])
+def test_the_servo_that_flew_is_believed(period):
+    for seed in range(3):
+        assert checked(flown(CONSTANT, seed, period=period))[0] == [False] * 6
+
+
+SERVO = CONSTANT.actuator
+
+
+@pytest.mark.parametrize(("servo", "effects"), [
+    (replace(SERVO, natural_frequency=40.0), ()), (replace(SERVO, damping_ratio=0.5), ()),
+    (replace(SERVO, delay=0.013), ()), (SERVO, (effect("actuator_gain", scale=0.9),)),
+    (replace(SERVO, natural_frequency=62.0, damping_ratio=0.9, delay=0.021), ())])
+def test_another_servo_is_contradicted_and_found(servo, effects):
+    is_other, followed_ = checked(flown(replace(CONSTANT, actuator=servo), effects=list(effects)))
+    assert is_other == [True] * 6
+    values, std, noise = followed_.own(0.0, 30.0, np.array([50.0, 0.7, 0.0, 1.0]))
+    truth = np.array([servo.natural_frequency, servo.damping_ratio, servo.delay, 0.9 if effects else 1.0])
+    assert np.all(np.abs(values - truth) < 4.0 * std) and noise == pytest.approx(1.0, abs=0.05)
+    assert np.all(std < [1.0, 0.03, 5e-4, 0.03])
+
+
+def test_play_and_a_row_that_is_late_are_contradicted():
+    assert all(checked(flown(CONSTANT, effects=[effect("actuator_backlash", half_width=1e-3)]))[0])
+    columns = flown(CONSTANT)
+    columns["beta_cmd"] = np.concatenate([columns["beta_cmd"][1:], columns["beta_cmd"][-1:]])
+    assert all(checked(columns)[0])
+
+
+def test_the_innovations_are_white_behind_a_delay_that_parts_the_rows():
+    """A Kalman filter's: unit variance, no correlation at any lag, though one command's noise acts in two rows."""
+    nominal = replace(CONSTANT, actuator=replace(SERVO, delay=0.013))
+    found = checked(flown(nominal), nominal)[1]
+    answer = found.answer(0.0, 30.0, np.array([50.0, 0.7, 0.013, 1.0]), np.zeros((3, 3)))
+    assert answer.left == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 3000))
+
+
+@pytest.mark.parametrize("loud", [0.5, 1.5])
+def test_noise_beside_the_declared_is_no_other_servo(loud):
+    true = replace(CONSTANT, sensors=replace(CONSTANT.sensors, beta_std=loud * CONSTANT.sensors.beta_std),
+                   actuator=replace(SERVO, command_noise_std=SERVO.command_noise_std / loud))
+    assert checked(flown(true))[0] == [False] * 6
+
+
+# ---- the margins
+
+
+def test_no_margins_are_given_of_a_controller_that_did_not_fly():
+    found = launchid.margins(flown(replace(CONSTANT, controller=replace(PD, kd=0.3))), CONSTANT, tracked=True)
+    for each in found.report["windows"]:
+        assert each["status"] == each["tracked"]["status"] == "CONTROLLER" and not each["valid"]
+        assert all(each[name]["value"] is None for name in NAMES)
+    assert "in 6 of 6 windows, from 0 s on, the commands are not the nominal controller's" in found.summary()
+    assert "kp 1.2, kd 0.3 would explain them" in found.summary()
+    asked = replace(CONSTANT, controller=replace(PD, kd=0.3))
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 50.0, 0.7, 0.0]])), asked.controller))[0]
+    spread = launchid.margins(flown(asked), asked).windows[3].window.spread
+    assert spread.phase_deg.value == pytest.approx(truth[2], abs=0.5)   # the true one's: 27 degrees
+
+
+def test_windows_of_another_servo_are_model_and_the_sentence_counts_all():
+    """Delay 12 ms in place of none from 15 s on: two logs, cut and joined where the vehicle is at rest."""
+    early, late = flown(CONSTANT), flown(replace(CONSTANT, actuator=replace(SERVO, delay=0.012)))
+    first = early["t"] < 15.0
+    joined = {name: np.where(first, early[name], late[name]) for name in COLUMNS}
+    joined["t"] = early["t"]
+    found = launchid.margins(joined, CONSTANT)
+    statuses = [each["status"] for each in found.report["windows"]]
+    assert statuses[3:] == ["MODEL"] * 3 and "OK" in statuses[:3]
+    n = sum(each["valid"] for each in found.report["windows"])
+    assert f"{n} of 6 windows have margins; of those all keep what [margins] requires" in found.summary()
+    assert "from 15 s on, the nozzle does not answer the commands as the servo does (MODEL)" in found.summary()
+    assert float(re.search(r"delay ([\d.]+) \+-", found.summary())[1]) == pytest.approx(12.0, abs=1.5)
+
+
+def test_what_is_not_tested_is_assumed_and_said():
+    columns = {name: x for name, x in flown(CONSTANT).items() if name != "theta_ref"}
+    found = launchid.margins(columns, CONSTANT)
+    assert found.report["windows"][2]["valid"]
+    assert any("controller is the nominal's (not tested: the log has no theta_ref)" in each
+               for each in found.report["assumed"])
+    assert "assumed: the controller is the nominal's" in found.summary()
+    assert len(launchid.margins(flown(CONSTANT), CONSTANT).report["assumed"]) == 1
+    none = launchid.margins({name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}, CONSTANT)
+    assert sum("not tested" in each for each in none.report["assumed"]) == 2
