@@ -17,8 +17,8 @@ from relations.look import Look, look
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.data.check import check
-from launchid.diagnosis.data.turns import unwrapped
+from launchid.log.detect import check
+from launchid.log.turns import unwrapped
 from launchid.diagnosis.data.used import shortened, sparser, used
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.log.log import Log

@@ -13,11 +13,11 @@ from ..log.log import Log
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
-from .data.check import check
+from ..log.detect import check
 from .data.record import THETA_DOT, Record
-from .data.turns import unwrapped
+from ..log.turns import unwrapped
 from .data.used import shortened, sparser, used
-from .data.vehicle import plant_faults
+from ..log.vehicle import plant_faults
 from .data.work import Stopped
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 from launchid_core import Config, Estimate, Estimator
 
-from ..diagnosis.data.rates import HELD, as_held, rate_of
-from ..diagnosis.data.stops import without_stops
+from ..log.rates import HELD, as_held, rate_of
+from ..log.stops import without_stops
 from ..log.log import Log
 from ..running import run
 from .input_delay import Lead, delay

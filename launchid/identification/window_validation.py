@@ -14,7 +14,7 @@ import numpy as np
 
 from launchid_core import Config, Estimate, EstimateStatus
 
-from ..diagnosis.data.rates import INTERPOLATED, OWN
+from ..log.rates import INTERPOLATED, OWN
 from ..log.log import Log
 from ..sums import combined, inner, least_squares, square
 from .input_delay import Lead

@@ -11,7 +11,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 from sim.shown import with_std
 
-from ..diagnosis.data.stops import saturations
+from ..log.stops import saturations
 from ..identification.windows import number, onboard_model, run
 from ..log.log import Log
 

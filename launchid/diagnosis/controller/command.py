@@ -18,7 +18,7 @@ from sim.vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
 from ...log.log import Log
-from ..data.check import DataCheck
+from ...log.detect import DataCheck
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
 from .ticks import (
     SLOWER,

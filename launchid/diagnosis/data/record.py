@@ -23,8 +23,8 @@ from sim.vehicle.actuator import fastest_pole
 
 from ...log.log import Log
 from ...sums import inner, square
-from .channels import MEASURED as CHANNELS
-from .check import DataCheck
+from ...log.channels import MEASURED as CHANNELS
+from ...log.detect import DataCheck
 from .work import Work
 from .world import CALM, World, world_of
 

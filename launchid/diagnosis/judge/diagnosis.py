@@ -7,7 +7,7 @@ from sim.nominal import Nominal
 
 from ...log.log import Log
 from ..controller.kind import ControllerCheck
-from ..data.check import DataCheck
+from ...log.detect import DataCheck
 from ..data.record import Record
 from ..data.used import Used
 from ..search.proposal import Proposal

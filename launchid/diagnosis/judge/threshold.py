@@ -25,7 +25,7 @@ from sim.nominal import Nominal, write_nominal
 from ...log.log import OPTIONAL, REQUIRED, Log
 from ..causes import SOUGHT
 from ..controller.command import record
-from ..data.check import check
+from ...log.detect import check
 from ..data.record import Record
 from ..model.noise import LEVELS, WRONG_NOISE
 from ..search.profile import as_simulated

@@ -12,7 +12,7 @@ import pytest
 from launchid.cli.main import main
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.judge import threshold
 from launchid.diagnosis.judge.limits import Isolability
 from launchid.diagnosis.model.noise import declared, exponential, first_filter

@@ -13,7 +13,7 @@ from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.fill import filled, on_board
 from launchid.diagnosis.controller.issued import with_commands
 from launchid.diagnosis.controller.kind import NONE, UNKNOWN
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.search import selection

@@ -11,7 +11,7 @@ from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import off_by, record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.model.noise import dynamics
 from launchid.diagnosis.model.point import Point
 from launchid.diagnosis.report.answer import report

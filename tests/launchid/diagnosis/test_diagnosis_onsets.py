@@ -7,7 +7,7 @@ import pytest
 
 from launchid.diagnosis.causes import RECORDS, Cause
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.nuisance import Problem
 from launchid.diagnosis.model.point import DEVIATIONS

@@ -9,7 +9,7 @@ from hidden import draw_spec, fly, hide, write_csv
 
 from launchid.diagnosis.causes import RECORDS, SOUGHT, Cause
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.judge.extend import extended
 from launchid.diagnosis.model.linear import state_matrix
 from launchid.diagnosis.model.nuisance import Problem

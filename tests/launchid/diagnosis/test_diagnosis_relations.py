@@ -11,7 +11,7 @@ import pytest
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.data.record import Record
 from launchid.diagnosis.data.used import used
 from launchid.diagnosis.model.follower import NominalFollower

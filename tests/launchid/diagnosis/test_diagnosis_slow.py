@@ -12,7 +12,7 @@ from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.model.noise import dynamics
 from launchid.diagnosis.model.point import Point

@@ -11,7 +11,7 @@ from test_diagnosis_gates import INSIDE, OUTSIDE, cause, gained, left, varying, 
 from launchid.diagnosis import verdict
 from launchid.diagnosis.causes import RECORDS, Cause, missing_term
 from launchid.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
-from launchid.diagnosis.data.fault import Fault
+from launchid.log.fault import Fault
 from launchid.diagnosis.data.work import Work
 from launchid.diagnosis.data.world import SLOW_MOMENT
 from launchid.diagnosis.judge.diagnosis import Diagnosis

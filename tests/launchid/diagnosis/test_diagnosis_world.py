@@ -12,7 +12,7 @@ from test_diagnosis import WHOLE, changed, log_of
 
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.data.record import Record
 from launchid.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WALK, WIND, Source, World
 from launchid.diagnosis.judge.absorbed import Absorbing

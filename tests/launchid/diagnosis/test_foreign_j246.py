@@ -14,7 +14,7 @@ pytest.importorskip("jsbsim", reason="JSBSim (extra `judges`) is not installed")
 from foreign import j246, j246_cases
 
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.point import Point, innovations
 from launchid.diagnosis.verdict import diagnose

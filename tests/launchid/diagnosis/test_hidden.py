@@ -19,7 +19,7 @@ from test_diagnosis import equivalents
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.diagnosis.judge.closed_loop import closed_loop_errors
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.model.point import innovations

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...log.log import Log
+from .log import Log
 from .fault import Fault
 from .stamps import usable_rows
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.sections import Nominal
 
-from ...log.log import SHORTEST, Log
+from .log import SHORTEST, Log
 from . import channels, relations, stamps
 from .fault import Fault
 from .rates import rate_of, slower

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...log.log import Log
+from .log import Log
 from .fault import Fault
 from .runs import runs_of
 

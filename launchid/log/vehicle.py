@@ -15,8 +15,8 @@ import numpy as np
 
 from sim.nominal import Nominal
 
-from ...log.log import Log
-from ...sums import combined, inner, least_squares, square
+from .log import Log
+from ..sums import combined, inner, least_squares, square
 from .fault import Fault
 from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means, near, regress
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...log.log import Log
+from .log import Log
 from .fault import Fault
 
 SEAM = 0.5   # rad, from half a turn: no vehicle turns by more between two rows
