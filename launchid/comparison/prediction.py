@@ -18,13 +18,13 @@ from sim.nominal import Nominal
 
 from ..diagnosis.controller.command import record
 from ..diagnosis.controller.issued import with_commands
-from ..diagnosis.data.check import DataCheck
 from ..diagnosis.data.record import CHANNELS, Record
 from ..diagnosis.data.used import shortened, sparser, used
 from ..diagnosis.data.world import SLOW_MOMENT, World
 from ..diagnosis.model.follower import NominalFollower
 from ..diagnosis.model.noise import Refilter, declared, dynamics, first_filter, run_filter
 from ..diagnosis.model.point import Point, innovations, prediction_errors
+from ..log.detect import DataCheck
 from ..log.log import Log
 
 HORIZONS = (0.1, 0.5, 1.0)   # s

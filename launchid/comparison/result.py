@@ -12,10 +12,10 @@ from sim.errors import UsageError
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..diagnosis.data.check import DataCheck, check
-from ..diagnosis.data.turns import unwrapped
 from ..log.check import data_warnings
+from ..log.detect import DataCheck, check
 from ..log.log import Log
+from ..log.turns import unwrapped
 from ..results.answer import Answer, flat
 from .dispersion import FLIGHTS, Dispersed, dispersed
 from .flown import CHANNELS, LATEST, flown

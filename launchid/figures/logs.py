@@ -15,9 +15,9 @@ from sim.log_table import OPTIONAL, REQUIRED
 from sim.nominal import Nominal, constant_profile
 from sim.sections import Sensors
 
-from ..diagnosis.data.check import check
-from ..diagnosis.data.fault import Fault
 from ..log.check import COLUMN_FAULTS, faults
+from ..log.detect import check
+from ..log.fault import Fault
 from ..log.log import Log
 
 UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}   # the others: rad

@@ -7,12 +7,12 @@ import numpy as np
 
 from sim.errors import InputError
 
-from ..diagnosis.data.rates import INTERPOLATED, rate_of
 from ..identification.input_delay import Lead, lead_of
 from ..identification.missing_terms import Lack, is_moved, lacks, question
 from ..identification.weak_form import Rows
 from ..log.check import data_warnings
 from ..log.log import Log
+from ..log.rates import INTERPOLATED, rate_of
 from . import filter as fl
 from . import weak
 from .channels import Channels, channels

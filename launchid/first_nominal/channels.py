@@ -9,10 +9,10 @@ from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS
 from sim.shown import slow_hint
 
-from ..diagnosis.data.slope import ONE_MOTION
-from ..diagnosis.data.stamps import usable_rows
 from ..identification.weak_form import path_angle
 from ..log.log import Log
+from ..log.slope import ONE_MOTION
+from ..log.stamps import usable_rows
 from ..sums import combined, least_squares, products, square
 
 FEWEST = 100           # rows: below, noise levels and a held-out part are chance

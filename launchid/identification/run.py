@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 from launchid_core import Config, Estimate, Estimator
 
-from ..diagnosis.data.rates import HELD, as_held, rate_of
-from ..diagnosis.data.stops import without_stops
 from ..log.log import Log
+from ..log.rates import HELD, as_held, rate_of
+from ..log.stops import without_stops
 from ..running import run
 from .input_delay import Lead, delay
 from .window_validation import Judged, judge, refused, withdrawn

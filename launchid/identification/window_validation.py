@@ -14,8 +14,8 @@ import numpy as np
 
 from launchid_core import Config, Estimate, EstimateStatus
 
-from ..diagnosis.data.rates import INTERPOLATED, OWN
 from ..log.log import Log
+from ..log.rates import INTERPOLATED, OWN
 from ..sums import combined, inner, least_squares, square
 from .input_delay import Lead
 from .missing_terms import TOLERANCE, Lack, Question, active_terms, is_moved, lacks, question
@@ -107,7 +107,7 @@ def judge(log: Log, config: Config, estimates: list[Estimate], lead: Lead | None
           kind: str = OWN) -> Judged:
     """Judge the windows of a log (`filtered` judges itself: of it the fits alone).
 
-    lead   `delay` of the log;  kind  of its beta, as `diagnosis.data.rates` tells it
+    lead   `delay` of the log;  kind  of its beta, as `log.rates` tells it
     """
     rows = usable(log)
     if rows is None or not estimates:

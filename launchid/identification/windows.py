@@ -14,8 +14,8 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 from sim.shown import servo_lines, slow_hint, with_std
 
-from ..diagnosis.data.stops import saturations
 from ..log.log import Log
+from ..log.stops import saturations
 from ..onboard import MODELLED, onboard_model
 from ..running import run
 from .missing_terms import Lack

@@ -1,7 +1,7 @@
 """The data check in front of the commands: what seems wrong with a log, in one line, before its numbers are believed.
 
-The detector (`launchid.diagnosis.data`) sees a unit or a sign against another column; what only the vehicle could tell
-(beta and its command both reversed) `diagnosis.data.vehicle` sees.
+The detector (`launchid.log.detect`) sees a unit or a sign against another column; what only the vehicle could tell
+(beta and its command both reversed) `log.vehicle` sees.
 """
 
 import numpy as np
@@ -10,12 +10,12 @@ from sim.errors import InputError
 from sim.nominal import Nominal, constant_profile
 from sim.sections import Sensors
 
-from ..diagnosis.data.check import DataCheck, check, related
-from ..diagnosis.data.fault import Fault
-from ..diagnosis.data.slope import foreign_scale, is_other_motion
-from ..diagnosis.data.turns import unwrapped
-from ..diagnosis.data.vehicle import plant_faults
+from .detect import DataCheck, check, related
+from .fault import Fault
 from .log import Log
+from .slope import foreign_scale, is_other_motion
+from .turns import unwrapped
+from .vehicle import plant_faults
 
 COLUMN_FAULTS = ("unit", "sign", "swapped", "motion", "origin")  # of a whole column: it is of another quantity
 CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed

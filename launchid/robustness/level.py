@@ -11,9 +11,9 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 from sim.shown import with_std
 
-from ..diagnosis.data.stops import saturations
 from ..identification.windows import number, onboard_model, run
 from ..log.log import Log
+from ..log.stops import saturations
 
 PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock

@@ -15,8 +15,8 @@ from sim.flight import excitation, packed
 from sim.nominal import Nominal
 
 from ...controller_replay import constants_of, issued
+from ...log.detect import DataCheck
 from ...log.log import Log
-from ..data.check import DataCheck
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
 from .ticks import (
     SLOWER,

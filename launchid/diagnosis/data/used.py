@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.nominal import Nominal
 
-from .check import DataCheck
+from ...log.detect import DataCheck
 from .record import LONGEST_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz

@@ -15,7 +15,7 @@ from launchid.comparison.flown import along, flown, quiet
 from launchid.comparison.prediction import predictions
 from launchid.comparison.result import Comparison, compare
 from launchid.comparison.statistics import statistics
-from launchid.diagnosis.data.check import check
+from launchid.log.detect import check
 from launchid.log.log import Log, flown_log
 from sim.effects import effect
 from sim.flight import fly_whole

@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from launchid.diagnosis.data.rates import HELD, INTERPOLATED, OWN, rate_of
-from launchid.diagnosis.data.stops import end_stops, saturations
 from launchid.log.log import log_of
+from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
+from launchid.log.stops import end_stops, saturations
 from launchid.results.of_logs import Identification, identify
 
 A6, K1 = 2.0, -6.0

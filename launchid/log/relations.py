@@ -20,7 +20,7 @@ import numpy as np
 
 from sim.sections import Nominal
 
-from ...sums import square
+from ..sums import square
 from .fault import Fault
 from .slope import (
     CLEAR,

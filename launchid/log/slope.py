@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.shown import SLOW
 
-from ...sums import combined, least_squares, square
+from ..sums import combined, least_squares, square
 
 DEGREES = 180.0 / math.pi  # in a radian
 RATE_BLOCK = 0.2         # s: long enough to average the noise, short beside the motion

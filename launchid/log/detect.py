@@ -15,9 +15,9 @@ import numpy as np
 
 from sim.sections import Nominal
 
-from ...log.log import SHORTEST, Log
 from . import channels, relations, stamps
 from .fault import Fault
+from .log import SHORTEST, Log
 from .rates import rate_of, slower
 from .slope import Columns, unit_of_time
 from .vehicle import guided_faults

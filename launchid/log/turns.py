@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...log.log import Log
 from .fault import Fault
+from .log import Log
 
 SEAM = 0.5   # rad, from half a turn: no vehicle turns by more between two rows
 ANGLES = ("theta", "theta_ref")

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ...log.log import Log
 from .fault import Fault
+from .log import Log
 from .runs import runs_of
 
 SENSED = ("theta", "theta_dot")
