@@ -42,7 +42,8 @@ def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
 def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False) -> None:
     """Add the nominal after the log, or as --nominal; `nominal_of` reads either."""
     sub.add_argument("nominal", metavar="NOMINAL.toml", nargs="?", help=help)
-    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option", help="give the nominal as an option (default: none)")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option",
+                     help="give the nominal as an option (default: none)")
     sub.set_defaults(nominal_required=required)
 
 
