@@ -113,7 +113,8 @@ def response_figure(made: Comparison) -> Figure | None:
 def _measured_response(column: Any, of: Response, is_best: bool) -> None:
     """One estimate: the best with its interval as dots, the other as a wide line."""
     usable = of.coherence >= COHERENT
-    form = {"color": "0.0", "marker": "o", "markersize": 3, "linestyle": "None"} if is_best else MEASURED
+    form = {"color": "0.0", "marker": "o", "markersize": 3, "linestyle": "None"} if is_best else \
+        {**MEASURED, "marker": ".", "markersize": 3}   # a frequency that stands alone is seen, too
     words = "measured" if is_best else "measured, of the input itself (biased in closed loop)"
     for axis, value, half in zip(column, decibels_and_degrees(of)[:2], (DECIBEL * of.std, np.degrees(of.std)),
                                  strict=False):

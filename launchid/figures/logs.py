@@ -88,9 +88,7 @@ def _mark(axis: Any, name: str, each: Looked) -> None:
         if whole and fault.channel in (name, "t", None) and math.isfinite(fault.t_start + fault.t_end):
             axis.axvspan(fault.t_start, fault.t_end, facecolor="0.9", edgecolor="0.6", hatch="///", linewidth=0.0,
                          zorder=0)
-            axis.annotate(fault.kind, (fault.t_start, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -10),
-                          textcoords="offset points", fontsize=7,
-                          bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8})
+            axis.set_title(f"hatched: {fault.kind}?", fontsize=8, loc="right")
     doubted = each.masks.get(name, np.zeros(len(x), bool)) & np.isfinite(log.t)
     if doubted.any() and not doubted[np.isfinite(x)].all():
         kinds = sorted({fault.kind for fault in each.faults

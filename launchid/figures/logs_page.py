@@ -23,6 +23,6 @@ def write_page(logs: Sequence[Looked], figure: Figure, path: str) -> None:
     figure.savefig(png, dpi=DPI, bbox_inches="tight", format="png", metadata={"Software": None})
     said = [text(line) for each in logs for line in each.lines]
     first = "".join(f"<p>{text(each.log.summary())}</p>" for each in logs) \
-        + (list_of(said) if said else "<p>The data check finds nothing.</p>")
+        + (f"<p>{list_of(said)}</p>" if said else "<p>The data check finds nothing.</p>")
     write_text(path, [page(str(figure.get_suptitle()), "launchid show: logs as they are", COLOUR, first, [
         ("Columns", picture("columns", "Columns", CAPTION, png.getvalue(), figure_json(figure)))])])
