@@ -269,7 +269,7 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
 
 def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:
     """The servo that a window shows in place of this one (3,), sought from several delays."""
-    found = [follow.own(*window, np.append(servo + (0.0, 0.0, later), 1.0)) for later in STARTS]
+    found = [follow.own(*window, np.append(servo + np.array([0.0, 0.0, later]), 1.0)) for later in STARTS]
     tried = [each for each in found if each is not None]
     if not tried:
         return "no servo follows"
