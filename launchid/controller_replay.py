@@ -14,10 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.effects import controller as effects
 from sim.flight import excitation, packed, sections
 from sim.nominal import Nominal
-from sim.vehicle.controller import FIRST, filtered, limited, pd_law, pi_law, pseudo_derivative
+from sim.vehicle.controller import filtered, limited, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
 from .log.log import Log
@@ -39,22 +38,21 @@ KP, KD, TIME_CONSTANT, PERIOD, LIMIT, KI, RATE_LAW = range(7)
 
 
 @kernel
-def run_controller(constants, fx, filters, error, excitation, logged, computed, answers):
+def run_controller(constants, filters, error, excitation, logged, computed, answers):
     """The controller over errors, one a period; one that is not known is a gap, behind which it begins anew.
 
     constants (7,)           in     of the law, KP to RATE_LAW
-    fx (n, N_COLUMNS)        in     controller effects
-    filters (s, N_SECTION)   inout  of the controller
+    filters (s,) SECTION     inout  of the controller
     error (ticks,)           in     [rad] or [rad/s], NaN where not known
     excitation (ticks,)      in     [rad] test input
     logged (ticks,)          in     [rad] commands that tell what is remembered where it begins; (0,): nothing is
     computed (ticks,)        out    [rad] commands, before the computing time, NaN where it has no error
     answers (ticks,) int64   out    periods since it began, -1 where it has not
     """
-    kp, kd = effects.gains(fx, constants[KP], constants[KD])
+    kp, kd = constants[KP], constants[KD]
     tau, period, limit = constants[TIME_CONSTANT], constants[PERIOD], constants[LIMIT]
     ki, is_rate = constants[KI], constants[RATE_LAW] != 0.0
-    memory = ki if is_rate else kd
+    memory = ki if is_rate else kd   # what it remembers acts by this gain
     is_told = logged.shape[0] > 0 and filters.shape[0] == 0 and memory != 0.0
     since, before, remembered = -1, 0.0, 0.0
     for k in range(error.shape[0]):
@@ -65,7 +63,8 @@ def run_controller(constants, fx, filters, error, excitation, logged, computed, 
         begins = since < 0
         if begins:
             before, remembered = error[k], 0.0
-            filters[:, FIRST:] = 0.0
+            for section in filters:
+                section.first, section.second = 0.0, 0.0
         held = remembered
         if is_rate:
             remembered += period * error[k]
@@ -78,7 +77,7 @@ def run_controller(constants, fx, filters, error, excitation, logged, computed, 
                 since = -1
                 continue
             remembered = (logged[k] - excitation[k] - kp * error[k]) / memory
-        command = pi_law(kp, ki, error[k], remembered) if is_rate else pd_law(kp, kd, error[k], remembered)
+        command = kp * error[k] + memory * remembered
         command = filtered(filters, command) + excitation[k]
         computed[k], answers[k] = limited(limit, command), since
         if is_rate and computed[k] != command:
@@ -86,11 +85,12 @@ def run_controller(constants, fx, filters, error, excitation, logged, computed, 
 
 
 def constants_of(nominal: Nominal) -> np.ndarray:
-    """The constants (7,) of `run_controller`."""
-    c = nominal.controller
+    """The constants (7,) of `run_controller`, with what the nominal's effects make of the gains."""
+    c, on_board = nominal.controller, packed(nominal)
     assert c is not None
     limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
-    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit, c.ki, float(c.is_rate_law)])
+    return np.array([on_board.kp_scale * c.kp, on_board.kd_scale * c.kd, c.derivative_time_constant, c.period, limit,
+                     c.ki, float(c.is_rate_law)])
 
 
 def later(x: np.ndarray, lag: float) -> np.ndarray:
@@ -153,16 +153,16 @@ class Replay:
     def explained(self, ticks: np.ndarray, latest: int = LATEST) -> Explanation:
         """The gains and computing time, up to `latest` periods, that explain the commands of these ticks best: a
         command is linear in the gains, and whole periods are tried first, then parts of one."""
-        constants, fx = constants_of(self.nominal), packed(self.nominal).controller
+        constants = constants_of(self.nominal)
         known, rows = np.isfinite(self.error), np.arange(len(self.error))
         error = np.interp(rows, rows[known], self.error[known])
-        early, before = effects.latency(fx) / constants[PERIOD], rms(self.misfit[ticks])
+        early, before = packed(self.nominal).computing_time / constants[PERIOD], rms(self.misfit[ticks])
         parts = []
         for gain in _gains_at(self.nominal):
             alone = constants.copy()
             alone[[*_gains_at(self.nominal), LIMIT]] = 0.0, 0.0, math.inf
             alone[gain] = 1.0
-            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), fx=fx[:0])[0])
+            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), is_late=False)[0])
         free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[LIMIT])
         free[:min(_wait(self.nominal), len(rows) // 2)] = False
         if np.count_nonzero(free) < FEWEST:
@@ -214,15 +214,12 @@ def _gains_at(nominal: Nominal) -> list[int]:
 
 
 def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
-           logged: np.ndarray = NOTHING, fx: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """(commands (ticks,) [rad] issued, periods (ticks,) since the controller began), as of `run_controller`.
-
-    fx  controller effects; None: the nominal's
-    """
-    fx = packed(nominal).controller if fx is None else fx
+           logged: np.ndarray = NOTHING, is_late: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """(commands (ticks,) [rad], periods (ticks,) since the controller began), as of `run_controller`; is_late: issued
+    after the computing time of the nominal's effects."""
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
-    run_controller(constants, fx, sections(nominal), error, test, logged, computed, answers)
-    return later(computed, effects.latency(fx) / constants[PERIOD]), answers
+    run_controller(constants, sections(nominal), error, test, logged, computed, answers)
+    return later(computed, packed(nominal).computing_time / constants[PERIOD]) if is_late else computed, answers
 
 
 def _wait(nominal: Nominal) -> int:
@@ -270,7 +267,7 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     for name, column in grid.items():
         column[index] = getattr(log, name)[on]
     constants = constants_of(nominal)
-    is_waiting = len(own.filters) > 0 or effects.latency(packed(nominal).controller) > 0.0
+    is_waiting = len(own.filters) > 0 or packed(nominal).computing_time > 0.0
     wait = _wait(nominal) if is_waiting else 1 if constants[_gains_at(nominal)[1]] else 0
     impulse = constants.copy()
     impulse[LIMIT] = math.inf

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects import controller as controller_effects
 from sim.errors import InputError
 from sim.flight import excitation, packed
 from sim.nominal import Nominal
@@ -169,7 +168,8 @@ def _answered(draft: Record) -> Record:
 def of_noise(r: Record) -> float:
     """The command [rad] that the controller makes at once of the attitude's noise."""
     kp, kd, tau, period, _ = controller_gains(r.nominal)
-    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp, kd)
+    changes = packed(r.nominal)
+    kp, kd = changes.kp_scale * kp, changes.kd_scale * kd
     return float(abs(kp + kd / (tau + period))) * noise_std(r)
 
 
@@ -245,7 +245,10 @@ def _phase(command: np.ndarray, held: int) -> int:
 
 def controller_gains(nominal: Nominal) -> np.ndarray:
     """kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]."""
-    return constants_of(nominal)[:5]
+    c = nominal.controller
+    assert c is not None
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
 
 
 def without_limit(r: Record) -> Record:
