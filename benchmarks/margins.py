@@ -49,7 +49,9 @@ from sim.effects import effect
 from sim.flight import Factor, Flight, fly_whole, parameters, prepare
 from sim.nominal import Nominal
 from sim.sections import Controller, Section
-from sim.vehicle import step as st
+from sim.vehicle.actuator import fastest_pole
+from sim.vehicle.record import ROW
+from sim.vehicle.step import advance
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
@@ -289,15 +291,16 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
         servo, natural_frequency=servo.natural_frequency * frequency, damping_ratio=servo.damping_ratio * damping,
         delay=servo.delay + delay + more))
     vehicle, steps = prepare(before, seed, "flight", None, 1.0, 1.0)
-    rows = np.empty((steps, len(st.COLUMNS)))
-    first = round(CHANGE_AT / vehicle.constant[st.STEP])
-    st.advance(vehicle, first, rows)
-    assert after.actuator is not None
-    vehicle.constant[[st.FREQUENCY, st.DAMPING, st.DELAY]] = (
-        after.actuator.natural_frequency, after.actuator.damping_ratio, after.actuator.delay)
-    st.advance(vehicle, steps - first, rows)
-    columns = dict(zip(st.COLUMNS, rows[:int(vehicle.counter[st.ROWS])].T.copy(), strict=True))
-    return {each: columns[each] for each in LOGGED}, (declared_unknown(before) if kind == "unknown" else before), \
+    state, rows = vehicle.flight[0], np.empty(steps, ROW)
+    first = round(CHANGE_AT / state.step)
+    advance(vehicle, first, rows)
+    new = after.actuator
+    assert new is not None
+    state.frequency, state.damping, state.delay = new.natural_frequency, new.damping_ratio, new.delay
+    state.pole = fastest_pole(state.frequency, state.damping)
+    advance(vehicle, steps - first, rows)
+    columns = {name: rows[name][:int(state.rows)].copy() for name in LOGGED}
+    return columns, (declared_unknown(before) if kind == "unknown" else before), \
         lambda t: before if t < CHANGE_AT else after
 
 

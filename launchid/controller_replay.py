@@ -26,19 +26,22 @@ FORGOTTEN = 1e-5      # of what the controller remembered: less is nothing
 FEWEST = 20           # commands, without which nothing is said
 LATEST = 6            # periods of computing time that are tried
 OFF_GRID, ON_GRID = 0.25, 0.99  # of a row's distance, by which 0.99 of the stamps lie on the controller's periods
+LONGEST = 100         # times the rows: a log of more periods has a stamp that is none
 SAME = 2e-3           # relative, of a gain; of a period, of a delay: closer is the same
 EXPLAINED = 0.5       # of a misfit: what other gains leave less of is no noise, however small it is
 SECTIONS = 25         # golden, of a period
 NEAR_LIMIT = 0.999    # of the deflection limit: beyond it a command tells nothing of gains
 MOST_DECIMALS = 9     # of a column that was rounded
 NOTHING = np.zeros(0)
+# constants of `run_controller`: kp, kd [s], derivative time constant [s], period [s], limit [rad], ki, 1 if law `rate`
+KP, KD, TIME_CONSTANT, PERIOD, LIMIT, KI, RATE_LAW = range(7)
 
 
 @kernel
 def run_controller(constants, filters, error, excitation, logged, computed, answers):
     """The controller over errors, one a period; one that is not known is a gap, behind which it begins anew.
 
-    constants (7,)           in     kp, kd [s], derivative time constant [s], period [s], limit [rad], ki, 1: law `rate`
+    constants (7,)           in     of the law, KP to RATE_LAW
     filters (s,) SECTION     inout  of the controller
     error (ticks,)           in     [rad] or [rad/s], NaN where not known
     excitation (ticks,)      in     [rad] test input
@@ -46,9 +49,10 @@ def run_controller(constants, filters, error, excitation, logged, computed, answ
     computed (ticks,)        out    [rad] commands, before the computing time, NaN where it has no error
     answers (ticks,) int64   out    periods since it began, -1 where it has not
     """
-    kp, kd, tau, period = constants[0], constants[1], constants[2], constants[3]
-    limit, ki, is_rate = constants[4], constants[5], constants[6] != 0.0
-    memory = ki if is_rate else kd
+    kp, kd = constants[KP], constants[KD]
+    tau, period, limit = constants[TIME_CONSTANT], constants[PERIOD], constants[LIMIT]
+    ki, is_rate = constants[KI], constants[RATE_LAW] != 0.0
+    memory = ki if is_rate else kd   # what it remembers acts by this gain
     is_told = logged.shape[0] > 0 and filters.shape[0] == 0 and memory != 0.0
     since, before, remembered = -1, 0.0, 0.0
     for k in range(error.shape[0]):
@@ -73,7 +77,7 @@ def run_controller(constants, filters, error, excitation, logged, computed, answ
                 since = -1
                 continue
             remembered = (logged[k] - excitation[k] - kp * error[k]) / memory
-        command = kp * error[k] + (ki if is_rate else kd) * remembered
+        command = kp * error[k] + memory * remembered
         command = filtered(filters, command) + excitation[k]
         computed[k], answers[k] = limited(limit, command), since
         if is_rate and computed[k] != command:
@@ -81,18 +85,12 @@ def run_controller(constants, filters, error, excitation, logged, computed, answ
 
 
 def constants_of(nominal: Nominal) -> np.ndarray:
-    """The constants (7,) of `run_controller`, with what the nominal's effects make of its gains."""
-    c, effects = nominal.controller, packed(nominal)
+    """The constants (7,) of `run_controller`, with what the nominal's effects make of the gains."""
+    c, on_board = nominal.controller, packed(nominal)
     assert c is not None
     limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
-    return np.array([effects.kp_scale * c.kp, effects.kd_scale * c.kd, c.derivative_time_constant, c.period, limit,
+    return np.array([on_board.kp_scale * c.kp, on_board.kd_scale * c.kd, c.derivative_time_constant, c.period, limit,
                      c.ki, float(c.is_rate_law)])
-
-
-def computing(nominal: Nominal) -> float:
-    """Computing time of the nominal's effects, in periods of its controller."""
-    assert nominal.controller is not None
-    return float(packed(nominal).computing_time / nominal.controller.period)
 
 
 def later(x: np.ndarray, lag: float) -> np.ndarray:
@@ -150,7 +148,7 @@ class Replay:
             return True
         found = self.explained(ticks, latest=0)
         own = constants_of(self.nominal)[_gains_at(self.nominal)]
-        return bool(found.after < EXPLAINED * off and np.max(np.abs(found.gains - own)) > SAME * np.max(np.abs(own)))
+        return bool(found.after < EXPLAINED * off and np.any(np.abs(found.gains - own) > SAME * np.abs(own)))
 
     def explained(self, ticks: np.ndarray, latest: int = LATEST) -> Explanation:
         """The gains and computing time, up to `latest` periods, that explain the commands of these ticks best: a
@@ -158,16 +156,18 @@ class Replay:
         constants = constants_of(self.nominal)
         known, rows = np.isfinite(self.error), np.arange(len(self.error))
         error = np.interp(rows, rows[known], self.error[known])
-        early = computing(self.nominal)
+        early, before = packed(self.nominal).computing_time / constants[PERIOD], rms(self.misfit[ticks])
         parts = []
         for gain in _gains_at(self.nominal):
             alone = constants.copy()
-            alone[[*_gains_at(self.nominal), 4]] = 0.0, 0.0, math.inf
+            alone[[*_gains_at(self.nominal), LIMIT]] = 0.0, 0.0, math.inf
             alone[gain] = 1.0
-            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), lag=0.0)[0])
-        free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[4])
+            parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), is_late=False)[0])
+        free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[LIMIT])
         free[:min(_wait(self.nominal), len(rows) // 2)] = False
-        constant = np.ones((len(rows), 1 if constants[6] else 0))   # of an integral that had begun
+        if np.count_nonzero(free) < FEWEST:
+            return Explanation(np.full(2, math.nan), np.full(2, math.nan), 0.0, before, before)
+        constant = np.ones((len(rows), 1 if constants[RATE_LAW] else 0))   # of an integral that had begun
 
         def fit(lag: float) -> tuple[float, np.ndarray, np.ndarray]:
             design = np.column_stack([*(later(x, early + lag) for x in parts), constant])[free]
@@ -182,12 +182,12 @@ class Replay:
             between = lowest(lambda each: fit(each)[0], low, high, SECTIONS)
             if fit(between)[0] < EXPLAINED * after:
                 lag, (after, x, std) = between, fit(between)
-        return Explanation(x[:2], std[:2], lag * constants[3], rms(self.misfit[ticks]), after)
+        return Explanation(x[:2], std[:2], lag * constants[PERIOD], before, after)
 
     def words(self, found: Explanation) -> str:
         """What would explain the commands, or that nothing does."""
-        names = ("kp", "ki") if constants_of(self.nominal)[6] else ("kp", "kd")
-        late = found.delay / constants_of(self.nominal)[3]
+        constants = constants_of(self.nominal)
+        names, late = ("kp", "ki") if constants[RATE_LAW] else ("kp", "kd"), found.delay / constants[PERIOD]
         said = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, found.gains, strict=True))
         said += f", {late:.3g} periods of delay" if late else ""
         if found.after < 0.1 * found.before:
@@ -210,18 +210,16 @@ def rms(x: np.ndarray) -> float:
 
 def _gains_at(nominal: Nominal) -> list[int]:
     """The places of the law's two gains among its constants."""
-    return [0, 5] if nominal.controller is not None and nominal.controller.is_rate_law else [0, 1]
+    return [KP, KI] if nominal.controller is not None and nominal.controller.is_rate_law else [KP, KD]
 
 
 def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
-           logged: np.ndarray = NOTHING, lag: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """(commands (ticks,) [rad] issued, periods (ticks,) since the controller began), as of `run_controller`.
-
-    lag  computing time in periods; None: that of the nominal's effects
-    """
+           logged: np.ndarray = NOTHING, is_late: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """(commands (ticks,) [rad], periods (ticks,) since the controller began), as of `run_controller`; is_late: issued
+    after the computing time of the nominal's effects."""
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
     run_controller(constants, sections(nominal), error, test, logged, computed, answers)
-    return later(computed, computing(nominal) if lag is None else lag), answers
+    return later(computed, packed(nominal).computing_time / constants[PERIOD]) if is_late else computed, answers
 
 
 def _wait(nominal: Nominal) -> int:
@@ -258,8 +256,9 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     if log.period > 1.5 * own.period:
         return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
     step = own.period / held
-    at = (log.t - log.t[np.isfinite(log.t)][0]) / step
-    on = np.abs(at - np.rint(at)) < OFF_GRID
+    t_first = float(log.t[np.isfinite(log.t)][0])
+    at = (log.t - t_first) / step
+    on = (np.abs(at - np.rint(at)) < OFF_GRID) & (at > -OFF_GRID) & (at < LONGEST * len(at))
     if on.mean() < ON_GRID:
         return f"the log's rows are not at the controller's periods of {own.period:g} s"
     index = np.rint(at[on]).astype(np.int64)
@@ -267,9 +266,11 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     grid = {name: np.full(count, math.nan) for name in ("beta_cmd", seen, reference)}
     for name, column in grid.items():
         column[index] = getattr(log, name)[on]
-    constants, wait = constants_of(nominal), _wait(nominal)
+    constants = constants_of(nominal)
+    is_waiting = len(own.filters) > 0 or packed(nominal).computing_time > 0.0
+    wait = _wait(nominal) if is_waiting else 1 if constants[_gains_at(nominal)[1]] else 0
     impulse = constants.copy()
-    impulse[4] = math.inf
+    impulse[LIMIT] = math.inf
     answer = issued(nominal, impulse, np.eye(1, 200)[0], np.zeros(200))[0]
     steps = (max(getattr(sensors, f"{seen}_step"), resolution(grid[seen])), resolution(grid[reference]))
     tolerance = math.sqrt(nominal.diagnosis.command**2 + resolution(grid["beta_cmd"])**2 / 12.0
@@ -279,23 +280,20 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
         """The replay of a controller whose periods begin with this row of `held`."""
         logged, z, wanted = (np.append(column[phase:], np.full(phase, math.nan)).reshape(-1, held)
                              for column in grid.values())
-        error, first = z[:, 0] - wanted[:, 0], log.t[np.isfinite(log.t)][0] + phase * step
-        tick = round(first / own.period)
-        test = excitation(nominal, max(tick, 0) + len(error), own.period)[max(tick, 0):]
+        error, first = z[:, 0] - wanted[:, 0], t_first + phase * step
+        tick = max(round(first / own.period), 0)
+        test = excitation(nominal, tick + len(error), own.period)[tick:]
         known = np.isfinite(logged)
         sent = np.where(known.any(axis=1), logged[np.arange(len(logged)), np.argmax(known, axis=1)], math.nan)
-        late = computing(nominal) > 0.0
-        computed, answers = issued(nominal, constants, error, test, NOTHING if late else sent)
-        moved = np.nanmax(np.where(known, np.abs(logged - sent[:, None]), 0.0), axis=1)
+        moved = np.max(np.where(known, np.abs(logged - sent[:, None]), 0.0), axis=1)
+        computed, answers = issued(nominal, constants, error, test, NOTHING if is_waiting else sent)
         off = sent - computed
-        judges = answers >= (wait if late or own.filters else 1 if constants[5 if own.is_rate_law else 1] else 0)
-        free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[4]
-        off = np.where(judges & free, np.where(moved > np.abs(off), moved, off), math.nan)
+        free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[LIMIT]
+        off = np.where((answers >= wait) & free, np.where(moved > np.abs(off), moved, off), math.nan)
         t = first + own.period * np.arange(len(error))
         return Replay(nominal, t, error, test, sent, computed, off, tolerance)
 
-    tried = [begun(phase) for phase in range(held)]
-    best = min(tried, key=lambda each: rms(each.misfit[np.isfinite(each.misfit)]))
-    if np.count_nonzero(np.isfinite(best.misfit)) < FEWEST:
+    tried = [each for each in map(begun, range(held)) if np.count_nonzero(np.isfinite(each.misfit)) >= FEWEST]
+    if not tried:
         return "too few commands follow: of gaps, or of filters that remember longer than the log"
-    return best
+    return min(tried, key=lambda each: rms(each.misfit[np.isfinite(each.misfit)]))

@@ -38,9 +38,6 @@ STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, 
 ASKED = ("natural_frequency", "damping_ratio", "delay", "gain", "play")
 
 
-pole = kernel(fastest_pole)
-
-
 @kernel
 def move(x, p, f, work):
     """x <- f x, p <- f p f'.  x (3,), p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
@@ -59,7 +56,8 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
 
     t, beta (n,)       in     rows [s], [rad], NaN where not measured
     at, command (m,)   in     when each command was issued [s], the command [rad], NaN where not known
-    servo (5,)         in     frequency [rad/s], damping ratio, delay [s], gain and constant [rad] of the command
+    servo (6,)         in     frequency [rad/s], damping ratio, delay [s], gain and constant [rad] of the command,
+                              fastest pole [rad/s]
     noise (2,)         in     variances [rad^2] of the sensor, and of what is drawn with each command
     most_gap           in     [s] between rows, behind which the nozzle is not known
     frozen             in     use the gains and variances of an earlier run
@@ -75,7 +73,7 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
             due = at[j + 1] + delay if j + 1 < at.shape[0] else math.inf
             h = min(due, t[i]) - now
             if h > 0.0:
-                f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, pole(w, zeta), False, h)
+                f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, servo[5], False, h)
                 f[0, 2], f[1, 2], f[2, 2] = 1.0 - f[0, 0], -f[1, 0], 1.0
                 x[0] -= u
                 move(x, p, f, work)
@@ -159,7 +157,8 @@ class Followed:
 
         def innovations(move: np.ndarray, command: np.ndarray, frozen: bool = True) -> np.ndarray:
             e = np.empty(n)
-            values = np.array([servo[0] * math.exp(move[0]), *(servo[1:] + move[1:4]), move[4]])
+            w, zeta = servo[0] * math.exp(move[0]), servo[1] + move[1]
+            values = np.array([w, zeta, *(servo[2:] + move[2:4]), move[4], fastest_pole(w, zeta)])
             follow(t, beta, self.at, command, values, self.noise, self.most_gap, frozen, e, s, gain)
             return e
 

@@ -247,7 +247,8 @@ def controller_gains(nominal: Nominal) -> np.ndarray:
     """kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]."""
     c = nominal.controller
     assert c is not None
-    return np.array([c.kp, c.kd, *constants_of(nominal)[2:5]])
+    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
+    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
 
 
 def without_limit(r: Record) -> Record:
