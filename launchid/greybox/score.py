@@ -1,0 +1,86 @@
+"""The one score: whitened errors of predictions on blocks left out, each fold's numbers fitted to the other folds."""
+
+import math
+
+import numpy as np
+
+from .estimate import Fit, at_bound, limits
+from .model import BLOCKS, FOLDS, Model
+
+FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
+
+
+def left_out(m: Model, fit: Fit) -> np.ndarray:
+    """Errors (r,) of the rows of each fold under the numbers fitted to the other folds: from the fit to all, steps with
+    its slopes, errors computed anew.  The gradient left at the fit to all is nobody's; a fold that runs away is taken
+    linearly.  The last filter's gains hold, which must be the fit's.  (Stone 1974; blocks: Burman et al. 1994)"""
+    out = fit.e.copy()
+    stuck = set(at_bound(m, fit))
+    keep = [i for i in range(len(fit.free)) if i not in stuck]
+    if not keep:
+        return out
+    F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
+    out = e.copy()
+    w = m.prior[F]**-2.0
+    A = J.T @ J + np.diag(w)
+    lowest, highest = limits(m, fit.band)
+    low, high, g0 = lowest[F], highest[F], J.T @ e
+    for f in range(FOLDS):
+        mine = m.fold == f
+        if not mine.any():
+            continue
+        Jf = J[mine]
+        Af = A - Jf.T @ Jf
+        s = 1.0 / np.sqrt(np.diag(Af) + 1e-300)
+        As = Af * np.outer(s, s) + 1e-9 * np.eye(len(s))
+
+        def worth(er: np.ndarray, q: np.ndarray, mine: np.ndarray = mine) -> float:
+            moved = (q - p)[F]
+            return float(er @ er - er[mine] @ er[mine] + (moved * w) @ moved - 2.0 * g0 @ moved)
+
+        q, eq, best, first = p, e, worth(e, p), True
+        for _ in range(FOLD_STEPS):
+            g = J.T @ (eq - e) - Jf.T @ eq[mine] + w * (q - p)[F]
+            r = q.copy()
+            r[F] = np.clip(q[F] - np.linalg.solve(As, g * s) * s, low, high)
+            move = r[F] - q[F]
+            if first:
+                out[mine] = e[mine] + Jf @ move
+            elif float(move @ (Af @ move)) < 0.01:
+                break
+            er = m.white(r, frozen=True)
+            value = worth(er, r)
+            if not value < best:
+                break
+            done, q, eq, best, first = best - value < 0.05, r, er, value, False
+            out[mine] = eq[mine]
+            if done:
+                break
+    return out
+
+
+def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:
+    """(squares that 1 saves over 0, their standard error by blocks, no less than white errors of variance `unit` make)."""
+    d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=BLOCKS)
+    white = 2.0 * math.sqrt(float(((e0 - e1)**2).sum()) * unit)
+    a0, a1 = (np.bincount(m.block, e * e, minlength=BLOCKS) for e in (e0, e1))
+    count = np.bincount(m.block, minlength=BLOCKS)
+    ratio = np.log((a0 + count + 1.0) / (a1 + count + 1.0))
+    gain = float(d.sum())
+    root = np.sign(d) * np.sqrt(np.abs(d))
+    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(BLOCKS) + 1e-9)) for x in (ratio, root))
+    s = math.sqrt(BLOCKS * float(d.var(ddof=1)))
+    if gain > 0.0 and z > gain / max(s, 1e-9):   # a block in which all happens makes the plain error large
+        s = gain / z
+    return gain, max(s, white, 1e-9)
+
+
+def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
+    """One sigma of each free number: by the information, and by blocks (sandwich; White 1982), the larger."""
+    if not fit.free:
+        return {}
+    A = fit.J.T @ fit.J + np.diag(m.prior[list(fit.free)]**-2.0)
+    inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+    G = np.stack([np.bincount(m.block, fit.J[:, i] * fit.e, minlength=BLOCKS) for i in range(len(fit.free))], 1)
+    both = np.maximum(np.diag(inverse) * unit, np.diag(inverse @ (G.T @ G) @ inverse))
+    return dict(zip(fit.free, np.sqrt(both), strict=True))
