@@ -21,7 +21,7 @@ from ..log.log import Log
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
-LONGEST_STEP = 0.004   # s of the filter between two rows: a tenth of a servo's time
+LONGEST_STEP = 0.0067  # s of the filter between two rows: a tenth of a servo's time
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,8 +63,9 @@ def usual(m: Model) -> list[Number]:
         add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic", "coefficient")
     if has_input and "beta^2" not in m.terms:
         add("term beta^2", 0.0, 0.0, acc / s.beta**2, "missing_term", "beta^2")
-    if has_input:
+    if has_input and (m.is_commanded or not m.is_flown):
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
+    if has_input:
         timing = d.timing if m.is_commanded else d.timing + 0.6 * row
         add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -0.5 * row, LATEST, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
@@ -87,12 +89,21 @@ def usual(m: Model) -> list[Number]:
 # ---- shapes beyond them
 
 
+class Column(NamedTuple):
+    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n,) [rad], a shift (n, 3) of the measurements;
+    None: nothing."""
+
+    force: np.ndarray | None = None
+    command: np.ndarray | None = None
+    shift: np.ndarray | None = None
+
+
 @dataclass(frozen=True)
 class Shape:
     """A candidate that is fitted: its numbers' names, the linear ones first.
 
     cause     in the contract's words, "" for a shape that is in no list
-    make      (model, nonlinear values) -> (force (n, linear) or None, shift [(n, 3)] or None) of unit amplitudes
+    make      (model, nonlinear values) -> its `Column`s, of unit amplitudes
     """
 
     kind: "Kind"
@@ -106,7 +117,7 @@ class Shape:
     def linear(self) -> int:
         return self.kind.linear
 
-    def made(self, m: Model, nonlinear: tuple[float, ...]) -> list[tuple[np.ndarray | None, np.ndarray | None]]:
+    def made(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
         """The columns of unit amplitudes; kept, for most numbers change while these stay."""
         key = (self.kind.name, *nonlinear)
         if key not in m.columns:
@@ -115,17 +126,15 @@ class Shape:
             m.columns[key] = self.kind.make(m, *nonlinear)
         return m.columns[key]
 
-    def effect(self, m: Model, values: tuple[float, ...]) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """(force (n,) or None, shift (n, 3) or None) of these values."""
-        if self.kind.effective:
-            return None, None
-        force = shift = None
-        for size, (f, s) in zip(values, self.made(m, values[self.linear:]), strict=False):
-            if f is not None:
-                force = size * f if force is None else force + size * f
-            if s is not None:
-                shift = size * s if shift is None else shift + size * s
-        return force, shift
+    def effect(self, m: Model, values: tuple[float, ...]) -> Column:
+        """What these values do together."""
+        total: list[np.ndarray | None] = [None, None, None]
+        for size, column in zip(values, self.made(m, values[self.linear:]) if not self.kind.effective else (),
+                                strict=False):
+            for k, x in enumerate(column):
+                if x is not None:
+                    total[k] = size * x if total[k] is None else total[k] + size * x
+        return Column(*total)
 
     def effectiveness(self, m: Model, values: tuple[float, ...]) -> np.ndarray | float:
         """The factor (n,) on the input's effect."""
@@ -141,14 +150,14 @@ class Kind:
     cause: str
     parameters: tuple[str, ...]
     linear: int
-    make: Callable[..., list[tuple[np.ndarray | None, np.ndarray | None]]]
+    make: Callable[..., list[Column]]
     starts: Callable[[Model], list[tuple[float, ...]]]
     prior: Callable[[Model], float]
     bounds: tuple[tuple[float, float, float], ...] = ()   # step, low, high of each nonlinear number
     when: Callable[[Model], bool] = lambda m: True
     effective: bool = False
     place: str = "plant"
-    may_repeat: bool = False
+    once: bool = False
 
     def shape(self, count: int) -> Shape:
         mark = f"{self.name}#{count}."
@@ -176,25 +185,25 @@ def _pulse(m: Model, time: float, duration: float) -> np.ndarray:
 
 
 def _gust(m: Model, time: float, duration: float):
-    return [(m.track.a6 * _pulse(m, time, duration), None)]
+    return [Column(m.track.a6 * _pulse(m, time, duration))]
 
 
 def _step(m: Model, time: float):
-    return [(after(m, time), None)]
+    return [Column(after(m, time))]
 
 
 def _loss(m: Model, time: float):
-    return [(-m.track.k1 * m.motion[:, 2] * after(m, time), None)]
+    return [Column(-m.track.k1 * m.motion[:, 2] * after(m, time))]
 
 
 def _line(m: Model, frequency: float):
     t = m.t[:-1] + 0.5 * m.dt - m.centre
-    return [(np.sin(frequency * t), None), (np.cos(frequency * t), None)]
+    return [Column(np.sin(frequency * t)), Column(np.cos(frequency * t))]
 
 
 def _slosh(m: Model, frequency: float, damping: float):
     psi = mode(m.motion[:, 0], frequency, damping, m.track.period, (-1.0, 0.0, 0.0))
-    return [(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]), None)]
+    return [Column(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]))]
 
 
 def _bending(m: Model, frequency: float, damping: float):
@@ -202,12 +211,12 @@ def _bending(m: Model, frequency: float, damping: float):
     shift = np.zeros((m.n, 3))
     shift[:, 0] = mode(b, w, damping, m.track.period, (0.0, 0.0, w * w))
     shift[:, 1] = mode(b, w, damping, m.track.period, (0.0, w * w, 0.0))
-    return [(None, shift)]
+    return [Column(shift=shift)]
 
 
 def _drift(m: Model):
     theta, b = m.motion[:, 0], m.motion[:, 2]
-    return [(-m.track.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1])), None) for x in (theta, b)]
+    return [Column(-m.track.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (theta, b)]
 
 
 def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
@@ -223,7 +232,7 @@ def _onsets(m: Model) -> list[tuple[float, ...]]:
 def _pulses(m: Model) -> list[tuple[float, ...]]:
     first, last = float(m.t[0]), float(m.t[-2])
     return [(float(x), d) for d in GUSTS if d < (last - first) / 3.0
-            for x in np.arange(first + 0.02 * (last - first), last - d, 0.3 * d)]
+            for x in np.arange(first + 0.02 * (last - first), last - d, 0.4 * d)]
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
@@ -248,6 +257,131 @@ def _input_moves(m: Model) -> bool:
     return bool(np.any(m.track.k1 != 0.0)) and m.scales.beta > 1e-9
 
 
+# ---- shapes that are in no list: what they explain is not named
+
+
+def _shift(m: Model, channel: int, x: np.ndarray) -> list[Column]:
+    shift = np.zeros((m.n, 3))
+    shift[:, channel] = x
+    return [Column(shift=shift)]
+
+
+def _tau(m: Model) -> np.ndarray:
+    """Time (n,) from -1 to 1 over the log."""
+    return np.linspace(-1.0, 1.0, m.n)
+
+
+def _command(m: Model) -> np.ndarray:
+    return m.mean_input
+
+
+def _servo_curve(m: Model):
+    return [Column(command=_command(m) * np.abs(_command(m)))]
+
+
+def _servo_asymmetry(m: Model):
+    return [Column(command=_command(m)**2)]
+
+
+def _servo_friction(m: Model, soft: float):
+    return [Column(command=-np.tanh(np.gradient(m.motion[:, 2], m.t[:-1]) / soft))]
+
+
+def _attitude_curve(m: Model):
+    return _shift(m, 0, m.motion[:, 0]**3)
+
+
+def _attitude_knee(m: Model, at: float):
+    return _shift(m, 0, np.abs(m.motion[:, 0] - at))
+
+
+def _attitude_walk(m: Model):
+    return _shift(m, 0, _tau(m))
+
+
+def _gyro_ceiling(m: Model, at: float):
+    x = m.motion[:, 1]
+    return _shift(m, 1, np.clip(x, -at, at) - x)
+
+
+def _gyro_dead_zone(m: Model, at: float):
+    return _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0))
+
+
+def _gyro_window(m: Model, time: float, duration: float):
+    t = m.t[:-1]
+    return _shift(m, 1, m.motion[:, 1] * ((t >= time) & (t < time + duration)))
+
+
+def _gyro_warming(m: Model):
+    return _shift(m, 1, m.motion[:, 1] * _tau(m))
+
+
+def _pickup_drift(m: Model):
+    return _shift(m, 2, _tau(m))
+
+
+def _aero_flutter(m: Model, frequency: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    x = m.track.a6 * m.motion[:, 0]
+    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
+
+
+def _thrust_flutter(m: Model, frequency: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    x = m.track.k1 * m.motion[:, 2]
+    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
+
+
+def _chirp(m: Model, frequency: float, climb: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    return [Column(f(frequency * t + 0.5 * climb * t * t)) for f in (np.sin, np.cos)]
+
+
+def _beat(m: Model, frequency: float):
+    """A tone whose amplitude and phase change over a seventh of the log."""
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    nodes = np.linspace(-1.0, 1.0, 8)
+    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return [Column(hats[:, k] * f(frequency * t)) for k in range(8) for f in (np.sin, np.cos)]
+
+
+def _wander(m: Model):
+    nodes = np.linspace(-1.0, 1.0, 10)[1:]
+    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return [Column(hats[:, k]) for k in range(9)]
+
+
+def _a6_drift(m: Model):
+    return [Column(m.track.a6 * m.motion[:, 0] * _tau(m))]
+
+
+def _lines_below(m: Model) -> list[tuple[float, ...]]:
+    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.t[-1] - m.t[0] > 20.0 else []
+
+
+def _knees(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))]
+
+
+def _ceilings(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)]
+
+
+def _dead_zones(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x),) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)) if x > 0.0]
+
+
+def _windows(m: Model) -> list[tuple[float, ...]]:
+    first, last = float(m.t[0]), float(m.t[-2])
+    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)] if last - first > 10.0 else []
+
+
+def _chirps(m: Model) -> list[tuple[float, ...]]:
+    span = float(m.t[-1] - m.t[0])
+    return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
+
+
 def _acc(m: Model) -> float:
     return m.scales.acceleration
 
@@ -256,20 +390,68 @@ def _angle(m: Model) -> float:
     return 0.2
 
 
+def _one(m: Model) -> float:
+    return 1.0
+
+
+def _nowhere(m: Model) -> list[tuple[float, ...]]:
+    """No nonlinear numbers."""
+    return [()]
+
+
+def _both(m: Model) -> bool:
+    return m.has["theta"] and m.has["theta_dot"]
+
+
+def _commanded(m: Model) -> bool:
+    return m.is_commanded and _input_moves(m)
+
+
 KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1, _loss, _onsets, lambda m: 0.5, ((0.02, -1e9, 1e9),),
-         _input_moves, effective=True),
+         _input_moves, effective=True, once=True),
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, _step, _onsets, _acc, ((0.02, -1e9, 1e9),),
-         may_repeat=True),
+         once=True),
     Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, _angle,
          ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), lambda m: bool(np.any(m.track.a6 != 0.0)), place="environment",
-         may_repeat=True),
+         once=True),
     Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2, _line, lambda m: [],
-         _acc, ((2e-4, 0.05, 300.0),), place="environment", may_repeat=True),
+         _acc, ((2e-4, 0.05, 300.0),), place="environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
          lambda m: 1.0, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"]),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
-         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), _input_moves),
-    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, lambda m: [()], lambda m: 0.1,
+         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), _commanded),
+    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
          (), lambda m: m.has["theta"] and bool(np.any(m.track.a6 != 0.0)) and not m.track.record.path_is_known),
+    # in no list
+    Kind("servo_curve", "", ("size",), 1, _servo_curve, _nowhere, _one, (), _commanded, place="actuator"),
+    Kind("servo_asymmetry", "", ("size",), 1, _servo_asymmetry, _nowhere, _one, (), _commanded, place="actuator"),
+    Kind("servo_friction", "", ("size", "soft"), 1, _servo_friction, lambda m: [(0.005,), (0.02,)], _one,
+         ((1e-3, 1e-3, 1.0),), _commanded, place="actuator"),
+    Kind("attitude_curve", "", ("size",), 1, _attitude_curve, _nowhere, lambda m: 0.3 / m.scales.theta**2, (), _both,
+         place="sensor"),
+    Kind("attitude_knee", "", ("size", "at"), 1, _attitude_knee, _knees, _one, ((1e-3, -3.0, 3.0),), _both,
+         place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, _attitude_walk, _nowhere, lambda m: m.scales.theta, (), _both,
+         place="sensor"),
+    Kind("gyro_ceiling", "", ("size", "at"), 1, _gyro_ceiling, _ceilings, _one, ((1e-3, 1e-6, 1e3),), _both,
+         place="sensor"),
+    Kind("gyro_dead_zone", "", ("size", "at"), 1, _gyro_dead_zone, _dead_zones, lambda m: m.scales.omega,
+         ((1e-4, 1e-7, 1e3),), _both, place="sensor"),
+    Kind("gyro_flip", "", ("size", "time", "duration"), 1, _gyro_window, _windows, lambda m: 2.0,
+         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), _both, place="sensor", once=True),
+    Kind("gyro_warming", "", ("size",), 1, _gyro_warming, _nowhere, _one, (), _both, place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, _pickup_drift, _nowhere, lambda m: m.scales.beta, (),
+         lambda m: m.has["beta"] and _commanded(m), place="sensor"),
+    Kind("aero_flutter", "", ("sine", "cosine", "frequency"), 2, _aero_flutter, _lines_below, _one,
+         ((1e-3, 0.1, 30.0),), lambda m: bool(np.any(m.track.a6 != 0.0))),
+    Kind("thrust_flutter", "", ("sine", "cosine", "frequency"), 2, _thrust_flutter, _lines_below, _one,
+         ((1e-3, 0.1, 30.0),), _input_moves),
+    Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, _chirp, _chirps, _acc,
+         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
+    Kind("beat", "", tuple(f"a{k}" for k in range(16)) + ("frequency",), 16, _beat, lambda m: [], _acc,
+         ((1e-3, 0.05, 300.0),), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
+    Kind("a6_drift", "", ("size",), 1, _a6_drift, _nowhere, _one, (), lambda m: bool(np.any(m.track.a6 != 0.0))),
+    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, _wander, _nowhere, _acc, (), place="environment"),
 )
+LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes

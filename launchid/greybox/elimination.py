@@ -16,7 +16,7 @@ from .score import compare, deviations, left_out
 Z = 2.3                # standard errors that a number must save on left-out blocks
 LEAST = 8.0            # squares that it must save: 4 nats
 SHARE = 0.05           # of what the full model saves, that it must save
-EVENT_Z, EVENT = 2.7, 24.0   # the same of a shape whose place was searched over the whole log
+EVENT = 28.0           # squares that an event must save, of which nothing is left out and whose place was searched
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
@@ -83,7 +83,7 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
     for shape in m.shapes:
         numbers = tuple(m.index(name) for name in shape.names)
         out.append(Group(shape.names[0].partition(".")[0], numbers, shape.linear,
-                         is_event=len(numbers) > shape.linear))
+                         is_event=shape.kind.once))
     return out
 
 
@@ -144,7 +144,7 @@ class Search:
 
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         if group.is_event:
-            return gain > EVENT_Z * error and gain > EVENT and gain > SHARE * removable
+            return gain > EVENT and gain > SHARE * removable
         z = SHAPE_Z if group.name in SHAPES_OF_NUMBERS and not self.m.is_flown else Z
         return gain > z * error and gain > LEAST and gain > SHARE * removable
 
@@ -179,6 +179,8 @@ class Search:
         """Largest correlation of two groups' sizes in the full fit."""
         return max(float(self.correlation[i, j]) for i in a.numbers[:a.linear] for j in b.numbers[:b.linear])
 
+    trace: list = []
+
     def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray, e_end: np.ndarray):
         """The loop."""
         m = self.m
@@ -209,6 +211,7 @@ class Search:
                     e = left_out(m, tried)
                     gain, error = self.saves(e, best)
                     removable = max(float(e_nominal @ e_nominal - best @ best), 1e-9)
+                    self.trace.append((g.name, round(costs[g.name], 1), round(gain, 1), round(error, 1), round(removable, 1)))
                     if not self.is_needed(g, gain, error, removable):
                         fit, e_end, gone = tried, e, True
                         live = [each for each in live if each is not g]
@@ -252,7 +255,7 @@ class Search:
                 and all(abs(fit.p[j] - m.null[j]) > 2.0 * std.get(j, 0.0) for j in k.group.numbers[:1]
                         if k.group.linear == 1)]
         gain, error = self.saves(e_nominal, e_end)
-        if gain < Z * error or gain < LEAST:
+        if gain < LEAST or gain < Z * error and not any(k.group.is_event for k in kept):
             kept = []
         return tuple(kept), fit, e_end
 

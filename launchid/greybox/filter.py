@@ -266,9 +266,9 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A):
 
 
 @njit(cache=True, fastmath=FAST)
-def respond(t, z, rows, c, P0, sub, K, A, force, shift, E):
-    """The change E (n, 3) of the innovations that a small forcing makes: force (n, 2) [rad/s^2] and command [rad] over
-    each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
+def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
+    """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
+    [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
     n = len(z)
     x, s = np.zeros(N), np.zeros(10)
     for k in range(n):
@@ -293,14 +293,14 @@ def respond(t, z, rows, c, P0, sub, K, A, force, shift, E):
             em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
         at, aw, kb, am, ag = A[k, 0], A[k, 1], rows[k, 3], rows[k, 4], rows[k, 5]
         for _ in range(sub):
-            off = x[B] - force[k, 1]
-            b = force[k, 1] + s[4] * off + s[5] * x[V]
-            a = force[k, 0] + at * x[TH] + aw * x[OM] + kb * b + am * x[M] + ag * x[G]
+            off = x[B] - command[k]
+            b = command[k] + s[4] * off + s[5] * x[V]
+            a = force[k] + at * x[TH] + aw * x[OM] + kb * b + am * x[M] + ag * x[G]
             x[TH] += h * (x[OM] + 0.5 * h * a)
             x[OM] += h * a
             x[M] *= em
             x[G] *= eg
-            x[B] = force[k, 1] + s[0] * off + s[1] * x[V]
+            x[B] = command[k] + s[0] * off + s[1] * x[V]
             x[V] = s[2] * off + s[3] * x[V]
 
 

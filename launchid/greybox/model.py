@@ -16,6 +16,7 @@ FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go roun
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
 LINEAR = ("1", "theta", "theta_dot", "beta")
+RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
 
@@ -221,21 +222,24 @@ class Model:
         rows[:, 4] = a6 if self.is_windy else 1.0
         rows[:, 5] = a6
         z = self.z
-        shift = None
+        shift = command = None
         for shape in self.shapes:
             values = tuple(float(p[at[name]]) for name in shape.names)
             if not any(values[:shape.linear]):
                 continue
             rows[:, 3] *= shape.effectiveness(self, values)
-            force, moved = shape.effect(self, values)
+            force, sent, moved = shape.effect(self, values)
             if force is not None:
                 f = f + force
+            if sent is not None:
+                command = sent if command is None else command + sent
             if moved is not None:
                 shift = moved if shift is None else shift + moved
         rows[:, 0] = f
         if shift is not None:
             z = self.z - shift
-        return z, self.input_of(get, c), rows, c
+        u = self.input_of(get, c)
+        return z, u if command is None else u + command[:, None], rows, c
 
     def P0(self) -> np.ndarray:
         s, lv = self.scales, np.exp(self.levels)
@@ -249,6 +253,8 @@ class Model:
                 self.E2 if frozen else self.E, self.S, self.K, self.X, self.A)
         if not frozen:
             self.last = (z, rows, c)
+            self.mean_input = u.mean(axis=1)
+            self.weight = 1.0 / np.sqrt(self.S.ravel()[self.flat])
 
     def white(self, p: np.ndarray, frozen: bool = False) -> np.ndarray:
         """Whitened innovations (r,); frozen: with the gains and variances of the last filter."""
@@ -273,9 +279,9 @@ class Model:
         """The change (r,) of the whitened innovations that a small forcing makes, about the last filter's path."""
         z, rows, c = self.last
         E = np.empty((self.n, 3))
-        ekf.respond(self.t, z, rows, c, self.P0(), self.track.sub, self.K, self.A,
-                    np.ascontiguousarray(np.column_stack([force, command])), np.ascontiguousarray(shift), E)
-        return (E / np.sqrt(self.S)).ravel()[self.flat]
+        ekf.respond(self.t, z, rows, c, max(1, round(self.track.period / RESPONSE_STEP)), self.K, self.A, force, command,
+                    shift, E)
+        return E.ravel()[self.flat] * self.weight
 
     def settle(self) -> None:
         """Keep the filtered motion of the last run for the columns that are made of it."""

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import KINDS, Kind, Shape, lines_in
+from .candidates import KINDS, LINES, Kind, Shape, lines_in
 from .estimate import Fit, information
 from .model import Model
 
 ENOUGH = 25.0          # squares that a shape must promise: chance gives the best of 400 places 12
+EACH = 6.0             # squares that every number beyond the first must promise besides
 NEAR = 0.6             # of the best's, from which another kind is fitted beside it as a rival
 LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is theirs
 
@@ -45,10 +46,10 @@ class Scanner:
     def columns(self, kind: Kind, values: tuple[float, ...]) -> list[np.ndarray]:
         """The responses (r,) of unit amplitudes."""
         m, out = self.m, []
-        for force, shift in kind.make(m, *values):
-            y = m.respond(np.zeros(m.n) if force is None else force, np.zeros(m.n),
-                          np.zeros((m.n, 3)) if shift is None else shift)
-            out.append(y)
+        none, still = np.zeros(m.n), np.zeros((m.n, 3))
+        for force, command, shift in kind.make(m, *values):
+            out.append(m.respond(none if force is None else force, none if command is None else command,
+                                 still if shift is None else shift))
         return out
 
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
@@ -58,8 +59,9 @@ class Scanner:
         G, b = Y.T @ Y, -Y.T @ self.e
         if np.any(np.diag(G) < LOW_OVERLAP * size) or not np.all(np.isfinite(G)):
             return Found(kind, values, np.zeros(len(b)), 0.0)
-        sizes = np.linalg.solve(G + 1e-12 * np.diag(np.diag(G)), b)
-        return Found(kind, values, sizes, float(b @ sizes))
+        G[np.diag_indices_from(G)] *= 1.0 + 1e-9
+        sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
+        return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
 
     def best(self, kind: Kind) -> Found | None:
         """The place where a kind promises most."""
@@ -67,7 +69,7 @@ class Scanner:
         if not kind.when(m):
             return None
         starts = kind.starts(m)
-        if kind.name == "periodic_disturbance":
+        if kind.name in LINES:
             starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.off(self.e), ch)]
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
@@ -78,13 +80,14 @@ class Scanner:
                 if kind.parameters[kind.linear + i] == "damping_ratio":
                     around = [best.values[i] * x for x in (0.5, 0.8, 1.25, 2.0)]
                 elif kind.parameters[kind.linear + i] == "frequency":
-                    width = 2.0 / (m.t[-1] - m.t[0]) if kind.name == "periodic_disturbance" else \
-                        0.12 * value
+                    width = 2.0 / (m.t[-1] - m.t[0]) if kind.linear > 1 else 0.12 * value
                     around = [value + x * scale * width for x in (-2.0, -1.0, 1.0, 2.0)]
                 elif kind.parameters[kind.linear + i] == "duration":
                     around = [value * (1.0 + x * scale) for x in (-0.6, 0.6)]
-                else:
+                elif kind.parameters[kind.linear + i] == "time":
                     around = [value + x * scale * 0.02 * (m.t[-1] - m.t[0]) for x in (-1.0, 1.0)]
+                else:
+                    around = [value * (1.0 + 0.3 * x * scale) for x in (-1.0, 1.0)]
                 low, high = kind.bounds[i][1:]
                 for x in around:
                     if low < x < high:

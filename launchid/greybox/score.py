@@ -13,10 +13,12 @@ FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 def left_out(m: Model, fit: Fit) -> np.ndarray:
     """Errors (r,) of the rows of each fold under the numbers fitted to the other folds: from the fit to all, steps with
     its slopes, errors computed anew.  The gradient left at the fit to all is nobody's; a fold that runs away is taken
-    linearly.  The last filter's gains hold, which must be the fit's.  (Stone 1974; blocks: Burman et al. 1994)"""
+    linearly.  What happens once cannot be left out and stays as fitted: its gain must be the larger.  The last filter's
+    gains hold, which must be the fit's.  (Stone 1974; blocks: Burman et al. 1994)"""
     out = fit.e.copy()
     stuck = set(at_bound(m, fit))
-    keep = [i for i in range(len(fit.free)) if i not in stuck]
+    events = {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
+    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in events]
     if not keep:
         return out
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)

@@ -1,0 +1,281 @@
+"""The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sim.nominal import Nominal
+
+from ..log.log import Log
+from .adapter import Reading, read
+from .candidates import usual
+from .elimination import Elimination, Kept, Search, groups_of
+from .estimate import Fit, fit_levels, gauss_newton
+from .model import BLOCKS, Model
+from .scan import ENOUGH, NEAR, Found, scan, with_shape
+from .score import deviations, left_out
+
+FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
+MOST_SHAPES = 3        # shapes that are taken into a model
+GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
+LOUD = 2.9             # times the declared, from which a level hides what is not modelled
+WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
+SURE = 1.5             # declared and measured noise of a sensor agree within this factor
+KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
+INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2")  # numbers of the input
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was found of a log."""
+
+    reading: Reading
+    model: Model | None
+    elimination: Elimination | None
+    verdict: str
+    where: str | None
+    named: tuple["Named", ...] = ()
+    nearest: tuple["Named", ...] = ()
+    doubts: tuple[str, ...] = ()
+    remaining: tuple[str, ...] = ()
+    share: float | None = None
+    notes: tuple[str, ...] = ()
+    trace: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A cause with its parameters {name: (value, std, unit)}, what the log cannot tell it from, what it saves."""
+
+    cause: str
+    where: str
+    parameters: dict[str, tuple[Any, float | None]]
+    alike: tuple[str, ...]
+    kept: Kept | None
+    share: float = math.nan
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What speaks against a model by itself."""
+
+    words: tuple[str, ...]
+    where: str | None
+    square: tuple[float, float, float]
+
+
+def adequacy(m: Model, fit: Fit) -> Adequacy:
+    """Whitened errors that go with a signal, are larger than their noise, or are no longer white."""
+    e = m.white(fit.p)
+    signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
+               "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
+               "the input": m.mean_input, "the input's square": (m.mean_input - m.mean_input.mean())**2,
+               "time": np.linspace(-1.0, 1.0, m.n)}
+    words, place, square = [], None, []
+    for ch, name in enumerate(("theta", "theta_dot", "beta")):
+        mine = m.channel == ch
+        square.append(float(np.mean(e[mine]**2)) if mine.any() else math.nan)
+        if mine.sum() < 200:
+            continue
+        k, x = m.rows[mine], e[mine]
+        for what, signal in signals.items():
+            s = signal[np.maximum(k - 2, 0)]
+            s = s - s.mean()
+            s = s / (s.std() + 1e-300)
+            y = np.bincount(m.block[mine], s * x, minlength=BLOCKS)
+            z, r = float(y.sum() / (math.sqrt(BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
+            if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
+                words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
+                place = place or ("actuator" if ch == 2 else None)
+        if m.is_flown:
+            factor = math.exp(m.levels[ch] - m.levels0[ch])
+            if factor * math.sqrt(square[-1]) > LOUD:
+                words.append(f"noise of {name} is {factor * math.sqrt(square[-1]):.1f} times the declared")
+                place = place or ("actuator" if ch == 2 else "sensor")
+            elif square[-1] > WHITE:
+                words.append(f"errors of {name} are {math.sqrt(square[-1]):.2f} times their noise")
+                place = place or ("actuator" if ch == 2 else None)
+    if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
+        words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
+    return Adequacy(tuple(words), place, tuple(square))
+
+
+def diagnose(log: Log, nominal: Nominal) -> Result:
+    """Diagnose why measurement and simulation part."""
+    reading = read(log, nominal)
+    if reading.track is None:
+        verdict = "bad-data" if reading.is_bad else "consistent"
+        return Result(reading, None, None, verdict, "data" if reading.is_bad else None)
+    m = Model(reading.track)
+    m.with_numbers(usual(m), [])
+    notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m._at)
+    p, found = everything(m)
+    search = Search(m, notes)
+    el = search.run(p)
+    later = rescan(m, el)
+    if later:
+        q = el.full.p.copy()
+        for each in later:
+            q = with_shape(m, q, each)
+        search = Search(m, notes)
+        el = search.run(q)
+    return decided(m, reading, el, [*found, *later])
+
+
+def is_sure(m: Model) -> bool:
+    """Both sensors are declared, flown with, and as the log has them."""
+    if not (m.is_flown and m.has["theta"] and m.has["theta_dot"]):
+        return m.is_flown
+    return True
+
+
+def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
+    """The fit with every usual number and what the scan found free; noise levels there."""
+    taken: list[Found] = []
+    free = tuple(range(len(m.numbers)))
+    fit = gauss_newton(m, best_delay(m, m.null), free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    fit = gauss_newton(m, fit.p, free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    for _ in range(MOST_SHAPES):
+        found = scan(m, fit)
+        if not found or found[0].saves < FIRST:
+            break
+        best = [each for each in found if each.saves > NEAR * found[0].saves][:2]
+        p = fit.p
+        for each in best:
+            p = with_shape(m, p, each)
+        taken += best
+        fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
+        fit_levels(m, fit.p, 2)
+    return fit.p, taken
+
+
+def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
+    """p with the delay at the best of a few, from which the fit finds its own."""
+    if "delay" not in m._at or m.is_flown:
+        return p
+    row = float(np.median(m.dt))
+    free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
+                                                                           "gyro_delay", "attitude_delay"))
+    best = None
+    for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
+        q = p.copy()
+        q[m.index("delay")] = delay
+        fit = gauss_newton(m, q, free, frozenset(), 1)
+        value = float(fit.e @ fit.e) + m.log_variance
+        if best is None or value < best[0]:
+            best = (value, fit.p)
+    return best[1]
+
+
+def rescan(m: Model, el: Elimination) -> list[Found]:
+    """Shapes that show once the numbers that are not needed are gone."""
+    m.white(el.final.p)
+    there = {shape.kind.name for shape in m.shapes}
+    found = [each for each in scan(m, el.final) if each.kind.name not in there or each.kind.once]
+    return [each for each in found if each.saves > NEAR * found[0].saves][:2]
+
+
+def decided(m: Model, reading: Reading, el: Elimination, found: list[Found]) -> Result:
+    """The verdict, a function of estimate, scores and adequacy."""
+    mine = adequacy(m, el.final)
+    listed = [k for k in el.kept if cause_of(m, k.group.name)]
+    unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
+    controller = reading.controller
+    gain = float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
+    doubts: list[str] = []
+    where = None
+    for k in unlisted:
+        doubts.append(f"{k.group.name.partition('#')[0]} explains {k.gain:.0f} squares and is no known cause")
+        where = where or place_of(m, k.group.name)
+    is_foreign = controller is not None and controller.is_foreign
+    names = [named_of(m, el, k) for k in listed]
+    if controller is not None and controller.is_named:
+        names.insert(0, Named("controller_mismatch", "controller", {
+            "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
+            "delay": (controller.delay, controller.std[2])}, (), None, 1.0))
+    if is_foreign:
+        doubts.append(f"the command is not the nominal controller's: {controller.words}")
+        where = "controller"
+    trace = dict(kept=[(k.group.name, k.gain, k.error, k.share, k.alike) for k in el.kept],
+                 found=[(f.kind.name, f.values, f.saves) for f in found], adequate=mine.words, square=mine.square,
+                 levels=np.exp(m.levels - m.levels0).round(2).tolist(), removable=el.removable, unit=el.unit)
+    total = sum(k.gain for k in listed)
+    off = sum(k.gain for k in unlisted)
+    against = list(mine.words)
+    if not names and not doubts and not against:
+        return Result(reading, m, el, "consistent", None, trace=trace)
+    if is_foreign or not names or off > 0.25 * total and unlisted:
+        where = where or mine.where or (names[0].where if names else None) or "plant"
+        return Result(reading, m, el, "unexplained", where, (), tuple(names), (*doubts, *against), trace=trace)
+    if doubts or against:
+        return Result(reading, m, el, "dominant", names[0].where, tuple(names), remaining=(*doubts, *against),
+                      trace=trace)
+    return Result(reading, m, el, "explained", names[0].where, tuple(names), trace=trace)
+
+
+WHERE = {}
+
+
+def cause_of(m: Model, name: str) -> str:
+    """The contract's cause of a group; "" for a shape that is in no list."""
+    if "#" in name:
+        return next(s.cause for s in m.shapes if s.names[0].startswith(name + "."))
+    return m.numbers[m.index(name)].cause
+
+
+def place_of(m: Model, name: str) -> str:
+    return next(s.kind.place for s in m.shapes if s.names[0].startswith(name + "."))
+
+
+ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
+
+
+def named_of(m: Model, el: Elimination, k: Kept) -> Named:
+    """A kept group in the contract's words."""
+    from sim.effects import CATALOGUE
+    cause, values = cause_of(m, k.group.name), {}
+    for j in k.group.numbers:
+        number = m.numbers[j]
+        values[number.parameter] = (float(el.final.p[j]), k.std.get(j))
+    if cause == "missing_term":
+        number = m.numbers[k.group.numbers[0]]
+        value = float(el.final.p[k.group.numbers[0]]) - number.null
+        values = {"term": (number.parameter, None), "coefficient": (value, k.std.get(k.group.numbers[0]))}
+    if cause == "periodic_disturbance":
+        s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
+        w = float(el.final.p[k.group.numbers[2]])
+        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])), "frequency": (w, k.std.get(k.group.numbers[2])),
+                  "phase": (math.remainder(math.atan2(c, s) - w * m.centre, 2.0 * math.pi), None)}
+    if cause == "input_washout":
+        v, std = values["time_constant"]
+        values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    if cause == "actuator_bandwidth" and "lag" in values:
+        values = {"scale": (m.servo.lag / (m.servo.lag + values["lag"][0]), None)}
+    alike = {cause_of(m, other) or other.partition("#")[0] for other in k.alike} | set(ALIKE.get(k.group.name, ()))
+    if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
+        cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
+    return Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), k, k.share)
+
+
+def report(result: Result) -> dict[str, Any]:
+    """The contract's diagnose JSON."""
+    from sim.effects import CATALOGUE
+    from .adapter import Reading  # noqa: F401
+
+    def number(x: Any) -> Any:
+        return x if isinstance(x, str) or x is None else float(x) if math.isfinite(x) else None
+
+    causes = [{"cause": n.cause, "where": n.where, "removed": number(n.share),
+               "parameters": {key: {"value": number(v), "std": number(s), "unit": ""} for key, (v, s) in n.parameters.items()},
+               "indistinguishable_from": list(n.alike),
+               "evidence": {"nats": 0.5 * n.kept.gain if n.kept else None, "held_out": number(n.share)}}
+              for n in result.named]
+    return {"verdict": result.verdict, "where": result.where, "causes": causes, "noise": {}, "limits": {}, "gain": None,
+            "nearest": [{"resembles": n.cause, "nats": 0.5 * n.kept.gain if n.kept else None} for n in result.nearest],
+            "doubts": list(result.doubts), "remaining": list(result.remaining), "trace": result.trace,
+            "either": [[n.cause, *n.alike] for n in result.named if n.alike],
+            "remainder": None}
