@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import filter as ekf
 from .model import CURVES, Model, Number, mode
 
 CYCLES = 10.0          # of a line in a log, fewer are a drift
@@ -59,6 +60,9 @@ def usual(m: Model) -> list[Number]:
         add("misalignment" if m.is_flown and has_input else "moment", 0.0, 0.0,
             acc / float(np.sqrt(np.mean(k1**2))) if m.is_flown and has_input else acc,
             "thrust_misalignment", "angle")
+        if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
+                np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
+            add("wind", 0.0, 0.0, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind", "angle")
     if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
         add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic", "coefficient")
     if has_input and "beta^2" not in m.terms:
@@ -67,7 +71,7 @@ def usual(m: Model) -> list[Number]:
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
     if has_input:
         timing = d.timing if m.is_commanded else d.timing + 0.6 * row
-        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -0.5 * row, LATEST, 1e-4 + 0.01 * row)
+        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LATEST, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
     if has_input and m.is_commanded:
         add("bandwidth", 1.0, min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5), 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
@@ -80,9 +84,10 @@ def usual(m: Model) -> list[Number]:
     if both:
         add("gyro_bias", 0.0, 0.0, s.omega, "gyro_bias", "rate")
         add("gyro_scale", 1.0, 0.0, 0.5, "gyro_scale", "scale", 0.05, 6.0)
-        add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -0.2, 0.4, 2e-5 + 0.01 * row)
+        add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
+            2e-5 + 0.01 * row)
         if m.is_flown:
-            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -0.2, 0.4, 1e-4 + 0.01 * row)
+            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -2.0 * d.timing, 0.4, 1e-4 + 0.01 * row)
     return out
 
 
@@ -257,6 +262,27 @@ def _input_moves(m: Model) -> bool:
     return bool(np.any(m.track.k1 != 0.0)) and m.scales.beta > 1e-9
 
 
+def _input_column(m: Model, play: float, rate: float) -> list[Column]:
+    """What a play or a rate limit makes of the command, less the command."""
+    u = m.base_input.ravel()
+    out = np.empty(len(u))
+    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, play, rate, out)
+    return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
+
+
+def _backlash(m: Model, half_width: float):
+    return _input_column(m, half_width, 0.0)
+
+
+def _rate_limit(m: Model, rate: float):
+    return _input_column(m, 0.0, rate)
+
+
+def _rates(m: Model) -> list[tuple[float, ...]]:
+    fastest = float(np.quantile(np.abs(np.diff(m.track.commands)) / np.diff(m.track.ticks)[:-1], 0.999))
+    return [(x * fastest,) for x in RATES] if fastest > 0.0 else []
+
+
 # ---- shapes that are in no list: what they explain is not named
 
 
@@ -423,6 +449,10 @@ KINDS = (
          lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), _commanded),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
          (), lambda m: m.has["theta"] and bool(np.any(m.track.a6 != 0.0)) and not m.track.record.path_is_known),
+    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _backlash,
+         lambda m: [(x,) for x in PLAYS], lambda m: 1.0, ((2e-5, 1e-6, 0.2),), _commanded, place="actuator"),
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _rate_limit, _rates, lambda m: 1.0,
+         ((1e-3, 1e-3, 50.0),), _commanded, place="actuator"),
     # in no list
     Kind("servo_curve", "", ("size",), 1, _servo_curve, _nowhere, _one, (), _commanded, place="actuator"),
     Kind("servo_asymmetry", "", ("size",), 1, _servo_asymmetry, _nowhere, _one, (), _commanded, place="actuator"),

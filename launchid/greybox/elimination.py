@@ -23,6 +23,7 @@ EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goe
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
 SHAPES_OF_NUMBERS = {"cubic", "term beta^2", "friction"}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save
+ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 BESIDE = 0.02          # of what a cause saves, within which another in its place does as well
 ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
@@ -116,7 +117,7 @@ class Search:
     def without(self, fit: Fit, groups: list[Group], rounds: int = 2) -> Fit:
         """The fit with these groups back at the nominal, the others moved as the information says, and refitted."""
         m = self.m
-        A = information(m, fit.J, fit.free)
+        A = information(m, fit)
         inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
         gone = {j for g in groups for j in g.numbers if not g.has_band}
@@ -143,6 +144,8 @@ class Search:
         return compare(self.m, e0, e1, self.unit)
 
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
+        if gain < self.m.unsure:
+            return False
         if group.is_event:
             return gain > EVENT and gain > SHARE * removable
         z = SHAPE_Z if group.name in SHAPES_OF_NUMBERS and not self.m.is_flown else Z
@@ -171,7 +174,7 @@ class Search:
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
 
     def correlations(self, full: Fit) -> None:
-        inverse = np.linalg.inv(information(self.m, full.J, full.free))
+        inverse = np.linalg.inv(information(self.m, full))
         s = 1.0 / np.sqrt(np.diag(inverse))
         self.correlation = np.abs(inverse * np.outer(s, s))
 
@@ -179,14 +182,35 @@ class Search:
         """Largest correlation of two groups' sizes in the full fit."""
         return max(float(self.correlation[i, j]) for i in a.numbers[:a.linear] for j in b.numbers[:b.linear])
 
+    def clusters(self) -> list[list[Group]]:
+        """Sets of groups that correlate beyond TWIN, directly or through others."""
+        left, out = list(self.groups), []
+        while left:
+            cluster = [left.pop(0)]
+            for one in cluster:
+                for other in [g for g in left if self.related(one, g) > TWIN]:
+                    cluster.append(other)
+                    left.remove(other)
+            if len(cluster) > 1:
+                out.append(cluster)
+        return out
+
     trace: list = []
 
     def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray, e_end: np.ndarray):
         """The loop."""
         m = self.m
         at_once = True
+        for cluster in self.clusters():
+            A = information(m, fit)
+            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+            gone = min(([g for g in cluster if g is not one] for one in cluster), key=lambda gone: self.joint(fit, gone))
+            if self.joint(fit, gone) < ONE_OF:
+                fit = self.without(fit, gone)
+                e_end = left_out(m, fit)
+                live = [g for g in live if g not in gone]
         while live:
-            A = information(m, fit.J, fit.free)
+            A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             costs = {g.name: self.cost(fit, g) for g in live}
             order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if g.name.partition("#")[0] in RARE else 1.0))
@@ -230,7 +254,7 @@ class Search:
             m.white(fit.p)
             std = deviations(m, fit, self.unit)
             removable = max(float(e_nominal @ e_nominal - min(best @ best, e_end @ e_end)), 1e-9)
-            A = information(m, fit.J, fit.free)
+            A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             for g in live:
                 rest = self.without(fit, [g], 3)

@@ -50,9 +50,10 @@ def slopes(m: Model, p: np.ndarray, e: np.ndarray, free: tuple[int, ...]) -> np.
     return J.T
 
 
-def information(m: Model, J: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
-    """The posterior's information matrix."""
-    return J.T @ J + np.diag(m.prior[list(free)]**-2.0)
+def information(m: Model, fit: Fit) -> np.ndarray:
+    """The posterior's information matrix; a number in its band is known to its tolerance."""
+    prior = np.array([m.tol[j] if j in fit.band else m.prior[j] for j in fit.free])
+    return fit.J.T @ fit.J + np.diag(prior**-2.0)
 
 
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),

@@ -248,6 +248,12 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A):
             P[4, 5] += qc * s[7]
             P[5, 4] += qc * s[7]
             P[5, 5] += qc * s[8]
+            if c[KAPPA] != 0.0:      # the nozzle's own noise turns the vehicle too
+                P[1, 1] += c[KAPPA] * c[KAPPA] * qc * s[8]
+                P[1, 4] += c[KAPPA] * qc * s[7]
+                P[4, 1] += c[KAPPA] * qc * s[7]
+                P[1, 5] += c[KAPPA] * qc * s[8]
+                P[5, 1] += c[KAPPA] * qc * s[8]
         if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
             for i in range(N):
                 for j in range(i):

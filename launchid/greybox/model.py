@@ -11,6 +11,7 @@ from .adapter import Track
 
 ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment that slow and small is nobody's fault
 SLOW = 20.0            # s, the time of that moment: slow beside the vehicle, several times in a flight
+WIND = 0.005           # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
 SMOOTH = 20.0          # variance of third differences of white noise
 FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go round, stretches for standard errors
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
@@ -93,17 +94,16 @@ class Model:
         self.servo = track.record.actuator
         self.is_commanded = track.record.command_is_known
         self.has = {name: bool(np.isfinite(self.z[:, k]).any()) for k, name in enumerate(("theta", "theta_dot", "beta"))}
+        self.unsure = 2.0 * track.record.unsure * self.n   # squares that commands may feign which no row saw
         self.is_flown = nominal.controller is not None and nominal.simulation is not None
         self.scales = self._scales()
         self.widths = np.repeat(self.dt / track.sub, track.sub)
         self.integral = np.append(0.0, np.cumsum(track.commands * np.diff(track.ticks)))
-        self.levels0, self.spread, self.cap = self._levels()
-        self.levels = self.levels0.copy()
-        self.moves = np.flatnonzero(self.spread > 0.0)
+        self.inputs: dict[tuple[float, ...], np.ndarray] = {}
+        self.in_weather("")
         self.E, self.S = np.zeros((self.n, 3)), np.full((self.n, 3), np.nan)
         self.K, self.X, self.A = np.zeros((self.n, 3, 6)), np.zeros((self.n, 6)), np.zeros((self.n, 6))
         self.E2 = np.zeros((self.n, 3))
-        self.inputs: dict[tuple[float, ...], np.ndarray] = {}
         self.columns: dict[tuple[object, ...], np.ndarray] = {}
         self.shapes: list = []
         self.numbers: list[Number] = []
@@ -160,6 +160,19 @@ class Model:
         spread[:3] *= [self.has["theta"], self.has["theta_dot"], self.has["beta"]]
         return np.log(levels), spread, cap
 
+    def in_weather(self, name: str, levels: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> None:
+        """Let the air be turbulent, or its wind wander, at a level that is fitted; "": as the nominal says."""
+        self.levels0, self.spread, self.cap = self._levels()
+        self.weather = name
+        if name:
+            k = {"turbulence": ekf.QG, "wind_walk": ekf.QM}[name]
+            if name == "wind_walk":
+                self.is_windy, self.tau_m, self.m0 = True, math.inf, WIND
+            self.levels0[k], self.spread[k], self.cap[k] = math.log(WIND), 2.0, math.log(40.0)
+        self.moves = np.flatnonzero(self.spread > 0.0)
+        self.levels = self.levels0.copy()
+        self.inputs.clear()
+
     # ---- numbers to the filter's arrays
 
     def index(self, name: str) -> int:
@@ -171,6 +184,8 @@ class Model:
         self._at = {each.name: k for k, each in enumerate(numbers)}
         for name in ("null", "tol", "prior", "step", "low", "high"):
             setattr(self, name, np.array([getattr(each, name) for each in numbers]))
+        if not shapes:
+            _, self.base_input, _, self.base_constants = self.arrays(self.null)
 
     def input_of(self, get, c: np.ndarray) -> np.ndarray:
         """The servo's input (n, sub) [rad]: the commands later by `delay`, through what the numbers put in the way."""
@@ -253,7 +268,7 @@ class Model:
                 self.E2 if frozen else self.E, self.S, self.K, self.X, self.A)
         if not frozen:
             self.last = (z, rows, c)
-            self.mean_input = u.mean(axis=1)
+            self.last_input, self.mean_input = u, u.mean(axis=1)
             self.weight = 1.0 / np.sqrt(self.S.ravel()[self.flat])
 
     def white(self, p: np.ndarray, frozen: bool = False) -> np.ndarray:

@@ -36,7 +36,7 @@ class Scanner:
         self.e = m.white(fit.p)
         m.settle()
         self.J = fit.J
-        A = information(m, fit.J, fit.free) if fit.free else np.zeros((0, 0))
+        A = information(m, fit) if fit.free else np.zeros((0, 0))
         self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) if fit.free else A
 
     def off(self, y: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from .estimate import Fit, at_bound, limits
+from .estimate import Fit, at_bound, information, limits
 from .model import BLOCKS, FOLDS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
@@ -81,7 +81,7 @@ def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
     """One sigma of each free number: by the information, and by blocks (sandwich; White 1982), the larger."""
     if not fit.free:
         return {}
-    A = fit.J.T @ fit.J + np.diag(m.prior[list(fit.free)]**-2.0)
+    A = information(m, fit)
     inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
     G = np.stack([np.bincount(m.block, fit.J[:, i] * fit.e, minlength=BLOCKS) for i in range(len(fit.free))], 1)
     both = np.maximum(np.diag(inverse) * unit, np.diag(inverse @ (G.T @ G) @ inverse))

@@ -10,13 +10,15 @@ from sim.nominal import Nominal
 
 from ..log.log import Log
 from .adapter import Reading, read
-from .candidates import usual
+from .candidates import KINDS, usual
 from .elimination import Elimination, Kept, Search, groups_of
 from .estimate import Fit, fit_levels, gauss_newton
 from .model import BLOCKS, Model
 from .scan import ENOUGH, NEAR, Found, scan, with_shape
 from .score import deviations, left_out
 
+FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
+CLEARLY = 20.0         # nats by which weather must be better than causes
 FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
 MOST_SHAPES = 3        # shapes that are taken into a model
 GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
@@ -134,12 +136,19 @@ def is_sure(m: Model) -> bool:
 def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
     """The fit with every usual number and what the scan found free; noise levels there."""
     taken: list[Found] = []
+    p = limited(m, taken) if m.is_commanded else m.null
     free = tuple(range(len(m.numbers)))
-    fit = gauss_newton(m, best_delay(m, m.null), free, frozenset(), 3)
+    fit = gauss_newton(m, best_delay(m, p), free, frozenset(), 3)
     fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, free, frozenset(), 3)
     fit_levels(m, fit.p)
-    for _ in range(MOST_SHAPES):
+    for k in range(MOST_SHAPES):
+        if k == 1 and weather(m, fit):
+            m.with_numbers(usual(m), [])
+            taken, free = [], tuple(range(len(m.numbers)))
+            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit_levels(m, fit.p)
+            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
         found = scan(m, fit)
         if not found or found[0].saves < FIRST:
             break
@@ -151,6 +160,58 @@ def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
         fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
         fit_levels(m, fit.p, 2)
     return fit.p, taken
+
+
+def limited(m: Model, taken: list[Found]) -> np.ndarray:
+    """The numbers to start from: with a rate limit or a play where one leaves clearly less than none, for a servo so
+    limited is no small forcing of another."""
+    best, plain = None, float((m.white(m.null)**2).sum())
+    for kind in KINDS:
+        if kind.name not in ("actuator_rate_limit", "actuator_backlash") or not kind.when(m):
+            continue
+        shape = kind.shape(0)
+        for values in kind.starts(m):
+            found = Found(kind, values, np.ones(1), 0.0)
+            q = with_shape(m, m.null, found)
+            left = float((m.white(q)**2).sum())
+            m.with_numbers([each for each in m.numbers if each.name not in shape.names], [])
+            if left < FAR_LESS * plain and (best is None or left < best[0]):
+                best = (left, found._replace(saves=plain - left))
+    if best is None:
+        return m.null
+    taken.append(best[1])
+    return with_shape(m, m.null, best[1])
+
+
+def likelihood(m: Model, e: np.ndarray) -> float:
+    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
+    d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+    return -0.5 * (float(e @ e) + m.log_variance + float(d @ d))
+
+
+def weather(m: Model, fit: Fit) -> str:
+    """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
+    model is left in it.  "": none does."""
+    if not m.is_flown or m.is_windy or not np.any(m.track.a6 != 0.0):
+        return ""
+    levels, table = m.levels.copy(), (m.numbers, m.shapes)
+    all_else = likelihood(m, m.white(fit.p))
+    m.with_numbers(usual(m), [])
+    band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
+    best = ("", all_else + CLEARLY)
+    for name in ("turbulence", "wind_walk"):
+        m.in_weather(name)
+        alone = gauss_newton(m, m.null, tuple(sorted(band)), band, 2)
+        fit_levels(m, alone.p, 4)
+        value = likelihood(m, m.white(alone.p))
+        if value > best[1]:
+            best = (name, value)
+    m.in_weather(best[0])
+    if not best[0]:
+        m.levels = levels
+        m.with_numbers(*table)
+        m.white(fit.p)
+    return best[0]
 
 
 def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
@@ -193,6 +254,10 @@ def decided(m: Model, reading: Reading, el: Elimination, found: list[Found]) -> 
         where = where or place_of(m, k.group.name)
     is_foreign = controller is not None and controller.is_foreign
     names = [named_of(m, el, k) for k in listed]
+    if m.weather:
+        k = {"turbulence": 6, "wind_walk": 5}[m.weather]
+        names.append(Named(m.weather, "environment", {"level": (math.exp(m.levels[k]), None)}, (
+            "wind_walk" if m.weather == "turbulence" else "turbulence",), None, 1.0))
     if controller is not None and controller.is_named:
         names.insert(0, Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
@@ -255,6 +320,10 @@ def named_of(m: Model, el: Elimination, k: Kept) -> Named:
         values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
     if cause == "actuator_bandwidth" and "lag" in values:
         values = {"scale": (m.servo.lag / (m.servo.lag + values["lag"][0]), None)}
+    if "share" in values:
+        share = values.pop("share")[0]
+        if cause == "actuator_backlash":
+            values = {"half_width": (share * values["half_width"][0], values["half_width"][1])}
     alike = {cause_of(m, other) or other.partition("#")[0] for other in k.alike} | set(ALIKE.get(k.group.name, ()))
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
