@@ -57,9 +57,10 @@ def usual(m: Model) -> list[Number]:
     if "sign(theta_dot)" not in m.terms:
         add("friction", 0.0, 0.0, acc, "friction", "coefficient", low=0.0)
     if "1" not in m.terms:
-        add("misalignment" if m.is_flown and has_input else "moment", 0.0, 0.0,
-            acc / float(np.sqrt(np.mean(k1**2))) if m.is_flown and has_input else acc,
-            "thrust_misalignment", "angle")
+        if has_input and np.any(k1 != 0.0):
+            add("misalignment", 0.0, 0.0, acc / float(np.sqrt(np.mean(k1**2))), "thrust_misalignment", "angle")
+        else:
+            add("moment", 0.0, 0.0, acc, "missing_term", "1")
         if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
                 np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
             add("wind", 0.0, 0.0, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind", "angle")

@@ -365,3 +365,36 @@ def nozzle_input(u, h, c, lag, washout, play, rate, out):
                     v = nv
             x = total / m
         out[i] = x
+
+
+@njit(cache=True, fastmath=FAST)
+def ahead(t, z, u, rows, c, sub, X, starts, spans, out):
+    """out (starts, spans, 3): measured less predicted, free from the filtered states X at `starts` rows, each of
+    `spans` (increasing) rows ahead; NaN where not measured or beyond the log."""
+    n = len(z)
+    x, F, s = np.zeros(N), np.zeros((2, N)), np.zeros(10)
+    curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
+        c[DRAG] != 0.0 or c[CROSS] != 0.0
+    out[:] = np.nan
+    for i in range(len(starts)):
+        k = starts[i]
+        x[:] = X[k]
+        for q in range(len(spans)):
+            end = starts[i] + spans[q]
+            if end >= n:
+                break
+            while k < end:
+                h = (t[k + 1] - t[k]) / sub
+                if abs(h - s[9]) > 1e-9 * h:
+                    servo_of(c, h, s)
+                em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
+                for j in range(sub):
+                    _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em, eg,
+                          c, curved, F, False)
+                k += 1
+            a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
+                              curved)[0]
+            if abs(x[TH]) < LOST and abs(x[OM]) < LOST:
+                out[i, q, 0] = z[end, 0] - x[TH] + c[DT] * x[OM] - 0.5 * c[DT] * c[DT] * a
+                out[i, q, 1] = z[end, 1] - c[SCALE] * (x[OM] - c[DW] * a) - c[GYRO]
+                out[i, q, 2] = z[end, 2] - x[B] - c[NULL]

@@ -11,24 +11,37 @@ FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
 
 def left_out(m: Model, fit: Fit) -> np.ndarray:
-    """Errors (r,) of the rows of each fold under the numbers fitted to the other folds: from the fit to all, steps with
-    its slopes, errors computed anew.  The gradient left at the fit to all is nobody's; a fold that runs away is taken
-    linearly.  What happens once cannot be left out and stays as fitted: its gain must be the larger.  The last filter's
-    gains hold, which must be the fit's.  (Stone 1974; blocks: Burman et al. 1994)"""
-    out = fit.e.copy()
+    """Errors (r,) of the rows of each fold under the numbers fitted to the other folds (Stone 1974; blocks: Burman et
+    al. 1994).  The last filter's gains hold, which must be the fit's."""
+    return _folds(m, fit)[0]
+
+
+def fold_fits(m: Model, fit: Fit) -> list[np.ndarray]:
+    """The numbers fitted without each fold; runs the filter at the fit."""
+    m.white(fit.p)
+    return _folds(m, fit)[1]
+
+
+def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
+
+    The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot
+    be left out and stays as fitted: its gain must be the larger.
+    """
     stuck = set(at_bound(m, fit))
     events = {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
     keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in events]
     if not keep:
-        return out
+        return fit.e.copy(), [fit.p] * FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
-    out = e.copy()
+    out, fits = e.copy(), []
     w = m.prior[F]**-2.0
     A = J.T @ J + np.diag(w)
     lowest, highest = limits(m, fit.band)
     low, high, g0 = lowest[F], highest[F], J.T @ e
     for f in range(FOLDS):
         mine = m.fold == f
+        fits.append(p)
         if not mine.any():
             continue
         Jf = J[mine]
@@ -55,10 +68,10 @@ def left_out(m: Model, fit: Fit) -> np.ndarray:
             if not value < best:
                 break
             done, q, eq, best, first = best - value < 0.05, r, er, value, False
-            out[mine] = eq[mine]
+            out[mine], fits[-1] = eq[mine], q
             if done:
                 break
-    return out
+    return out, fits
 
 
 def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:

@@ -1,21 +1,23 @@
 """The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from sim.effects import CATALOGUE
 from sim.nominal import Nominal
 
 from ..log.log import Log
 from .adapter import Reading, read
 from .candidates import KINDS, usual
-from .elimination import Elimination, Kept, Search, groups_of
+from .elimination import LEAST, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton
+from .gain import Gain, held_out
 from .model import BLOCKS, Model
-from .scan import ENOUGH, NEAR, Found, scan, with_shape
-from .score import deviations, left_out
+from .scan import NEAR, Found, scan, with_shape
+from .score import compare
 
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 CLEARLY = 20.0         # nats by which weather must be better than causes
@@ -24,7 +26,10 @@ MOST_SHAPES = 3        # shapes that are taken into a model
 GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
 LOUD = 2.9             # times the declared, from which a level hides what is not modelled
 WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
-SURE = 1.5             # declared and measured noise of a sensor agree within this factor
+LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
+ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
+WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
+TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
 INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2")  # numbers of the input
 
@@ -34,6 +39,7 @@ class Result:
     """What was found of a log."""
 
     reading: Reading
+    nominal: Nominal
     model: Model | None
     elimination: Elimination | None
     verdict: str
@@ -42,7 +48,9 @@ class Result:
     nearest: tuple["Named", ...] = ()
     doubts: tuple[str, ...] = ()
     remaining: tuple[str, ...] = ()
+    remaining_where: str | None = None
     share: float | None = None
+    gain: Gain | None = None
     notes: tuple[str, ...] = ()
     trace: dict[str, Any] = field(default_factory=dict)
 
@@ -55,8 +63,8 @@ class Named:
     where: str
     parameters: dict[str, tuple[Any, float | None]]
     alike: tuple[str, ...]
-    kept: Kept | None
-    share: float = math.nan
+    nats: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ def diagnose(log: Log, nominal: Nominal) -> Result:
     reading = read(log, nominal)
     if reading.track is None:
         verdict = "bad-data" if reading.is_bad else "consistent"
-        return Result(reading, None, None, verdict, "data" if reading.is_bad else None)
+        return Result(reading, nominal, None, None, verdict, "data" if reading.is_bad else None)
     m = Model(reading.track)
     m.with_numbers(usual(m), [])
     notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m._at)
@@ -123,7 +131,7 @@ def diagnose(log: Log, nominal: Nominal) -> Result:
             q = with_shape(m, q, each)
         search = Search(m, notes)
         el = search.run(q)
-    return decided(m, reading, el, [*found, *later])
+    return decided(m, reading, nominal, el, [*found, *later])
 
 
 def is_sure(m: Model) -> bool:
@@ -240,49 +248,112 @@ def rescan(m: Model, el: Elimination) -> list[Found]:
     return [each for each in found if each.saves > NEAR * found[0].saves][:2]
 
 
-def decided(m: Model, reading: Reading, el: Elimination, found: list[Found]) -> Result:
+def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found: list[Found]) -> Result:
     """The verdict, a function of estimate, scores and adequacy."""
+    gain = held_out(m, el.nominal, el.final, el.full, 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final))
     mine = adequacy(m, el.final)
+    controller = reading.controller
     listed = [k for k in el.kept if cause_of(m, k.group.name)]
     unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
-    controller = reading.controller
-    gain = float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
-    doubts: list[str] = []
-    where = None
-    for k in unlisted:
-        doubts.append(f"{k.group.name.partition('#')[0]} explains {k.gain:.0f} squares and is no known cause")
-        where = where or place_of(m, k.group.name)
-    is_foreign = controller is not None and controller.is_foreign
+    notes = tuple(noted(m, el))
+    words = []
+    if not m.is_flown and any(k.group.name in INPUT for k in listed) and not acts(m, el):
+        listed = [k for k in listed if k.group.name not in INPUT]
+        notes += ("the input of another time explains as much: nothing is said of it",)
+        words.append("the input of another time explains as much as the log's own")
     names = [named_of(m, el, k) for k in listed]
     if m.weather:
         k = {"turbulence": 6, "wind_walk": 5}[m.weather]
-        names.append(Named(m.weather, "environment", {"level": (math.exp(m.levels[k]), None)}, (
-            "wind_walk" if m.weather == "turbulence" else "turbulence",), None, 1.0))
+        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[k]), None)}
+        if m.weather == "turbulence":
+            given["time_constant"] = (m.tau_g, None)
+        names.append(Named(m.weather, "environment", given,
+                           ("wind_walk" if m.weather == "turbulence" else "turbulence",), math.nan, math.nan))
     if controller is not None and controller.is_named:
         names.insert(0, Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
-            "delay": (controller.delay, controller.std[2])}, (), None, 1.0))
+            "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
+    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause" for k in unlisted]
+    where = place_of(m, unlisted[0].group.name) if unlisted else None
+    is_foreign = controller is not None and controller.is_foreign
     if is_foreign:
-        doubts.append(f"the command is not the nominal controller's: {controller.words}")
+        doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
         where = "controller"
-    trace = dict(kept=[(k.group.name, k.gain, k.error, k.share, k.alike) for k in el.kept],
-                 found=[(f.kind.name, f.values, f.saves) for f in found], adequate=mine.words, square=mine.square,
-                 levels=np.exp(m.levels - m.levels0).round(2).tolist(), removable=el.removable, unit=el.unit)
-    total = sum(k.gain for k in listed)
-    off = sum(k.gain for k in unlisted)
-    against = list(mine.words)
-    if not names and not doubts and not against:
-        return Result(reading, m, el, "consistent", None, trace=trace)
-    if is_foreign or not names or off > 0.25 * total and unlisted:
-        where = where or mine.where or (names[0].where if names else None) or "plant"
-        return Result(reading, m, el, "unexplained", where, (), tuple(names), (*doubts, *against), trace=trace)
-    if doubts or against:
-        return Result(reading, m, el, "dominant", names[0].where, tuple(names), remaining=(*doubts, *against),
-                      trace=trace)
-    return Result(reading, m, el, "explained", names[0].where, tuple(names), trace=trace)
+    against = [*doubts, *words, *mine.words]
+    if not m.is_flown:
+        against += strangers(m, el, gain)
+    trace = dict(kept=[(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
+                 found=[(f.kind.name, f.values, round(f.saves, 1)) for f in found], adequate=mine.words, square=mine.square,
+                 levels=np.exp(m.levels - m.levels0).round(2).tolist(), removable=el.removable, unit=el.unit,
+                 gain={h: {n: tuple(float(f"{x:.3g}") for x in v) for n, v in q.items()} for h, q in gain.squares.items()},
+                 floor=gain.noise, left=gain.share)
+
+    def result(verdict: str, where: str | None, **more: Any) -> Result:
+        return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
+
+    if not names and not against:
+        return result("consistent", None)
+    saved = sum(k.gain for k in listed)
+    odd = sum(k.gain for k in unlisted)
+    poor = gain.share > LEFT if against and listed else False
+    if is_foreign or not names or odd > ODD * saved and unlisted or poor:
+        place = where or mine.where or (names[0].where if names else None) or "plant"
+        return result("unexplained", place, nearest=tuple(names), doubts=tuple(against))
+    if against:
+        return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
+                      remaining_where=where or mine.where)
+    return result("explained", names[0].where, named=tuple(names))
 
 
-WHERE = {}
+def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
+    """What speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then no claim
+    of noise alone."""
+    out = []
+    base, error = compare(m, el.e_final, el.e_full, el.unit)
+    if base > WORSE * error and base > LEAST:
+        out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
+    last = gain.squares[gain.longest]
+    floor = [gain.noise[name] / after for name, (_, after, _) in last.items() if after > 0.0 and name != "beta"]
+    if floor and float(np.mean(floor)) < AHEAD:
+        out.append(f"the full model's error ahead is {float(np.mean(floor)):.2f} of what these numbers leave")
+    for ch, name in enumerate(("theta", "theta_dot")):
+        if m.has[name] and m.levels[ch] - m.levels0[ch] > math.log(LEVEL):
+            out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.levels0[ch]):.1f} times the declared")
+    return out
+
+
+def noted(m: Model, el: Elimination) -> list[str]:
+    """What the numbers that are notes about the columns say."""
+    out = []
+    for j in el.notes:
+        value, std = float(el.final.p[j]), el.std_full.get(j, 0.0)
+        if abs(value - m.null[j]) > max(3.0 * std, m.tol[j]):
+            out.append(f"columns: {m.numbers[j].name} {value:.4g} +- {std:.2g} (theta_dot against theta; no cause)")
+    return out
+
+
+def acts(m: Model, el: Elimination) -> bool:
+    """Whether the log's own input explains clearly more than the input of another time (a placebo)."""
+    inputs = [m.index(name) for name in ("k1", "term beta^2", "inertia") if name in m._at]
+    rest = tuple(j for j in range(len(m.numbers)) if j not in inputs and m.numbers[j].name not in
+                 ("delay", "lag", "washout", "k1_slope", "bandwidth", "gain", "null_angle"))
+    q = el.full.p.copy()
+    q[inputs] = 0.0
+    none = gauss_newton(m, q, rest, frozenset(), 2)
+    without = float(none.e @ none.e)
+    own = without - float((m.white(el.full.p)**2).sum())
+    track, integral, wins = m.track, m.integral, [5.0]
+    for part in TURNED:
+        turned = np.roll(track.commands, int(part * len(track.commands)))
+        m.track = replace(track, commands=turned)
+        m.integral = np.append(0.0, np.cumsum(turned * np.diff(track.ticks)))
+        m.inputs.clear()
+        fit = gauss_newton(m, none.p, tuple(sorted({*rest, *inputs})), frozenset(), 2)
+        wins.append(without - float(fit.e @ fit.e))
+    m.track, m.integral = track, integral
+    m.inputs.clear()
+    m.white(el.final.p)
+    return own > PLACEBO * max(wins)
 
 
 def cause_of(m: Model, name: str) -> str:
@@ -301,7 +372,6 @@ ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wi
 
 def named_of(m: Model, el: Elimination, k: Kept) -> Named:
     """A kept group in the contract's words."""
-    from sim.effects import CATALOGUE
     cause, values = cause_of(m, k.group.name), {}
     for j in k.group.numbers:
         number = m.numbers[j]
@@ -327,24 +397,4 @@ def named_of(m: Model, el: Elimination, k: Kept) -> Named:
     alike = {cause_of(m, other) or other.partition("#")[0] for other in k.alike} | set(ALIKE.get(k.group.name, ()))
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
-    return Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), k, k.share)
-
-
-def report(result: Result) -> dict[str, Any]:
-    """The contract's diagnose JSON."""
-    from sim.effects import CATALOGUE
-    from .adapter import Reading  # noqa: F401
-
-    def number(x: Any) -> Any:
-        return x if isinstance(x, str) or x is None else float(x) if math.isfinite(x) else None
-
-    causes = [{"cause": n.cause, "where": n.where, "removed": number(n.share),
-               "parameters": {key: {"value": number(v), "std": number(s), "unit": ""} for key, (v, s) in n.parameters.items()},
-               "indistinguishable_from": list(n.alike),
-               "evidence": {"nats": 0.5 * n.kept.gain if n.kept else None, "held_out": number(n.share)}}
-              for n in result.named]
-    return {"verdict": result.verdict, "where": result.where, "causes": causes, "noise": {}, "limits": {}, "gain": None,
-            "nearest": [{"resembles": n.cause, "nats": 0.5 * n.kept.gain if n.kept else None} for n in result.nearest],
-            "doubts": list(result.doubts), "remaining": list(result.remaining), "trace": result.trace,
-            "either": [[n.cause, *n.alike] for n in result.named if n.alike],
-            "remainder": None}
+    return Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
