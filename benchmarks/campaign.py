@@ -16,8 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bar import bar
-
+from launchid.cli.terminal import ProgressBar
 from launchid.monte_carlo.campaign import draw_jobs, run_campaign
 from launchid.robustness.montecarlo import identify
 
@@ -28,10 +27,9 @@ WARM_SEED = 1_000_000  # of a flight that only compiles
 def timed(flights: int, workers: int, path: Path) -> float:
     """Seconds of a campaign, the start of its processes included."""
     jobs = draw_jobs("constant", "box", range(flights))
-    with bar(flights) as update:
-        start = time.perf_counter()
-        table = run_campaign(jobs, identify, path, workers=workers, progress=update)
-        seconds = time.perf_counter() - start
+    start = time.perf_counter()
+    table = run_campaign(jobs, identify, path, workers=workers, progress=ProgressBar(flights, "flights"))
+    seconds = time.perf_counter() - start
     if table.failed:
         raise RuntimeError(f"{table.failed} of {flights} flights failed, see {path}")
     return seconds

@@ -37,7 +37,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bar import bar
 from diagnosis_cases import (
     AIRS,
     CAUSES,
@@ -54,6 +53,7 @@ from diagnosis_cases import (
 )
 from diagnosis_tables import SHOWN, drawn, printed
 
+from launchid.cli.terminal import ProgressBar
 from launchid.monte_carlo.campaign import run_campaign
 from launchid.monte_carlo.journal import Row, read_lines
 
@@ -82,8 +82,8 @@ def campaign(name: str, cases: list[Case], work: Callable[[Case], Row], args: ar
         rows = [flight(cells) for cells in finished(journal, cases)]
     else:
         if not path.exists() or journal.exists():
-            with bar(len(cases)) as update:
-                run_campaign(cases, work, path, workers=args.jobs, chunk=1, progress=update, definition=source)
+            run_campaign(cases, work, path, workers=args.jobs, chunk=1, progress=ProgressBar(len(cases), "cases"),
+                         definition=source)
         with path.open(encoding="utf-8", newline="") as file:
             rows = [flight(cells) for cells in csv.DictReader(file)]
     failed = [row for row in rows if row["error"]]

@@ -119,15 +119,10 @@ def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
 
 
 @from_python
-def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, float32: bool = False,
-             **choices: Any) -> Exported:
-    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s.
-
-    float32: in single precision, not the same bits; refused where that fails.
-    """
+def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, **choices: Any) -> Exported:
+    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
     from launchid.results import of_nominals
-    return of_nominals.export_c(load_nominal(nominal), window=window, period=period, float32=float32,
-                               **choices)
+    return of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices)
 
 
 @from_python

@@ -69,7 +69,7 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
         return read_file(os.fspath(source), required)
-    if isinstance(source, WithLog) and not isinstance(source, type):
+    if isinstance(source, WithLog) and isinstance(source.log, Log):
         return source.log
     return log_of(source, required=required)
 
@@ -86,7 +86,10 @@ def load_nominal(source: NominalSource) -> Nominal:
     if not isinstance(source, (str, os.PathLike)):
         raise InputError("nominal: expected a path, a name such as 'constant', or what load_nominal returns; found "
                          f"{type(source).__name__}")
-    return nominals.load_nominal(as_path(source))
+    nominal = nominals.load_nominal(as_path(source))
+    if warning := nominals.wrong_feedback(nominal):
+        warnings.warn(warning, DataWarning, stacklevel=3)
+    return nominal
 
 
 def warned(answer: Made) -> Made:

@@ -1,13 +1,14 @@
 """The two ways a user's input can be wrong, and how a command says that it was stopped."""
 
 import contextlib
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 
 INTERRUPTED = "launchid: interrupted; files already written are whole"
 INTERRUPTED_STATUS = 130  # as a shell says of what an interrupt ended
 
 EXTRAS = {  # module -> the extra that brings it
-    "matplotlib": "plots", "tqdm": "plots", "distributed": "cluster", "pandas": "frames",
+    "matplotlib": "plots", "distributed": "cluster", "pandas": "frames",
     "pyulog": "logs", "mcap": "logs", "h5py": "logs", "pyarrow": "logs", "scipy": "logs",
     "zstandard": "logs",
     "pymavlink": "ardupilot"}
@@ -16,6 +17,19 @@ EXTRAS = {  # module -> the extra that brings it
 def one_line(text: str) -> str:
     """A message in one line, whatever keys and paths hold."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def did_you_mean(word: str, words: Iterable[str], otherwise: str = "") -> str:
+    """Return the question after the nearest of the words, or `otherwise` where none is near.
+
+    Examples
+    --------
+    >>> did_you_mean("identfy", ["identify", "margins"])
+    'did you mean identify?'
+    """
+    near = difflib.get_close_matches(word.casefold(), list(words), 1, cutoff=0.6) or \
+        sorted((each for each in words if len(word) > 2 and each.startswith(word)), key=len)[:1]
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 class Told(Exception):

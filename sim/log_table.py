@@ -21,6 +21,10 @@ BLOCK = 4096       # rows that are text at a time
 SHOWN = 40         # characters of a cell in a message
 DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
 
+OTHER_NAMES = {  # of what other people call a log's columns
+    "t": ("time", "timestamp", "seconds"), "theta": ("pitch", "attitude", "angle", "yaw", "roll"),
+    "beta": ("nozzle", "gimbal", "tvc", "deflection", "servo", "elevator", "input", "u")}
+
 # float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf(inity)?\Z", re.ASCII | re.IGNORECASE)
 _NOT_MEASURED = re.compile(r"([+-]?nan)?\Z", re.ASCII | re.IGNORECASE)  # C prints -nan
@@ -73,10 +77,12 @@ def _without(name: str, names: list[str]) -> str:
     if len(names) == 1:
         for character, words in DELIMITERS.items():
             if character in names[0]:
-                return f"{words} where commas should be (found {shown(names[0])})"
+                return f"{words} where commas should be (found {shown(names[0])}); a map (--map) reads them"
     bare = {re.sub(r"[\[(].*", "", each).strip().casefold(): each for each in names if each not in REQUIRED + OPTIONAL}
     near = [f"; {shown(bare[each])} is near it: rename it, or name it in a map (--map)"
             for each in difflib.get_close_matches(name, bare, 1)]
+    near = near or [f"; {shown(bare[each])} may be it: name it in a map (--map)" for each in OTHER_NAMES.get(name, ())
+                    if each in bare][:1]
     if name == "t" and set(REQUIRED[1:]) <= set(names):
         near = near or ["; a map (--map) can give a period in its place"]
     return f"column '{name}' is missing (found {shown(','.join(names))}){''.join(near)}"

@@ -8,6 +8,8 @@ from sim.files import check_folder, check_output, write_text
 from .terminal import answer, say
 
 if TYPE_CHECKING:
+    from sim.nominal import Nominal
+
     from ..log.log import Log
     from ..results.answer import Answer
 
@@ -65,6 +67,15 @@ def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log"
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
     return log
+
+
+def read_nominal(path: str) -> "Nominal":
+    """Read a nominal, and say at once what can only be a mistake in it."""
+    from sim.nominal import load_nominal, wrong_feedback
+    nominal = load_nominal(path)
+    if warning := wrong_feedback(nominal):
+        say(warning)
+    return nominal
 
 
 def refuse_foreign(path: str) -> None:

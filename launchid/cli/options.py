@@ -1,10 +1,11 @@
 """Words that several commands share: their help, their options."""
 
 import argparse
+import re
 from typing import Any, NoReturn
 
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
-from sim.errors import UsageError
+from sim.errors import UsageError, did_you_mean
 
 WITHIN = ("bounded", "declared", "free")   # how far a diagnosis lets noise levels be from the declared
 NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826"
@@ -16,7 +17,19 @@ class Parser(argparse.ArgumentParser):
     """argparse with one line per error."""
 
     def error(self, message: str) -> NoReturn:
+        if wrong := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message):
+            words = [word.strip("' ") for word in wrong[2].split(",")]
+            message = f"{message[:wrong.start()]}{wrong[1]!r}: " + did_you_mean(
+                wrong[1], words, f"expected one of {', '.join(words)}")
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what is left over here, where the options are known among which it may be meant."""
+        parsed, left = super().parse_known_args(args, namespace)
+        if left:
+            hint = did_you_mean(left[0].partition("=")[0], self._option_string_actions) if left[0][:1] == "-" else ""
+            self.error(f"unrecognized arguments: {' '.join(left)}" + (f"; {hint}" if hint else ""))
+        return parsed, left
 
 
 def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
@@ -24,6 +37,23 @@ def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
     return sub
+
+
+def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False) -> None:
+    """Add the nominal after the log, or as --nominal; `nominal_of` reads either."""
+    sub.add_argument("nominal", metavar="NOMINAL.toml", nargs="?", help=help)
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option", help="the same as an option")
+    sub.set_defaults(nominal_required=required)
+
+
+def nominal_of(args: argparse.Namespace) -> str | None:
+    """Return the nominal's path or name; UsageError where it is given twice, or is needed and not given."""
+    if args.nominal and args.nominal_option:
+        raise UsageError(f"{args.nominal} and --nominal {args.nominal_option}: expected one nominal")
+    given: str | None = args.nominal or args.nominal_option
+    if given is None and args.nominal_required:
+        raise UsageError(f"{args.command}: no nominal; expected {args.command} LOG NOMINAL.toml")
+    return given
 
 
 def add_map(sub: argparse.ArgumentParser) -> None:

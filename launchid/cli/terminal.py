@@ -49,11 +49,12 @@ class Progress:
         self.done += 1
 
 
-class Counter:
-    """A counter of what is done, on a terminal only: one line that is written over."""
+class ProgressBar:
+    """A counter of what is done: on a terminal one line that is written over, elsewhere a line every ten seconds."""
 
     WIDTH = 20      # of the bar
     OFTEN = 0.2     # s, between two looks
+    LINE = 10.0     # s, between two lines of a file
 
     def __init__(self, total: int, unit: str) -> None:
         self.total, self.unit = total, unit
@@ -74,6 +75,9 @@ class Counter:
             bar = "#" * full + "." * (self.WIDTH - full)
             sys.stderr.write(f"\r\x1b[K[{bar}] {self.done} of {self.total} {self.unit}, {rate:.0f}/s")
             sys.stderr.flush()
+        elif not sys.stderr.isatty() and now - self._shown >= self.LINE and self.done < self.total:
+            self._shown = now
+            say(f"{self.done} of {self.total} {self.unit}")
 
     def clear(self) -> None:
         """Nothing is counted any more."""

@@ -5,9 +5,9 @@ from typing import Any
 
 from sim.errors import UsageError
 
-from ..cli.common import check_folders
+from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command
-from ..cli.terminal import Counter, answer, say
+from ..cli.terminal import ProgressBar, answer, say
 
 
 def add(commands: Any) -> None:
@@ -42,17 +42,15 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid campaign`."""
-    from sim.nominal import load_nominal
-
     from ..monte_carlo.requirement.executor import check_executor
     check_executor(args.executor)
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_folders(args.out)
     from ..results.of_campaigns import PICTURE, campaign, foreseen
     is_flown = not args.merge and (args.flights or 0) > 0
     for line in foreseen(nominal, args.flights, args.requirement, args.stop) if is_flown else ():
         say(line)
-    progress = Counter(args.flights or 1, "flights")
+    progress = ProgressBar(args.flights or 1, "flights")
     try:
         result = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
                           stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,

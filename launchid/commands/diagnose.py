@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import at_least, check_folders, check_outputs, read_noting, tell
+from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
 from ..cli.terminal import Progress
 
@@ -35,9 +35,8 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose`."""
-    from sim.nominal import load_nominal
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", map_path=args.map), load_nominal(args.nominal)
+    log, nominal = read_noting(args.log, "t", map_path=args.map), read_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
     check_outputs(args.json)
     check_folders(args.report)

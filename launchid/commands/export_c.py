@@ -1,9 +1,10 @@
 """The command `launchid export-c`: its options, and its run."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
-from ..cli.common import check_folders
+from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices
 from ..cli.terminal import say
 
@@ -19,19 +20,17 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
-    sub.add_argument("--float32", action="store_true",
-                     help="use single precision: not the same bits; refused where its error matters")
     add_choices(sub)
     sub.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid export-c`."""
-    from sim.nominal import load_nominal
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_folders(args.out)
     from ..results.of_nominals import export_c
     result = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
-                      float32=args.float32, **choices(args))
+                      **choices(args))
+    replaced = " (what was there of these files is replaced)" if (Path(args.out) / "launchid.c").exists() else ""
     result.write(args.out)
-    say(result.summary(args.out))
+    say(result.summary(args.out) + replaced)

@@ -5,7 +5,7 @@ from typing import Any
 
 from sim.errors import UsageError
 
-from ..cli.common import check_outputs, read_noting, warn
+from ..cli.common import check_outputs, read_nominal, read_noting, warn
 from ..cli.options import add_command, add_map, add_strict
 from ..cli.terminal import answer
 
@@ -31,14 +31,13 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid fit-lft`."""
-    from sim.nominal import load_nominal
     *paths, nominal_path = args.logs
     if not paths:
         raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
     for name, value in (("--share", args.share), ("--confidence", args.confidence)):
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
-    nominal = load_nominal(nominal_path)
+    nominal = read_nominal(nominal_path)
     logs = [read_noting(path, map_path=args.map) for path in paths]
     check_outputs(args.out)
     from ..results.of_logs import fit_lft

@@ -3,8 +3,19 @@
 import argparse
 from typing import Any
 
-from ..cli.common import check_outputs, check_plot, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_choices, add_command, add_map, add_outputs, add_strict, choices
+from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
+from ..cli.options import (
+    LOG_HELP,
+    NOMINAL_HELP,
+    add_choices,
+    add_command,
+    add_map,
+    add_nominal,
+    add_outputs,
+    add_strict,
+    choices,
+    nominal_of,
+)
 
 
 def add(commands: Any) -> None:
@@ -12,8 +23,7 @@ def add(commands: Any) -> None:
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    sub.add_argument("--nominal", metavar="NOMINAL.toml",
-                     help=f"identify with {NOMINAL_HELP} (default: none, the log alone)")
+    add_nominal(sub, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
     sub.add_argument("--window", default="1", metavar="S|all",
                      help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
     add_choices(sub)
@@ -31,9 +41,9 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid identify`."""
-    from sim.nominal import load_nominal
     log = read_noting(args.log, map_path=args.map)
-    nominal = load_nominal(args.nominal) if args.nominal else None
+    source = nominal_of(args)
+    nominal = read_nominal(source) if source else None
     check_outputs(args.json, args.plot, args.resid)
     check_plot(args.plot)
     check_plot(args.resid)

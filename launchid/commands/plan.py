@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import check_outputs
+from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command
 from ..cli.terminal import answer
 
@@ -23,8 +23,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid plan`."""
-    from sim.nominal import load_nominal
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_outputs(args.out)
     from ..results.of_nominals import plan
     result = plan(nominal, accuracy=args.accuracy, window=args.window)

@@ -5,7 +5,7 @@ from typing import Any
 
 from ..cli.common import at_least, check_folders
 from ..cli.options import add_command
-from ..cli.terminal import answer
+from ..cli.terminal import answer, say
 
 
 def add(commands: Any) -> None:
@@ -27,4 +27,4 @@ def run(args: argparse.Namespace) -> None:
     at_least("--seeds", args.seeds, 1)
     check_folders(args.out)
     from ..experiments.report import reproduce
-    answer(reproduce(args.case, args.seeds, args.out))
+    answer(reproduce(args.case, args.seeds, args.out, say))

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import at_least, check_outputs, warn
+from ..cli.common import at_least, check_outputs, read_nominal, warn
 from ..cli.options import NOMINAL_HELP, add_command
 from ..cli.terminal import say
 
@@ -30,9 +30,8 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid simulate`."""
-    from sim.nominal import load_nominal
     at_least("--seed", args.seed, 0)
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_outputs(args.out)
     from ..results.of_nominals import simulate
     result = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import check_outputs, check_plot, read_noting, tell
+from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
 
 
@@ -24,9 +24,8 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid uncertainty`."""
-    from sim.nominal import load_nominal
     log = read_noting(args.log, map_path=args.map)
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
     from ..results.of_logs import uncertainty

@@ -5,8 +5,8 @@ from typing import Any
 
 from launchid_core import NOISE_LEVELS
 
-from ..cli.common import check_outputs, refuse_foreign, tell, warn
-from ..cli.options import NOMINAL_HELP, add_command, add_map, add_strict
+from ..cli.common import check_outputs, read_nominal, refuse_foreign, tell, warn
+from ..cli.options import NOMINAL_HELP, add_command, add_map, add_nominal, add_strict, nominal_of
 from ..cli.terminal import say
 
 
@@ -17,7 +17,7 @@ def add(commands: Any) -> None:
     sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",
                      help="follow a CSV log that grows, a pipe, - for standard input, or rows sent to a port of "
                           "127.0.0.1 (0: any free one)")
-    sub.add_argument("--nominal", metavar="NOMINAL.toml", required=True, help=f"identify with {NOMINAL_HELP}")
+    add_nominal(sub, f"identify with {NOMINAL_HELP}", required=True)
     sub.add_argument("--window", type=float, default=1.0, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S",
@@ -41,7 +41,6 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid watch`."""
     from sim.errors import UsageError
-    from sim.nominal import load_nominal
 
     from ..convert.mapping import load_map
     from ..convert.readers import foreign_format
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     from ..watch.sources import Source, Whole, open_source
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
-    nominal = load_nominal(args.nominal)
+    nominal = read_nominal(nominal_of(args) or "")
     mapping = load_map(args.map) if args.map else None
     source: Source
     if mapping is not None and (foreign := foreign_format(args.source)):

@@ -1,6 +1,7 @@
 """MAP.toml: which channel of a flight's file is which column of the log, in which unit, at which time."""
 
 import math
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from .text import HEAD_LINES
 
 TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+SHORT = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}
+LONG_NAMES = re.compile("|".join(SHORT))
 PER_SECOND = {"theta_dot": "/s", "rate_ref": "/s", "theta_ddot": "/s^2"}  # others are angles
 HELD = ("beta_cmd", "theta_ref", "rate_ref")   # what a computer says holds until it says something else
 TAKES = ("nearest", "held", "linear")
@@ -194,6 +197,8 @@ class _Reader:
         self.fits_the_source(name, place, table, given[0])
         channels, weights, axis, reference = getattr(self, f"of_{given[0]}")(place, table)
         suffix = PER_SECOND.get(name, "")
+        if isinstance(table.get("unit"), str):
+            table = table | {"unit": LONG_NAMES.sub(lambda found: SHORT[found[0]], table["unit"])}
         unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLES), f"rad{suffix}")
         within = None if "within" not in table else self.number(f"{place}.within", table["within"], 0.0)
         return Source(

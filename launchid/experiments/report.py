@@ -1,7 +1,8 @@
 """`launchid reproduce`: campaign, verdict table, figures, everything into one folder."""
 
+import functools
 import json
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,27 +13,14 @@ from sim.files import make_folder, write_text
 from sim.nominal import built_in, load_nominal
 
 from ..bound.flights import flight_bound
+from ..cli.terminal import ProgressBar
 from ..identification.windows import number
 from ..monte_carlo.campaign import run_jobs
 from . import confidence
-from .cases import CASES, CONFIDENCE, Case, Variant
+from .cases import CASES, CONFIDENCE, Case
 from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, case_jobs, fly_job
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
-
-
-def progress_bar(total: int) -> Any:
-    """tqdm on a terminal, if installed; otherwise something silent with the same `update`."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        tqdm = None
-    if tqdm is None or not sys.stderr.isatty():
-        class Silent:
-            def update(self, n: int) -> None: ...
-            def close(self) -> None: ...
-        return Silent()
-    return tqdm(total=total, unit="flight", file=sys.stderr)
 
 
 def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
@@ -71,13 +59,11 @@ def percent(x: float | None) -> str:
     return "-" if x is None else f"{100 * x:.2g} %"
 
 
-def noise_floor(case: Case, variant: Variant) -> float | None:
-    """Median Cramer-Rao bound of a6 for a variant on flight sensors, relative."""
-    if variant.suite != "flight":
-        return None
-    nominal = load_nominal(built_in(case.nominal))
-    return float(np.median(np.concatenate([flight_bound(nominal, variant.window, seed).a6
-                                           for seed in range(BOUND_SEEDS)])))
+@functools.cache
+def noise_floor(nominal: str, window: float) -> float:
+    """Median Cramer-Rao bound of a6 in windows [s] of a built-in nominal's flights, relative."""
+    loaded = load_nominal(built_in(nominal))
+    return float(np.median(np.concatenate([flight_bound(loaded, window, seed).a6 for seed in range(BOUND_SEEDS)])))
 
 
 def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
@@ -115,31 +101,63 @@ def xi_lines(results: list[Result]) -> list[str]:
     return lines
 
 
-def reproduce(case: str, seeds: int, out: str) -> str:
-    """Run one case or all, write figures, `table.md` and `results.json` into `out`; returns the text to print."""
+def flown(jobs: list[Any], work: Callable[[Any], Any], what: str) -> list[Any]:
+    """Return the outcome of every job; the first is done here, which compiles what the workers then share."""
+    progress = ProgressBar(len(jobs), f"flights of {what}")
+    first = work(jobs[0])
+    progress(1)
+    rest = run_jobs(jobs[1:], work, progress=progress)
+    progress.clear()
+    return [first, *rest]
+
+
+def rows_of(case: Case, results: list[Result]) -> list[dict[str, Any]]:
+    """Return the scores of a case, one a variant."""
+    rows = [score(case, k, results) for k in range(len(case.variants))]
+    for k, (variant, row) in enumerate(zip(case.variants, rows, strict=True)):
+        is_noisy = variant.suite == "flight"
+        row.update(variant=variant.name, bound_a6=noise_floor(case.nominal, variant.window) if is_noisy else None,
+                   verdict=verdict(case, k, row))
+    return rows
+
+
+def reproduce(case: str, seeds: int, out: str, say: Callable[[str], None] = lambda line: None) -> str:
+    """Run one experiment or all, one after the other, the paper's own first; return the text to print.
+
+    Figures, `table.md` and `results.json` are in the folder `out` as soon as an experiment is done, and `say` prints a
+    line: an interruption loses the experiment in work alone.
+    """
     names = list(CASES) if case == "all" else [case] if case in CASES else []
     folder = make_folder(out)
-    jobs = case_jobs(names, seeds)
-    vehicles = confidence.VEHICLES if case in ("all", CONFIDENCE) else ()
-    bar = progress_bar(len(jobs))
-    for job in jobs[:1]:  # compiles here what every worker that is about to be forked needs
-        fly_job(job)
-    flown = run_jobs(jobs, fly_job, progress=bar.update)
-    bar.close()
-    results: dict[str, list[Result]] = {name: [] for name in names}
-    for job, result in zip(jobs, flown, strict=True):
-        results[job.name].append(result)
-    bands = {name: run_jobs(confidence.band_jobs(name, seeds), confidence.fly_band) for name in vehicles}
-    scores = {}
+    head = [f"launchid reproduce --case {case} --seeds {seeds}", ""]
+    scores: dict[str, list[dict[str, Any]]] = {}
+    bands: dict[str, list[confidence.Band]] = {}
+    figures: list[str] = []
+    text = head
     for name in names:
-        scores[name] = [score(CASES[name], k, results[name]) for k in range(len(CASES[name].variants))]
-        for k, (variant, row) in enumerate(zip(CASES[name].variants, scores[name], strict=True)):
-            row.update(variant=variant.name, bound_a6=noise_floor(CASES[name], variant),
-                       verdict=verdict(CASES[name], k, row))
-    text = [f"launchid reproduce --case {case} --seeds {seeds}", ""]
-    if "constant" in names:
-        text += [*xi_lines(results["constant"]), ""]
-    if names:
+        results = flown(case_jobs([name], seeds), fly_job, name)
+        if name == "constant":
+            head += [*xi_lines(results), ""]
+        scores[name] = rows_of(CASES[name], results)
+        text = write_tables(folder, head, scores, bands)
+        figures += (drawn := draw(_paper_figures, folder, name, results))
+        first = scores[name][0]
+        say(f"{name}: {first['verdict'] or 'done'}, {first['inside']} of {first['counted']} windows within the claim's "
+            f"tolerance; {', '.join(drawn)}")
+    for name in confidence.VEHICLES if case in ("all", CONFIDENCE) else ():
+        bands[name] = flown(confidence.band_jobs(name, seeds), confidence.fly_band, f"{CONFIDENCE}, {name}")
+        text = write_tables(folder, head, scores, bands)
+        figures += (drawn := draw(_confidence_figures, folder, {name: bands[name]}))
+        say(f"{CONFIDENCE}, {name}: done; {', '.join(drawn)}")
+    figures = list(dict.fromkeys(figures))
+    return "\n".join([*text, "", f"written to {folder}: table.md, results.json, {', '.join(figures)}"])
+
+
+def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str, Any]]],
+                 bands: dict[str, list[confidence.Band]]) -> list[str]:
+    """Write `table.md` and `results.json` of the experiments that are done; return the lines of the table."""
+    text = list(head)
+    if scores:
         text += table_lines(scores)
         text += ["", "inside: windows within the claim's tolerance (nodes of a piecewise linear profile apart); errors "
                  "are relative to the", "truth at the window's centre; bound a6: median Cramer-Rao bound of those "
@@ -148,8 +166,7 @@ def reproduce(case: str, seeds: int, out: str) -> str:
         text += ["", *confidence_lines(bands)]
     write_text(folder / "table.md", [line + "\n" for line in text])
     write_text(folder / "results.json", [json.dumps(scores, indent=1), "\n"])
-    figures = draw(folder, results, bands)
-    return "\n".join([*text, "", f"written to {folder}: table.md, results.json, {', '.join(figures)}"])
+    return text
 
 
 def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
@@ -163,11 +180,19 @@ def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
     return lines
 
 
-def draw(folder: Path, results: dict[str, list[Result]], bands: dict[str, list[confidence.Band]]) -> list[str]:
-    """All figures of the cases that ran; without matplotlib a line says how to get it."""
+def draw(figures: Callable[..., list[str]], *what: Any) -> list[str]:
+    """Return the names of the figures drawn; without matplotlib a line that says how to get it."""
     try:
-        from ..figures import plots
-        from ..robustness import figures
+        return figures(*what)
     except ImportError:
         return ["no figures (pip install 'launchid[plots]' draws them)"]
-    return plots.paper_figures(folder, results) + figures.confidence_figures(folder, bands)
+
+
+def _paper_figures(folder: Path, name: str, results: list[Result]) -> list[str]:
+    from ..figures import plots
+    return plots.paper_figures(folder, name, results)
+
+
+def _confidence_figures(folder: Path, bands: dict[str, list[confidence.Band]]) -> list[str]:
+    from ..robustness import figures
+    return figures.confidence_figures(folder, bands)

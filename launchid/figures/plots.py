@@ -118,14 +118,13 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
         grey, line = GREYS[delta]
         axes[0].plot(fine, a6, color=grey, linestyle=line, linewidth=1.2, label=f"truth, delta = {delta:+d}")
         axes[1].plot(fine, k1, color=grey, linestyle=line, linewidth=1.2)
-    for result in results:
-        table = result.tables[0]
-        t = 0.5 * (table[:, START] + table[:, END])
-        for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
-            axis.plot(t, table[:, value], ".", color="0.75", markersize=5.0, zorder=1)
-            floor = case.absolute / case.relative if case.absolute else 0.0
-            relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
-            error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)
+    table = np.concatenate([result.tables[0] for result in results])
+    t = 0.5 * (table[:, START] + table[:, END])
+    floor = case.absolute / case.relative if case.absolute else 0.0
+    for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
+        axis.plot(t, table[:, value], ".", color="0.75", markersize=5.0, zorder=1)
+        relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
+        error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)
     for axis, label in ((axes[2], "a6"), (axes[3], "k1")):
         axis.axhline(case.relative, color="0.0", linestyle="--", linewidth=1.0)
         axis.text(end, case.relative * 1.3, f"{100 * case.relative:g} %", ha="right", fontsize=8)
@@ -204,32 +203,30 @@ def tuning_figure(results: list[Result]) -> Figure:
     return figure
 
 
-def paper_figures(folder: Path, results: dict[str, list[Result]]) -> list[str]:
-    """One figure per paper figure for the cases that ran; returns the file names."""
-    makers: dict[str, tuple[str, Callable[[], Figure]]] = {
-        "figure1_loop.png": ("constant", loop_figure),
-        "figure2_steps.png": ("constant", lambda: steps_figure(results["constant"])),
-        "figure3_windowed.png": ("windowed", lambda: windows_figure(
-            "windowed", results["windowed"], "Fig. 3  Constant dynamics, 1 s windows, ten terms, compression 3")),
-        "figure4_dispersed.png": ("dispersed", lambda: windows_figure(
-            "dispersed", results["dispersed"], "Fig. 4  Constant dynamics, dispersed (sigma = 0.25), 1 s windows")),
-        "figure5_profile.png": ("vega", lambda: profile_figure("Fig. 5  VEGA-like profile (derived)", False)),
-        "figure6_vega.png": ("vega", lambda: windows_figure(
-            "vega", results["vega"], "Fig. 6  VEGA-like (derived), 0.3 s windows, theta, beta, tau*theta, tau*beta")),
-        "figure7_range.png": ("vega-dispersed", lambda: profile_figure(
-            "Fig. 7  VEGA-like profile (derived) with its uncertainty", True)),
-        "figure8_vega_dispersed.png": ("vega-dispersed", lambda: windows_figure(
-            "vega-dispersed", results["vega-dispersed"], "Fig. 8  VEGA-like (derived), dispersed, sigma = 0.25")),
-        "figure8b_vega_dispersed_profile.png": ("vega-dispersed-profile", lambda: windows_figure(
-            "vega-dispersed-profile", results["vega-dispersed-profile"],
-            "Fig. 8b  VEGA-like (derived), dispersed, sigma over flight time (proposed)")),
-        "greensite.png": ("greensite", lambda: windows_figure(
-            "greensite", results["greensite"], "NASA CR-826 launcher, 0.3 s windows (kink at 72 s)")),
-        "tuning.png": ("tuning", lambda: tuning_figure(results["tuning"])),
-    }
-    written = []
-    for name, (case, make) in makers.items():
-        if case in results:
-            save(make(), folder / name)
-            written.append(name)
-    return written
+FIGURES: dict[str, dict[str, Callable[[list[Result]], Figure]]] = {  # case -> file -> figure
+    "constant": {"figure1_loop.png": lambda results: loop_figure(), "figure2_steps.png": steps_figure},
+    "windowed": {"figure3_windowed.png": lambda results: windows_figure(
+        "windowed", results, "Fig. 3  Constant dynamics, 1 s windows, ten terms, compression 3")},
+    "dispersed": {"figure4_dispersed.png": lambda results: windows_figure(
+        "dispersed", results, "Fig. 4  Constant dynamics, dispersed (sigma = 0.25), 1 s windows")},
+    "vega": {"figure5_profile.png": lambda results: profile_figure("Fig. 5  VEGA-like profile (derived)", False),
+             "figure6_vega.png": lambda results: windows_figure(
+                 "vega", results, "Fig. 6  VEGA-like (derived), 0.3 s windows, theta, beta, tau*theta, tau*beta")},
+    "vega-dispersed": {
+        "figure7_range.png": lambda results: profile_figure("Fig. 7  VEGA-like profile (derived) with its uncertainty",
+                                                            True),
+        "figure8_vega_dispersed.png": lambda results: windows_figure(
+            "vega-dispersed", results, "Fig. 8  VEGA-like (derived), dispersed, sigma = 0.25")},
+    "vega-dispersed-profile": {"figure8b_vega_dispersed_profile.png": lambda results: windows_figure(
+        "vega-dispersed-profile", results,
+        "Fig. 8b  VEGA-like (derived), dispersed, sigma over flight time (proposed)")},
+    "greensite": {"greensite.png": lambda results: windows_figure(
+        "greensite", results, "NASA CR-826 launcher, 0.3 s windows (kink at 72 s)")},
+    "tuning": {"tuning.png": tuning_figure}}
+
+
+def paper_figures(folder: Path, case: str, results: list[Result]) -> list[str]:
+    """Draw the figures of a case that ran; return the file names."""
+    for name, make in FIGURES[case].items():
+        save(make(results), folder / name)
+    return list(FIGURES[case])

@@ -48,7 +48,7 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     if formulation == "filtered" and nominal is None:
         raise UsageError("formulation filtered needs a nominal (profile, actuator, noises)")
     if tracked and formulation != "filtered":
-        raise UsageError("tracked needs the formulation filtered and a nominal")
+        raise UsageError("--tracked needs --nominal, with which --formulation is filtered")
     return formulation
 
 

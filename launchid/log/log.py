@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
+import sim
 from launchid_core import Sample
 from sim.csv_text import AS_TEXT, rows
-from sim.errors import InputError
+from sim.errors import InputError, did_you_mean
 from sim.files import is_read, reads, write_text
 from sim.log_table import OPTIONAL, REQUIRED, Columns, places, shown
 from sim.result import Result
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from sim.result import Columns as Table
     from sim.result import Figure
 
-MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
+MEASURED = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
 SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
@@ -123,7 +124,10 @@ class Log(Result):
         """Median step between finite stamps that go forward [s]; InputError if there is none, or it is no time."""
         period = self.check_clock()
         if period is None:
-            raise InputError(f"{self.path}: column t: no two increasing time stamps, so there is no sample period")
+            steps = np.diff(self.t[np.isfinite(self.t)])
+            remedy = "t runs backward: sort the rows by t" if (steps < 0).any() and len(steps) else \
+                "no two increasing time stamps, so there is no sample period"
+            raise InputError(f"{self.path}: column t: {remedy}")
         return period
 
     @np.errstate(over="ignore")
@@ -170,13 +174,17 @@ def _opened(path: str) -> Iterator[TextIO]:
         with open(number, closefd=False, **AS_TEXT) as file:
             yield file
         return
+    from sim.nominal import BUILT_IN, STANDS
+    if path.endswith(".toml") or (path in BUILT_IN + STANDS and not os.path.exists(path)):
+        raise InputError(f"{path}: a nominal; the log comes first: COMMAND LOG NOMINAL")
     if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
         if is_read(path):
             raise InputError(f"{path}: named twice, and a pipe can be read once; expected another log")
     elif not os.path.isfile(path) and not located.is_file():
         what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
-        raise InputError(f"{path}: {what}; expected a CSV log with the columns t, theta, beta, or one of "
-                         + ", ".join(measured_logs()))
+        raise InputError(f"{path}: {what}; " + did_you_mean(
+            path, measured_logs(), f"expected a CSV log with the columns t, theta, beta, or one of "
+            f"{', '.join(measured_logs())}"))
     reads(located)
     with open(located, **AS_TEXT) as file:
         yield file

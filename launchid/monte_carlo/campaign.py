@@ -147,7 +147,7 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
                 shut down, and if it breaks, run again with another
     workers     how many the executor has; None: one a core
     chunk       jobs a future; None: at most CHUNK
-    progress    called with the number of jobs newly finished, at first those of the journal (`tqdm.update`)
+    progress    called with the number of jobs newly finished, at first those of the journal
     definition  what else decides the rows (a nominal's text, options): continuing needs the same
     enough      is given each finished job's number and outcome, in whatever order they end; once it answers with a
                 number n nothing more is sent and the table is of the first n jobs, of which it has been given all;

@@ -16,7 +16,6 @@ from ..log.check import profile_note
 from sim.effects import Effect, from_table, from_text, values
 from sim.errors import UsageError
 from ..c_export.kit import exported
-from ..c_export.single import single_files
 from ..c_export.vectors import flown
 from sim.files import make_folder, write_text
 from sim.flight import Flight, fly_whole
@@ -205,11 +204,8 @@ class Exported(Answer):
 
 
 def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = None, formulation: str | None = None,
-             float32: bool = False, **choices: Any) -> Exported:
-    """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s.
-
-    float32: in single precision, where that is accurate; InputError elsewhere.
-    """
+             **choices: Any) -> Exported:
+    """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s."""
     formulation = formulation or "filtered"
     model = None
     if formulation == "filtered":
@@ -222,5 +218,5 @@ def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = No
     except TypeError as error:  # of Python's: a word that is none of Config's
         raise UsageError(f"export-c: {str(error).removeprefix('Config.__init__() ')}") from None
     samples = flown(nominal, config)
-    files = single_files(config) if float32 else exported(config, samples)
+    files = exported(config, samples)
     return Exported(files, config, samples, {"files": list(files)})

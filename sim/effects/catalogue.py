@@ -13,7 +13,7 @@ import numpy as np
 
 from launchid_core import parse_term, term_name
 
-from ..errors import UsageError
+from ..errors import UsageError, did_you_mean
 from . import actuator, controller, environment, plant, sensor
 from .table import CENTRE, CODE, N_COLUMNS, P0, PLACES, TERM, Cause, Effect, Parameter, Table
 
@@ -28,7 +28,8 @@ RADIANS_PER_STEP = 0.5  # Runge-Kutta 4 loses 0.02 % of an oscillation's amplitu
 def find(name: str) -> Cause:
     """The cause of this name; UsageError naming the ones there are."""
     if name not in CATALOGUE:
-        raise UsageError(f"unknown effect {name!r}; expected one of {', '.join(CATALOGUE)}")
+        otherwise = f"expected one of {', '.join(CATALOGUE)}"
+        raise UsageError(f"unknown effect {name!r}; {did_you_mean(name, CATALOGUE, otherwise)}")
     return CATALOGUE[name]
 
 
@@ -104,6 +105,8 @@ def from_text(text: str) -> Effect:
 
 def _number(cause: Cause, parameter: Parameter, text: str) -> float:
     try:
+        if text.endswith("%") and not parameter.unit:
+            return float(text[:-1]) / 100.0
         return float(text)
     except ValueError:
         raise UsageError(f"effect {cause.name}: {parameter.name} = {text!r}: expected {parameter.expected}") from None

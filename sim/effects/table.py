@@ -20,6 +20,7 @@ PLACES = ("plant", "environment", "actuator", "sensor", "controller")
 (CODE, P0, P1, P2, TERM, _, _, _, _, _, MEMORY, MEMORY_DOT, START, START_DOT, TOTAL, TOTAL_DOT) = range(16)
 N_COLUMNS = 16
 
+LARGEST = 1.0e12   # of a parameter in its unit: beyond it sums of doubles lose what they are added to
 CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
 
 
@@ -63,7 +64,7 @@ class Parameter:
         """Finite (or the neutral value or default itself, as an infinite rate) and in range."""
         if not math.isfinite(value):
             return value in (self.neutral, self.default)
-        return self.low <= value <= self.high and not (self.above and value == self.low)
+        return self.low <= value <= self.high and not (self.above and value == self.low) and abs(value) < LARGEST
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ SI units throughout (s, rad).
 
 from pathlib import Path
 
+from ..errors import did_you_mean
 from ..sections import (
     Actuator,
     Controller,
@@ -31,7 +32,8 @@ from .writer import nominal_lines, write_nominal
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
            "Offsets", "Profile", "Required", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
-           "load_nominal", "locate", "nominal_lines", "read_profile", "rewrite_nominal", "write_nominal"]
+           "load_nominal", "locate", "nominal_lines", "read_profile", "rewrite_nominal", "write_nominal",
+           "wrong_feedback"]
 
 DATA = Path(__file__).parents[1] / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
@@ -50,7 +52,18 @@ def locate(text: str) -> Path:
     return built_in(text) if text in BUILT_IN + STANDS and not path.exists() else path
 
 
+def wrong_feedback(nominal: Nominal) -> str:
+    """Return a warning of a controller that pushes the vehicle away from its reference; '' if it does not."""
+    controller, k1 = nominal.controller, nominal.vehicle.k1
+    if controller is None or not (k1 * controller.kp > 0.0).all():
+        return ""
+    return (f"{nominal.path}: k1 and kp have the same sign: the controller turns the vehicle away from its reference; "
+            "expected k1 < 0 with kp > 0, as theta_ddot = a6*theta + k1*beta and beta = kp*(theta - theta_ref)")
+
+
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
-    return parsed(path, text_of(path, f"a nominal TOML file or one of {', '.join(BUILT_IN)}"))
+    names = BUILT_IN + STANDS
+    wanted = did_you_mean(path.name, names, f"expected a nominal TOML file or one of {', '.join(names)}")
+    return parsed(path, text_of(path, wanted))

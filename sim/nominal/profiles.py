@@ -28,6 +28,8 @@ def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
     reads(path)
     names = ",".join(header)
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: no regular file; expected a CSV file {names}")
     columns: list[list[float]] = [[] for _ in header]
     try:
         with open(path, **AS_TEXT) as file:

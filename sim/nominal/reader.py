@@ -5,7 +5,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..files import reads
 from ..sections import Controller, Diagnosis, Nominal, Offsets, Required, Sensors, Simulation
 from .control import actuator_of, controller_of, guidance_of, test_input_of
@@ -15,13 +15,13 @@ from .table import Table
 MOST_PARTS = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
 
 
-def text_of(path: Path, expected: str = "a nominal TOML file") -> str:
+def text_of(path: Path, expected: str = "expected a nominal TOML file") -> str:
     """The text of a nominal file; InputError in one line if it has none; `expected` where there is no file."""
     reads(path)
     try:
         return path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {expected}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8; expected a nominal TOML file") from None
 
@@ -31,7 +31,8 @@ def parsed(path: Path, text: str) -> Nominal:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
-        raise InputError(f"{path}: {error}; expected TOML") from None
+        swapped = ": this looks like a log, which comes before the nominal" if path.suffix == ".csv" else ""
+        raise InputError(f"{path}: {error}; expected TOML{swapped}") from None
     return nominal_of(Table(path, table))
 
 
@@ -41,7 +42,8 @@ def nominal_of(file: Table) -> Nominal:
              "diagnosis", "margins", "test_input", "drift", "wind", "offsets", "effects"}
     for key in file.table:
         if key not in known:
-            raise InputError(f"{file.path}: unknown key '{key}'; expected one of {', '.join(sorted(known))}")
+            raise InputError(f"{file.path}: unknown key '{key}'; "
+                             + did_you_mean(key, sorted(known), f"expected one of {', '.join(sorted(known))}"))
     name = file.table.get("name", file.path.stem)
     if not isinstance(name, str):
         raise file.fail("name", name, "a text")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..sections import ANYWHERE, AT_REST
 from .profiles import read_columns
 
@@ -35,8 +35,9 @@ class Table:
             raise self.fail(section, table, "a section")
         for key in table:
             if key not in allowed:
+                otherwise = f"expected one of {', '.join(sorted(allowed))}"
                 raise InputError(f"{self.path}: unknown key '{section}.{key}'; "
-                                 f"expected one of {', '.join(sorted(allowed))}")
+                                 + did_you_mean(key, sorted(allowed), otherwise))
         for key in sorted(required - set(table)):
             raise InputError(f"{self.path}: key '{section}.{key}' is missing")
         return table
@@ -44,8 +45,10 @@ class Table:
     def number(self, place: str, value: object, above: float | None = None, least: float | None = None) -> float:
         expected = "a number" + (f" above {above:g}" if above is not None else "") + \
             (f" of at least {least:g}" if least is not None else "")
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not -LARGEST < value < LARGEST:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.fail(place, value, expected)
+        if not -LARGEST < value < LARGEST:
+            raise self.fail(place, value, f"{expected}, below {LARGEST:g} in size")
         if (above is not None and not value > above) or (least is not None and not value >= least):
             raise self.fail(place, value, expected)
         return float(value)

@@ -18,7 +18,7 @@ NOT_ON_BOARD = {"time", "os", "sys", "random", "logging", "datetime", "socket", 
                 "threading"}
 NOT_FLOWN = {"launchid_core/cache.py"}  # where compiled code is kept: nothing calls it after construction
 STANDARD = set(sys.stdlib_module_names)
-EXTRAS = {"matplotlib", "tqdm", "pandas", "distributed", "argcomplete", "pyulog", "mcap", "mcap_ros2", "mcap_protobuf",
+EXTRAS = {"matplotlib", "pandas", "distributed", "argcomplete", "pyulog", "mcap", "mcap_ros2", "mcap_protobuf",
           "h5py", "pyarrow", "scipy", "pymavlink", "zstandard"}   # imported where they are used, named by `sim.errors`
 ALLOCATORS = {"zeros", "empty", "ones", "full", "array", "eye", "arange", "linspace", "zeros_like", "empty_like",
               "ones_like", "full_like", "asarray", "ascontiguousarray", "copy", "concatenate", "stack", "dot", "matmul",

@@ -17,6 +17,7 @@ from ..journal import Row
 from .flight import METRICS
 
 NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+PERCENT = re.compile(rf"{NUMBER}\s*%", re.ASCII)   # as a share
 FORM = re.compile(rf"\s*(\w+)\s*<\s*{NUMBER}\s*(?::\s*{NUMBER}\s*)?@\s*{NUMBER}\s*", re.ASCII)
 LONGEST = 60  # characters of a wrong text that are shown
 EXPECTED = ("expected lost<PROBABILITY@CONFIDENCE as in 'lost<0.00135@0.9', or METRIC<VALUE:SHARE@CONFIDENCE as in "
@@ -42,7 +43,7 @@ class Requirement:
 
 def requirement(text: str) -> Requirement:
     """UsageError, one line, for a text that is none."""
-    match = FORM.fullmatch(text)
+    match = FORM.fullmatch(PERCENT.sub(lambda found: str(Decimal(found[1]) / 100), text))
     if match is None:
         raise _wrong(text, EXPECTED)
     metric, limit, share, confidence = match.groups()

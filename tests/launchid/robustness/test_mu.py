@@ -1,6 +1,5 @@
 """mu: the boundary point is on the boundary, nothing nearer is, gridding agrees; degenerate boxes by name."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -187,13 +186,3 @@ def test_box_without_width(radius):
 def test_section_missing():
     with pytest.raises(InputError, match=r"\[uncertainty\] is missing"):
         mu(replace(load_nominal("constant"), uncertainty=None), 0.0)
-
-
-def test_a_time_takes_less_than_a_tenth_of_a_second():
-    nominal = load_nominal("vega_like")
-    taken = []
-    for t in (10.0, 30.0, 50.0, 70.0, 90.0):
-        start = time.perf_counter()
-        mu(nominal, t)
-        taken.append(time.perf_counter() - start)
-    assert np.median(taken) < 0.1

