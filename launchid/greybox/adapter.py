@@ -1,4 +1,4 @@
-"""A log as the filter reads it: rows, commands, the nominal's numbers along it.  The one place that knows the log room."""
+"""A log as the filter reads it: rows, commands, the nominal's numbers along it; what knows the log room."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,16 +12,21 @@ from ..diagnosis.controller.command import record
 from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.controller.kind import ControllerCheck
 from ..diagnosis.data.check import DataCheck, check
-from ..diagnosis.data.record import Record
+from ..diagnosis.data.record import THETA, Record
 from ..diagnosis.data.turns import unwrapped
 from ..diagnosis.data.used import Used, shortened, sparser, used
-from ..diagnosis.model.follower import NominalFollower
+from ..diagnosis.controller.gaps import Seen
 from ..log.log import Log
+from ..sums import least_squares
+from . import filter as ekf
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
-LONGEST_STEP = 0.0067  # s of the filter between two rows: a tenth of a servo's time
+ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
+SLOW_PARTS = 2         # powers of time in what a biased gyro takes the attitude off
+FEWEST_TOLD = 20       # rows that tell them
+LONGEST_STEP = 0.0067   # s of the filter between two rows: a tenth of a servo's time
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +88,48 @@ def read(log: Log, nominal: Nominal) -> Reading:
         return Reading(log, told, None, is_bad=True)
     if r.rows < FEWEST_ROWS:
         return Reading(log, told, None)
-    r, controller = with_commands(shortened(r), NominalFollower())
+    r, controller = with_commands(shortened(r), Follower())
     r, rows = used(r, log.t[data.usable])
     return Reading(log, told, track_of(r), controller, rows)
+
+
+class Follower:
+    """The nominal as it follows a log slower than its controller (`controller.issued.Follower`)."""
+
+    def seen(self, record: Record) -> Seen | None:
+        """The attitude at every tick, and the innovations; None: the nominal does not stay with the log."""
+        from .candidates import usual
+        from .model import Model
+        parts = record.every // record.tick
+        rows = record.rows * parts
+        z = np.full((rows, 3), math.nan)
+        z[np.minimum(record.at // record.tick, rows - 1)] = record.z
+        at = record.tick * np.arange(rows, dtype=np.int64)
+        fine = replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))
+        m = Model(track_of(fine))
+        m.with_numbers(usual(m), [])
+        m.levels = m.levels0.copy()
+        m.levels[ekf.QA] += math.log(ALERT)
+        m.run(m.null)
+        attitude = m.X[:, 0].copy()
+        if not np.all(np.abs(attitude) < record.farthest):
+            return None
+        innovations = np.where(np.isfinite(z), m.E, math.nan)[np.minimum(record.at // record.tick, rows - 1)]
+        return _as_measured(record, Seen(attitude, innovations))
+
+
+def _as_measured(record: Record, seen: Seen) -> Seen:
+    """The predictions with the attitude that the controller measured, where a gyro's bias takes the predicted one off
+    it: less the slow part of what it differs by at the rows."""
+    measured = np.isfinite(record.z[:, THETA])
+    if np.count_nonzero(measured) < FEWEST_TOLD:
+        return seen
+    ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
+    at = record.at[measured].astype(np.float64)
+    middle, half = ticks.mean(), 0.5 * max(float(np.ptp(ticks)), 1.0)
+    off = record.z[measured, THETA] - np.interp(at, ticks, seen.attitude)
+    slow = least_squares(np.vander((at - middle) / half, SLOW_PARTS + 1), off)
+    return seen._replace(attitude=seen.attitude + np.polyval(slow, (ticks - middle) / half))
 
 
 def track_of(r: Record) -> Track:
