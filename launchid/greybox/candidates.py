@@ -10,6 +10,7 @@ import numpy as np
 from . import filter as ekf
 from .model import CURVES, Model, Number, mode
 
+SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
 CYCLES = 10.0          # of a line in a log, fewer are a drift
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
@@ -65,10 +66,14 @@ def usual(m: Model) -> list[Number]:
                 np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
             add("wind", 0.0, 0.0, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind", "angle")
     if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
-        add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic", "coefficient")
+        if s.theta > SWING and not m.is_flown:
+            add("sine", 0.0, 0.0, float(np.max(np.abs(a6))), "missing_term", "sin(theta)")
+        else:
+            add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic",
+                "coefficient")
     if has_input and "beta^2" not in m.terms:
         add("term beta^2", 0.0, 0.0, acc / s.beta**2, "missing_term", "beta^2")
-    if has_input and (m.is_commanded or not m.is_flown):
+    if has_input and (m.is_commanded or m.is_smooth):
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
     if has_input:
         timing = d.timing if m.is_commanded else d.timing + 0.6 * row
@@ -421,6 +426,11 @@ def _one(m: Model) -> float:
     return 1.0
 
 
+def _flown(m: Model) -> bool:
+    """Shapes that are told from another only where the noise is declared and flown with."""
+    return m.is_flown
+
+
 def _nowhere(m: Model) -> list[tuple[float, ...]]:
     """No nonlinear numbers."""
     return [()]
@@ -440,14 +450,15 @@ KINDS = (
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, _step, _onsets, _acc, ((0.02, -1e9, 1e9),),
          once=True),
     Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, _angle,
-         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), lambda m: bool(np.any(m.track.a6 != 0.0)), place="environment",
+         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), lambda m: m.is_flown and bool(np.any(m.track.a6 != 0.0)),
+         place="environment",
          once=True),
     Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2, _line, lambda m: [],
-         _acc, ((2e-4, 0.05, 300.0),), place="environment"),
+         _acc, ((2e-4, 0.05, 300.0),), _flown, place="environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
-         lambda m: 1.0, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"]),
+         lambda m: 1.0, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
-         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), _commanded),
+         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
          (), lambda m: m.has["theta"] and bool(np.any(m.track.a6 != 0.0)) and not m.track.record.path_is_known),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _backlash,

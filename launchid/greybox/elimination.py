@@ -21,8 +21,9 @@ FREELY = 2.0           # squares that numbers may cost by the information and go
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
-SHAPES_OF_NUMBERS = {"cubic", "term beta^2", "friction"}
+SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save
+CLEAR = 0.5            # of what the full model saves, from which it need save no more than other numbers
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 BESIDE = 0.02          # of what a cause saves, within which another in its place does as well
 ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
@@ -88,6 +89,10 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
     return out
 
 
+def is_rare(group: Group) -> bool:
+    return group.name.partition("#")[0] in RARE
+
+
 class Search:
     """The elimination of one model."""
 
@@ -148,7 +153,8 @@ class Search:
             return False
         if group.is_event:
             return gain > EVENT and gain > SHARE * removable
-        z = SHAPE_Z if group.name in SHAPES_OF_NUMBERS and not self.m.is_flown else Z
+        is_curve = group.name in SHAPES_OF_NUMBERS and not self.m.is_flown and gain < CLEAR * removable
+        z = SHAPE_Z if is_curve else Z
         return gain > z * error and gain > LEAST and gain > SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
@@ -213,7 +219,7 @@ class Search:
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             costs = {g.name: self.cost(fit, g) for g in live}
-            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if g.name.partition("#")[0] in RARE else 1.0))
+            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
             gone = False
             if at_once:
                 cheap: list[Group] = []
@@ -267,7 +273,8 @@ class Search:
                     again = self.with_other(rest, other)
                     ei = left_out(m, again)
                     gi, si = self.saves(ei, e_end)
-                    if gi < -si and swap is None and not (other.name in SHAPES_OF_NUMBERS):
+                    is_common = is_rare(g) and not is_rare(other) and not other.is_event and gi < ALIKE_Z * si
+                    if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < BESIDE * gain:
                         alike.append(other.name)

@@ -18,11 +18,10 @@ CHANNELS = ("theta", "theta_dot", "beta")
 
 
 class Gain(NamedTuple):
-    """Mean squared errors and changes [unit^2] by horizon [s] and channel: (nominal, extended, change)."""
+    """Mean squares [unit^2] by horizon [s] and channel: errors of the nominal, the extended and the full model, change."""
 
-    squares: dict[float, dict[str, tuple[float, float, float]]]
+    squares: dict[float, dict[str, tuple[float, float, float, float]]]
     nats: float
-    noise: dict[str, float]   # mean square over the longest horizon of the full model
 
     @property
     def longest(self) -> float:
@@ -30,18 +29,24 @@ class Gain(NamedTuple):
 
     def nrmse(self, horizon: float) -> dict[str, tuple[float, float]]:
         """Channel -> RMS errors over the RMS change, (nominal, extended)."""
-        return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, c) in self.squares[horizon].items() if c > 0.0}
+        return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, _, c) in self.squares[horizon].items() if c > 0.0}
 
     @property
     def share(self) -> float:
-        """Share of the removable squared error over the longest horizon that the extension leaves, 0 to 1: the mean over
-        the attitude and the rate."""
-        left = []
-        for name, (before, after, _) in self.squares[self.longest].items():
-            floor = self.noise.get(name, math.nan)
-            if name != "beta" and before > floor:
-                left.append(min(max((after - floor) / (before - floor), 0.0), 1.0))
+        """Share of the removable squared error that the extension leaves, 0 to 1: the mean over horizons, attitude and
+        rate."""
+        left = [min(max((after - full) / (before - full), 0.0), 1.0) for before, after, full, _ in self._of_motion()
+                if before > full]
         return float(np.mean(left)) if left else 0.0
+
+    @property
+    def floor(self) -> float:
+        """The full model's squared error over the extended one's, the mean over horizons, attitude and rate."""
+        ratios = [full / after for _, after, full, _ in self._of_motion() if after > 0.0]
+        return float(np.mean(ratios)) if ratios else 1.0
+
+    def _of_motion(self) -> list[tuple[float, float, float, float]]:
+        return [row for of in self.squares.values() for name, row in of.items() if name != "beta"]
 
 
 def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray) -> np.ndarray:
@@ -66,21 +71,18 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float) -> Gain
     spans = np.unique([max(1, round(h * longest / row)) for h in HORIZONS])
     starts = np.arange(max(10, m.n // 200), m.n - 1, max(1, round(SPACING / row)))
     errors = [predictions(m, fit, starts, spans) for fit in (nominal, final, full)]
-    squares: dict[float, dict[str, tuple[float, float, float]]] = {}
-    noise = {}
+    squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}
     for q, span in enumerate(spans):
         ends = np.minimum(starts + span, m.n - 1)
-        of: dict[str, tuple[float, float, float]] = {}
+        of: dict[str, tuple[float, float, float, float]] = {}
         for ch, name in enumerate(CHANNELS):
             change = m.z[ends, ch] - m.z[starts, ch]
             good = np.isfinite(change) & np.all([np.isfinite(e[:, q, ch]) for e in errors], axis=0)
             if m.has[name] and good.sum() > 20:
-                a, b, d = (trimmed(e[good, q, ch]) for e in errors)
-                of[name] = (a, b, float(np.mean(change[good]**2)))
-                noise[name] = d
+                of[name] = (*(trimmed(e[good, q, ch]) for e in errors), float(np.mean(change[good]**2)))
         squares[round(float(span * row), 6)] = of
     m.white(final.p)
-    return Gain(squares, nats, noise)
+    return Gain(squares, nats)
 
 
 def trimmed(x: np.ndarray) -> float:

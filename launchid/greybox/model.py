@@ -17,6 +17,7 @@ FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go roun
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
 LINEAR = ("1", "theta", "theta_dot", "beta")
+RESOLVED = 0.4         # second over first differences of a measured input, up to which its acceleration is known
 RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
@@ -96,6 +97,8 @@ class Model:
         self.has = {name: bool(np.isfinite(self.z[:, k]).any()) for k, name in enumerate(("theta", "theta_dot", "beta"))}
         self.unsure = 2.0 * track.record.unsure * self.n   # squares that commands may feign which no row saw
         self.is_flown = nominal.controller is not None and nominal.simulation is not None
+        u = track.commands
+        self.is_smooth = float(np.std(np.diff(u, 2))) < RESOLVED * float(np.std(np.diff(u)))   # of a measured input
         self.scales = self._scales()
         self.widths = np.repeat(self.dt / track.sub, track.sub)
         self.integral = np.append(0.0, np.cumsum(track.commands * np.diff(track.ticks)))
@@ -149,7 +152,7 @@ class Model:
             qg, self.tau_m, self.tau_g = 0.0, SLOW, 1.0
         else:
             qm, qg, self.m0, self.tau_m, self.tau_g = 0.02 * self.scales.acceleration / math.sqrt(5.0), 0.0, \
-                self.scales.acceleration, math.inf, 1.0
+                0.0, math.inf, 1.0
         levels = np.array([*sensor, qa, max(qc, 1e-12), max(qm, 1e-12), max(qg, 1e-12)])
         if self.is_flown:
             spread = np.array([0.5, 0.5, 0.5, 0.5, 0.3, 1.0 if self.is_windy else 0.0, 1.0 if qg > 0.0 else 0.0])
@@ -228,8 +231,9 @@ class Model:
         for name, code in CURVES.items():
             c[code] = get("term " + name, self.terms.get(name, 0.0))
         c[ekf.SIGN] -= get("friction")
+        c[ekf.SIN] += get("sine")
         c[ekf.CUBE] += get("cubic") * float(np.mean(a6))
-        rows[:, 1] = a6 * get("a6", 1.0) + get("term theta")
+        rows[:, 1] = a6 * get("a6", 1.0) + get("term theta") - get("sine")
         rows[:, 2] = get("term theta_dot", self.terms.get("theta_dot", 0.0)) - get("damping")
         rows[:, 3] = k1 * (get("k1", 1.0) + get("k1_slope") * (self.t[:-1] - self.centre)) + get("term beta")
         f = get("moment") + k1 * get("misalignment") + a6 * (get("wind") + self.track.wind) + \

@@ -27,6 +27,8 @@ GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with
 LOUD = 2.9             # times the declared, from which a level hides what is not modelled
 WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
 LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
+HALF = 0.5             # of what everything free saves, that names must save together
+QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
 ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
 WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
 TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
@@ -144,7 +146,7 @@ def is_sure(m: Model) -> bool:
 def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
     """The fit with every usual number and what the scan found free; noise levels there."""
     taken: list[Found] = []
-    p = limited(m, taken) if m.is_commanded else m.null
+    p = limited(m, taken) if m.is_commanded and m.is_flown else m.null
     free = tuple(range(len(m.numbers)))
     fit = gauss_newton(m, best_delay(m, p), free, frozenset(), 3)
     fit_levels(m, fit.p)
@@ -229,12 +231,12 @@ def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
     row = float(np.median(m.dt))
     free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
                                                                            "gyro_delay", "attitude_delay"))
-    best = None
+    best: tuple[float, np.ndarray] | None = None
     for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
         q = p.copy()
         q[m.index("delay")] = delay
-        fit = gauss_newton(m, q, free, frozenset(), 1)
-        value = float(fit.e @ fit.e) + m.log_variance
+        fit = gauss_newton(m, q, free, frozenset(), 2)
+        value = float(fit.e @ fit.e) * (1.0 if delay else FAR_LESS)
         if best is None or value < best[0]:
             best = (value, fit.p)
     return best[1]
@@ -261,7 +263,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         listed = [k for k in listed if k.group.name not in INPUT]
         notes += ("the input of another time explains as much: nothing is said of it",)
         words.append("the input of another time explains as much as the log's own")
-    names = [named_of(m, el, k) for k in listed]
+    names = [each for k in listed for each in named_of(m, el, k)]
     if m.weather:
         k = {"turbulence": 6, "wind_walk": 5}[m.weather]
         given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[k]), None)}
@@ -286,7 +288,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
                  found=[(f.kind.name, f.values, round(f.saves, 1)) for f in found], adequate=mine.words, square=mine.square,
                  levels=np.exp(m.levels - m.levels0).round(2).tolist(), removable=el.removable, unit=el.unit,
                  gain={h: {n: tuple(float(f"{x:.3g}") for x in v) for n, v in q.items()} for h, q in gain.squares.items()},
-                 floor=gain.noise, left=gain.share)
+                 floor=gain.floor, left=gain.share)
 
     def result(verdict: str, where: str | None, **more: Any) -> Result:
         return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
@@ -295,7 +297,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         return result("consistent", None)
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
-    poor = gain.share > LEFT if against and listed else False
+    short = float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final) < HALF * el.removable
+    loud = m.is_flown and any("noise of" in words for words in mine.words) and gain.share > QUIET
+    poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
     if is_foreign or not names or odd > ODD * saved and unlisted or poor:
         place = where or mine.where or (names[0].where if names else None) or "plant"
         return result("unexplained", place, nearest=tuple(names), doubts=tuple(against))
@@ -312,10 +316,8 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     base, error = compare(m, el.e_final, el.e_full, el.unit)
     if base > WORSE * error and base > LEAST:
         out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
-    last = gain.squares[gain.longest]
-    floor = [gain.noise[name] / after for name, (_, after, _) in last.items() if after > 0.0 and name != "beta"]
-    if floor and float(np.mean(floor)) < AHEAD:
-        out.append(f"the full model's error ahead is {float(np.mean(floor)):.2f} of what these numbers leave")
+    if gain.floor < AHEAD:
+        out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
     for ch, name in enumerate(("theta", "theta_dot")):
         if m.has[name] and m.levels[ch] - m.levels0[ch] > math.log(LEVEL):
             out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.levels0[ch]):.1f} times the declared")
@@ -370,8 +372,8 @@ def place_of(m: Model, name: str) -> str:
 ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
 
 
-def named_of(m: Model, el: Elimination, k: Kept) -> Named:
-    """A kept group in the contract's words."""
+def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
+    """A kept group in the contract's words; a sine in the place of the angle is two terms."""
     cause, values = cause_of(m, k.group.name), {}
     for j in k.group.numbers:
         number = m.numbers[j]
@@ -397,4 +399,8 @@ def named_of(m: Model, el: Elimination, k: Kept) -> Named:
     alike = {cause_of(m, other) or other.partition("#")[0] for other in k.alike} | set(ALIKE.get(k.group.name, ()))
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
-    return Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
+    named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
+    if k.group.name != "sine":
+        return [named]
+    size, std = values["coefficient"]
+    return [named, replace(named, parameters={"term": ("theta", None), "coefficient": (-size, std)}, alike=())]
