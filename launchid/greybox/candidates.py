@@ -15,7 +15,7 @@ CYCLES = 10.0          # of a line in a log, fewer are a drift
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
 LATEST = 1.0           # s, the largest
-SLOSH, BENDING = (1.0, 20.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
+SLOSH, BENDING = (1.0, 12.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
 MODE_STEPS, START_DAMPING = 28, 0.03         # frequencies tried in each range; the damping at which they are tried
 DAMPING = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
 GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
@@ -48,7 +48,7 @@ def usual(m: Model) -> list[Number]:
     for name, value in m.terms.items():
         if name in CURVES or name in ("1", "theta_dot"):
             prior = abs(value) * LARGEST_SHIFT + (2.0 * acc if name == "1" else 0.0)
-            add("term " + name, value, tol * abs(value), prior, "missing_term", name)
+            add("term " + name, value, tol * abs(value), prior, "", name)   # it is there, so it is no missing one
     if has_input:
         add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
         span = float(m.t[-1] - m.t[0])

@@ -17,6 +17,7 @@ Z = 2.3                # standard errors that a number must save on left-out blo
 LEAST = 8.0            # squares that it must save: 4 nats
 SHARE = 0.05           # of what the full model saves, that it must save
 EVENT = 28.0           # squares that an event must save, of which nothing is left out and whose place was searched
+BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
@@ -151,6 +152,8 @@ class Search:
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         if gain < self.m.unsure:
             return False
+        if group.name == "inertia" and not self.m.is_commanded and gain < CLEAR * removable:
+            return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT and gain > SHARE * removable
         is_curve = group.name in SHAPES_OF_NUMBERS and not self.m.is_flown and gain < CLEAR * removable
@@ -285,6 +288,8 @@ class Search:
         kept = [k for k in kept if self.is_needed(k.group, k.gain, k.error, removable)
                 and all(abs(fit.p[j] - m.null[j]) > 2.0 * std.get(j, 0.0) for j in k.group.numbers[:1]
                         if k.group.linear == 1)]
+        largest = max((k.gain for k in kept), default=0.0)
+        kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = self.saves(e_nominal, e_end)
         if gain < LEAST or gain < Z * error and not any(k.group.is_event for k in kept):
             kept = []

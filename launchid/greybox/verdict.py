@@ -298,7 +298,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
     short = float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final) < HALF * el.removable
-    loud = m.is_flown and any("noise of" in words for words in mine.words) and gain.share > QUIET
+    noises = sum("noise of" in words for words in mine.words)
+    loud = m.is_flown and (noises > 1 or noises == 1 and gain.share > QUIET)
     poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
     if is_foreign or not names or odd > ODD * saved and unlisted or poor:
         place = where or mine.where or (names[0].where if names else None) or "plant"
@@ -366,7 +367,7 @@ def cause_of(m: Model, name: str) -> str:
 
 
 def place_of(m: Model, name: str) -> str:
-    return next(s.kind.place for s in m.shapes if s.names[0].startswith(name + "."))
+    return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
 
 
 ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
