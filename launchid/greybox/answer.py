@@ -114,7 +114,7 @@ def _gain(gain: Gain | None, m: Any) -> dict[str, Any] | None:
     last = table[f"{gain.longest:g}"]
     first = last.get("theta", last.get("theta_dot", {"before": None, "after": None}))
     return {"horizon": gain.longest, "held_out": True, "channels": last, "before": first["before"],
-            "after": first["after"], "horizons": table, "nats": number(gain.nats), "source": "blocks left out",
+            "after": first["after"], "horizons": table, "nats": number(gain.nats), "source": gain.source,
             "closed_loop": None}
 
 
@@ -151,8 +151,8 @@ def lines(result: Result) -> list[str]:
     said += [f"  nearest (not the cause): resembles {each.cause}, {sizes(each)}" for each in result.nearest]
     said += [f"  note: {words}" for words in result.notes]
     if result.gain is not None:
-        said.append("gain on blocks left out (nothing fitted to them): prediction error over its change (0: perfect, 1: no "
-                    "better than no change),")
+        said.append(f"gain on {result.gain.source} (nothing fitted to them): prediction error over its change (0: perfect, "
+                    "1: no better than no change),")
         for horizon in result.gain.squares:
             said.append(f"  {horizon:>6g} s  " + "  ".join(f"{name} {b:.3g} -> {a:.3g}" for name, (b, a)
                                                           in result.gain.nrmse(horizon).items()))

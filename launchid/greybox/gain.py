@@ -7,7 +7,7 @@ import numpy as np
 
 from . import filter as ekf
 from .estimate import Fit
-from .model import FOLDS, Model
+from .model import FOLDS, PASSES, Model
 from .score import fold_fits
 
 HORIZONS = (0.1, 0.3, 1.0)   # of the longest horizon
@@ -22,6 +22,7 @@ class Gain(NamedTuple):
 
     squares: dict[float, dict[str, tuple[float, float, float, float]]]
     nats: float
+    source: str
 
     @property
     def longest(self) -> float:
@@ -49,12 +50,13 @@ class Gain(NamedTuple):
         return [row for of in self.squares.values() for name, row in of.items() if name != "beta"]
 
 
-def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray) -> np.ndarray:
-    """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for."""
+def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_another: bool = False) -> np.ndarray:
+    """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for; of another log,
+    under the fit's."""
     out = np.full((len(starts), len(spans), 3), np.nan)
-    fold = starts * (FOLDS * 3) // m.n % FOLDS
-    for f, p in enumerate(fold_fits(m, fit)):
-        mine = np.flatnonzero(fold == f)
+    fold = starts * (FOLDS * PASSES) // m.n % FOLDS
+    for f, p in enumerate([fit.p] if is_another else fold_fits(m, fit)):
+        mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
         m.run(p)
         z, rows, c = m.last
         part = np.empty((len(mine), len(spans), 3))
@@ -63,14 +65,14 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray) -> np
     return out
 
 
-def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float) -> Gain:
-    """The gain of the final model over the nominal."""
+def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_another: bool = False) -> Gain:
+    """The gain of the final model over the nominal, on blocks left out, or on m's log where that is another one."""
     row = float(np.median(m.dt))
     stiffness = float(np.max(np.abs(m.track.a6))) + abs(m.terms.get("sin(theta)", 0.0))
     longest = min(LONGEST, TURNS / math.sqrt(max(stiffness, 1e-6)))
     spans = np.unique([max(1, round(h * longest / row)) for h in HORIZONS])
     starts = np.arange(max(10, m.n // 200), m.n - 1, max(1, round(SPACING / row)))
-    errors = [predictions(m, fit, starts, spans) for fit in (nominal, final, full)]
+    errors = [predictions(m, fit, starts, spans, is_another) for fit in (nominal, final, full)]
     squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}
     for q, span in enumerate(spans):
         ends = np.minimum(starts + span, m.n - 1)
@@ -82,7 +84,7 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float) -> Gain
                 of[name] = (*(trimmed(e[good, q, ch]) for e in errors), float(np.mean(change[good]**2)))
         squares[round(float(span * row), 6)] = of
     m.white(final.p)
-    return Gain(squares, nats)
+    return Gain(squares, nats, "a second log" if is_another else "blocks left out")
 
 
 def trimmed(x: np.ndarray) -> float:

@@ -86,8 +86,8 @@ class Model:
     motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
     """
 
-    def __init__(self, track: Track) -> None:
-        self.track, nominal = track, track.nominal
+    def __init__(self, track: Track, noise: str = "bounded") -> None:
+        self.track, nominal, self.noise = track, track.nominal, noise
         self.t, self.z, self.n = track.t, track.z, len(track.z)
         self.dt = np.diff(track.t)
         self.centre = 0.5 * (track.t[0] + track.t[-2])
@@ -160,6 +160,10 @@ class Model:
         else:
             spread = np.array([1.0, 1.0, 1.0, 2.5, 0.0 if qc == 0.0 else 1.0, 1.5, 0.0])
             cap = np.log([DENSEST, DENSEST, DENSEST, LOUDEST, DENSEST, 10.0, 1.0])
+        if self.noise == "declared":
+            spread[:] = 0.0
+        elif self.noise == "free":
+            spread, cap = np.where(spread > 0.0, 5.0, 0.0), np.full(len(cap), math.log(LOUDEST))
         spread[:3] *= [self.has["theta"], self.has["theta_dot"], self.has["beta"]]
         return np.log(levels), spread, cap
 
@@ -187,7 +191,7 @@ class Model:
         self._at = {each.name: k for k, each in enumerate(numbers)}
         for name in ("null", "tol", "prior", "step", "low", "high"):
             setattr(self, name, np.array([getattr(each, name) for each in numbers]))
-        if not shapes:
+        if not shapes or not hasattr(self, "base_input"):
             _, self.base_input, _, self.base_constants = self.arrays(self.null)
 
     def input_of(self, get, c: np.ndarray) -> np.ndarray:

@@ -75,17 +75,24 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:
-    """(squares that 1 saves over 0, their standard error by blocks, no less than white errors of variance `unit` make)."""
+    """(squares that 1 saves over 0, their standard error), no less than white errors of variance `unit` make.
+
+    By blocks: of a log that the nominal's own simulation flew what a block saves goes with what it can tell, which is
+    the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
+    blocks' savings themselves, their roots or the logarithms of their ratios scatter, whichever tells most.
+    """
     d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=BLOCKS)
-    white = 2.0 * math.sqrt(float(((e0 - e1)**2).sum()) * unit)
+    told = np.bincount(m.block, (e0 - e1)**2, minlength=BLOCKS)
+    gain, white = float(d.sum()), 2.0 * math.sqrt(float(told.sum()) * unit)
+    s = math.sqrt(BLOCKS * float(d.var(ddof=1)))
+    if m.is_flown:
+        rest = d - gain / max(float(told.sum()), 1e-300) * told
+        return gain, max(min(s, math.sqrt(BLOCKS / (BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
     a0, a1 = (np.bincount(m.block, e * e, minlength=BLOCKS) for e in (e0, e1))
     count = np.bincount(m.block, minlength=BLOCKS)
-    ratio = np.log((a0 + count + 1.0) / (a1 + count + 1.0))
-    gain = float(d.sum())
-    root = np.sign(d) * np.sqrt(np.abs(d))
-    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(BLOCKS) + 1e-9)) for x in (ratio, root))
-    s = math.sqrt(BLOCKS * float(d.var(ddof=1)))
-    if gain > 0.0 and z > gain / max(s, 1e-9):   # a block in which all happens makes the plain error large
+    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(BLOCKS) + 1e-9)) for x in (
+        np.log((a0 + count + 1.0) / (a1 + count + 1.0)), np.sign(d) * np.sqrt(np.abs(d))))
+    if gain > 0.0 and z > gain / max(s, 1e-9):
         s = gain / z
     return gain, max(s, white, 1e-9)
 

@@ -1,6 +1,7 @@
 """The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -114,16 +115,28 @@ def adequacy(m: Model, fit: Fit) -> Adequacy:
     return Adequacy(tuple(words), place, tuple(square))
 
 
-def diagnose(log: Log, nominal: Nominal) -> Result:
-    """Diagnose why measurement and simulation part."""
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, noise: str = "bounded",
+             say: Callable[[str], None] = lambda text: None) -> Result:
+    """Diagnose why measurement and simulation part.
+
+    Parameters
+    ----------
+    log, nominal : what was measured, what is believed
+    holdout : a second log, to judge the extension on
+    noise : how far levels may be from the declared: "bounded", "declared" or "free"
+    say : told what is being done
+    """
+    say("data check")
     reading = read(log, nominal)
     if reading.track is None:
         verdict = "bad-data" if reading.is_bad else "consistent"
         return Result(reading, nominal, None, None, verdict, "data" if reading.is_bad else None)
-    m = Model(reading.track)
+    m = Model(reading.track, noise)
     m.with_numbers(usual(m), [])
+    say("everything free")
     notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m._at)
     p, found = everything(m)
+    say("taking away")
     search = Search(m, notes)
     el = search.run(p)
     later = rescan(m, el)
@@ -133,7 +146,18 @@ def diagnose(log: Log, nominal: Nominal) -> Result:
             q = with_shape(m, q, each)
         search = Search(m, notes)
         el = search.run(q)
-    return decided(m, reading, nominal, el, [*found, *later])
+    say("held-out gain")
+    result = decided(m, reading, nominal, el, [*found, *later])
+    if holdout is None:
+        return result
+    second = read(holdout, nominal)
+    if second.track is None:
+        return replace(result, notes=(*result.notes, "the second log cannot be used: the gain is of the first"))
+    other = Model(second.track, noise)
+    other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
+    other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
+    other.with_numbers(m.numbers, m.shapes)
+    return replace(result, gain=held_out(other, el.nominal, el.final, el.full, result.gain.nats, is_another=True))
 
 
 def is_sure(m: Model) -> bool:
