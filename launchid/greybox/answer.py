@@ -151,8 +151,8 @@ def lines(result: Result) -> list[str]:
     said += [f"  nearest (not the cause): resembles {each.cause}, {sizes(each)}" for each in result.nearest]
     said += [f"  note: {words}" for words in result.notes]
     if result.gain is not None:
-        said.append(f"gain on {result.gain.source} (nothing fitted to them): prediction error over its change (0: perfect, "
-                    "1: no better than no change),")
+        said.append(f"gain on {result.gain.source} (nothing fitted to them): prediction error over its change "
+                    "(0: perfect, 1: no better than no change),")
         for horizon in result.gain.squares:
             said.append(f"  {horizon:>6g} s  " + "  ".join(f"{name} {b:.3g} -> {a:.3g}" for name, (b, a)
                                                           in result.gain.nrmse(horizon).items()))

@@ -80,7 +80,8 @@ def usual(m: Model) -> list[Number]:
         add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LATEST, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
     if has_input and m.is_commanded:
-        add("bandwidth", 1.0, min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5), 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
+        add("bandwidth", 1.0, min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5), 1.0, "actuator_bandwidth", "scale", 0.02,
+            20.0)
     if has_input and m.is_commanded and m.has["beta"]:
         add("gain", 1.0, 0.0, LARGEST_SHIFT, "actuator_gain", "scale")
         add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")
@@ -93,7 +94,8 @@ def usual(m: Model) -> list[Number]:
         add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
             2e-5 + 0.01 * row)
         if m.is_flown:
-            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -2.0 * d.timing, 0.4, 1e-4 + 0.01 * row)
+            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -2.0 * d.timing, 0.4,
+                1e-4 + 0.01 * row)
     return out
 
 
@@ -406,7 +408,9 @@ def _dead_zones(m: Model) -> list[tuple[float, ...]]:
 
 def _windows(m: Model) -> list[tuple[float, ...]]:
     first, last = float(m.t[0]), float(m.t[-2])
-    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)] if last - first > 10.0 else []
+    if last - first < 10.0:
+        return []
+    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
 
 
 def _chirps(m: Model) -> list[tuple[float, ...]]:
@@ -491,7 +495,7 @@ KINDS = (
          ((1e-3, 0.1, 30.0),), _input_moves),
     Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, _chirp, _chirps, _acc,
          ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
-    Kind("beat", "", tuple(f"a{k}" for k in range(16)) + ("frequency",), 16, _beat, lambda m: [], _acc,
+    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, lambda m: [], _acc,
          ((1e-3, 0.05, 300.0),), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
     Kind("a6_drift", "", ("size",), 1, _a6_drift, _nowhere, _one, (), lambda m: bool(np.any(m.track.a6 != 0.0))),
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, _wander, _nowhere, _acc, (), place="environment"),

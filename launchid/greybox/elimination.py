@@ -204,8 +204,6 @@ class Search:
                 out.append(cluster)
         return out
 
-    trace: list = []
-
     def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray, e_end: np.ndarray):
         """The loop."""
         m = self.m
@@ -213,7 +211,9 @@ class Search:
         for cluster in self.clusters():
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-            gone = min(([g for g in cluster if g is not one] for one in cluster), key=lambda gone: self.joint(fit, gone))
+            others = [[g for g in cluster if g is not one] for one in cluster]
+            _, k = min((self.joint(fit, gone), k) for k, gone in enumerate(others))
+            gone = others[k]
             if self.joint(fit, gone) < ONE_OF:
                 fit = self.without(fit, gone)
                 e_end = left_out(m, fit)
@@ -244,7 +244,6 @@ class Search:
                     e = left_out(m, tried)
                     gain, error = self.saves(e, best)
                     removable = max(float(e_nominal @ e_nominal - best @ best), 1e-9)
-                    self.trace.append((g.name, round(costs[g.name], 1), round(gain, 1), round(error, 1), round(removable, 1)))
                     if not self.is_needed(g, gain, error, removable):
                         fit, e_end, gone = tried, e, True
                         live = [each for each in live if each is not g]
@@ -291,7 +290,7 @@ class Search:
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = self.saves(e_nominal, e_end)
-        if gain < LEAST or gain < Z * error and not any(k.group.is_event for k in kept):
+        if gain < LEAST or (gain < Z * error and not any(k.group.is_event for k in kept)):
             kept = []
         return tuple(kept), fit, e_end
 

@@ -58,8 +58,8 @@ def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
 
 @njit(cache=True)
 def servo_of(c, h, s):
-    """s (10,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, its noise q11, q12, q22
-    of a unit density, and h."""
+    """s (10,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, its noise q11, q12,
+    q22 of a unit density, and h."""
     s[:] = 0.0
     s[9] = h
     w, z = c[W], min(c[ZETA], 0.999)
@@ -137,7 +137,7 @@ def _update(x, P, H, e, r, K):
 
 
 @njit(cache=True, fastmath=FAST)
-def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A):
+def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A):  # noqa: PLR0912, PLR0915 - one algorithm, in order
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
 
     t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, sub) commands, each the mean
@@ -196,7 +196,8 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A):
                     q = c[SCALE] * c[DW]
                     e = z[k, 1] - c[SCALE] * x[OM] + q * a - c[GYRO]
                     if not frozen:
-                        H[TH], H[OM], H[M], H[G], H[B], H[V] = -q * at, c[SCALE] - q * aw, -q * am, -q * ag, -q * ab, 0.0
+                        H[TH], H[OM], H[M] = -q * at, c[SCALE] - q * aw, -q * am
+                        H[G], H[B], H[V] = -q * ag, -q * ab, 0.0
             E[k, ch] = e
             if frozen:
                 for i in range(N):
@@ -328,9 +329,9 @@ def whiten(E, S, at, out):
 
 @njit(cache=True)
 def nozzle_input(u, h, c, lag, washout, play, rate, out):
-    """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order lag,
-    and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the linear
-    servo moves alike.  out (m,)."""
+    """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order
+    lag, and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the
+    linear servo moves alike.  out (m,)."""
     p, low, y = u[0], 0.0, u[0]
     b, v = u[0], 0.0
     w, z = c[W], c[ZETA]
@@ -350,7 +351,7 @@ def nozzle_input(u, h, c, lag, washout, play, rate, out):
             low = x + (low - x) * a
             x = x - mean
         if rate > 0.0:
-            m = max(1, int(math.ceil(w * h[i] / 0.1)))
+            m = max(1, math.ceil(w * h[i] / 0.1))
             g, total = h[i] / m, 0.0
             for _ in range(m):
                 if c[ORDER] == FIRST:
@@ -389,8 +390,8 @@ def ahead(t, z, u, rows, c, sub, X, starts, spans, out):
                     servo_of(c, h, s)
                 em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
                 for j in range(sub):
-                    _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em, eg,
-                          c, curved, F, False)
+                    _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em,
+                          eg, c, curved, F, False)
                 k += 1
             a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
                               curved)[0]

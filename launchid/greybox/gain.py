@@ -18,7 +18,7 @@ CHANNELS = ("theta", "theta_dot", "beta")
 
 
 class Gain(NamedTuple):
-    """Mean squares [unit^2] by horizon [s] and channel: errors of the nominal, the extended and the full model, change."""
+    """Mean squares [unit^2] by horizon [s] and channel: errors of nominal, extended and full model, and the change."""
 
     squares: dict[float, dict[str, tuple[float, float, float, float]]]
     nats: float
@@ -30,7 +30,8 @@ class Gain(NamedTuple):
 
     def nrmse(self, horizon: float) -> dict[str, tuple[float, float]]:
         """Channel -> RMS errors over the RMS change, (nominal, extended)."""
-        return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, _, c) in self.squares[horizon].items() if c > 0.0}
+        return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, _, c) in self.squares[horizon].items()
+                if c > 0.0}
 
     @property
     def share(self) -> float:

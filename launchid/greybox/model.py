@@ -94,7 +94,8 @@ class Model:
         self.terms = {name: value for name, value in nominal.terms}
         self.servo = track.record.actuator
         self.is_commanded = track.record.command_is_known
-        self.has = {name: bool(np.isfinite(self.z[:, k]).any()) for k, name in enumerate(("theta", "theta_dot", "beta"))}
+        self.has = {name: bool(np.isfinite(self.z[:, k]).any())
+                    for k, name in enumerate(("theta", "theta_dot", "beta"))}
         self.unsure = 2.0 * track.record.unsure * self.n   # squares that commands may feign which no row saw
         self.is_flown = nominal.controller is not None and nominal.simulation is not None
         u = track.commands
@@ -132,9 +133,11 @@ class Model:
         tick = c.period if c is not None else float(np.median(self.dt))
         given = [(s.theta_std, s.theta_step), (s.theta_dot_std, s.theta_dot_step), (s.beta_std, s.beta_step)]
         sensor = []
-        for k, (std, step) in enumerate(given):
-            white, std = white_std(self.z[:, k]), math.hypot(std, step / math.sqrt(12.0))
-            sensor.append(max(std if self.is_flown else min(std, 3.0 * white) if white > 0.0 else std, 0.05 * white, 1e-9))
+        for k, (white_part, step) in enumerate(given):
+            white, std = white_std(self.z[:, k]), math.hypot(white_part, step / math.sqrt(12.0))
+            if not self.is_flown and white > 0.0:
+                std = min(std, 3.0 * white)
+            sensor.append(max(std, 0.05 * white, 1e-9))
         noise = sim.acceleration_noise_std if sim is not None else 0.0
         qa = max(noise, 1e-3 * self.scales.acceleration) * math.sqrt(tick)
         if self.is_commanded:
@@ -202,7 +205,8 @@ class Model:
             ticks, edges = self.track.ticks, self.track.edges - delay
             total = np.interp(edges, ticks, self.integral)
             total = np.where(edges < ticks[0], (edges - ticks[0]) * self.track.commands[0], total)
-            total = np.where(edges > ticks[-1], self.integral[-1] + (edges - ticks[-1]) * self.track.commands[-1], total)
+            beyond = self.integral[-1] + (edges - ticks[-1]) * self.track.commands[-1]
+            total = np.where(edges > ticks[-1], beyond, total)
             u = np.diff(total) / self.widths
             if any(key[1:]):
                 out = np.empty(len(u))
@@ -302,8 +306,8 @@ class Model:
         """The change (r,) of the whitened innovations that a small forcing makes, about the last filter's path."""
         z, rows, c = self.last
         E = np.empty((self.n, 3))
-        ekf.respond(self.t, z, rows, c, max(1, round(self.track.period / RESPONSE_STEP)), self.K, self.A, force, command,
-                    shift, E)
+        sub = max(1, round(self.track.period / RESPONSE_STEP))
+        ekf.respond(self.t, z, rows, c, sub, self.K, self.A, force, command, shift, E)
         return E.ravel()[self.flat] * self.weight
 
     def settle(self) -> None:

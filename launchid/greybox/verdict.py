@@ -276,7 +276,8 @@ def rescan(m: Model, el: Elimination) -> list[Found]:
 
 def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found: list[Found]) -> Result:
     """The verdict, a function of estimate, scores and adequacy."""
-    gain = held_out(m, el.nominal, el.final, el.full, 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final))
+    nats = 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
+    gain = held_out(m, el.nominal, el.final, el.full, nats)
     mine = adequacy(m, el.final)
     controller = reading.controller
     listed = [k for k in el.kept if cause_of(m, k.group.name)]
@@ -299,7 +300,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         names.insert(0, Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
-    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause" for k in unlisted]
+    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+              for k in unlisted]
     where = place_of(m, unlisted[0].group.name) if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
     if is_foreign:
@@ -308,11 +310,11 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     against = [*doubts, *words, *mine.words]
     if not m.is_flown:
         against += strangers(m, el, gain)
-    trace = dict(kept=[(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
-                 found=[(f.kind.name, f.values, round(f.saves, 1)) for f in found], adequate=mine.words, square=mine.square,
-                 levels=np.exp(m.levels - m.levels0).round(2).tolist(), removable=el.removable, unit=el.unit,
-                 gain={h: {n: tuple(float(f"{x:.3g}") for x in v) for n, v in q.items()} for h, q in gain.squares.items()},
-                 floor=gain.floor, left=gain.share)
+    trace = {
+        "kept": [(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
+        "found": [(f.kind.name, f.values, round(f.saves, 1)) for f in found], "square": mine.square,
+        "levels": np.exp(m.levels - m.levels0).round(2).tolist(), "removable": el.removable, "unit": el.unit,
+        "left": gain.share, "floor": gain.floor}
 
     def result(verdict: str, where: str | None, **more: Any) -> Result:
         return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
@@ -321,11 +323,11 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         return result("consistent", None)
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
-    short = float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final) < HALF * el.removable
+    short = 2.0 * nats < HALF * el.removable
     noises = sum("noise of" in words for words in mine.words)
-    loud = m.is_flown and (noises > 1 or noises == 1 and gain.share > QUIET)
+    loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
     poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
-    if is_foreign or not names or odd > ODD * saved and unlisted or poor:
+    if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         place = where or mine.where or (names[0].where if names else None) or "plant"
         return result("unexplained", place, nearest=tuple(names), doubts=tuple(against))
     if against:
@@ -410,7 +412,8 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     if cause == "periodic_disturbance":
         s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
         w = float(el.final.p[k.group.numbers[2]])
-        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])), "frequency": (w, k.std.get(k.group.numbers[2])),
+        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])),
+                  "frequency": (w, k.std.get(k.group.numbers[2])),
                   "phase": (math.remainder(math.atan2(c, s) - w * m.centre, 2.0 * math.pi), None)}
     if cause == "input_washout":
         v, std = values["time_constant"]

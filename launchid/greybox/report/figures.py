@@ -9,7 +9,6 @@ from sim.canvas import panels, save
 
 from ..estimate import Fit
 from ..gain import CHANNELS, LONGEST, SPACING, predictions
-from ..model import Model
 from ..verdict import Result
 
 __all__ = ["DRAWN", "drawable", "save"]
@@ -47,7 +46,8 @@ def misfit(result: Result) -> Figure | None:
     for label, style, fit in shown(result):
         error = predictions(m, fit, starts, np.array([span]))[:, 0, channel]
         above.plot(t, change - error, label=f"predicted, {label}", **style)
-        below.plot(t, error, label=f"{label}: {np.sqrt(np.nanmean(error**2)):.2g} {UNITS[CHANNELS[channel]]} rms", **style)
+        rms = float(np.sqrt(np.nanmean(error**2)))
+        below.plot(t, error, label=f"{label}: {rms:.2g} {UNITS[CHANNELS[channel]]} rms", **style)
     above.set_ylabel(f"change of {CHANNELS[channel]} [{UNITS[CHANNELS[channel]]}]")
     below.set_ylabel(f"measured less predicted\n[{UNITS[CHANNELS[channel]]}]")
     below.set_xlabel("t [s]")

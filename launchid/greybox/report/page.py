@@ -22,19 +22,21 @@ NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[
 TEMPLATE = Path(__file__).with_name("template.html")
 PICTURES = {
     "misfit.png": ("Measured against predicted",
-                   "Each prediction runs free from the state as known at its start, under numbers that its block was not "
-                   "used for. Grey: measured; dashed: as simulated; solid: with the causes."),
+                   "Each prediction runs free from the state as known at its start, under numbers that its block was "
+                   "not used for. Grey: measured; dashed: as simulated; solid: with the causes."),
     "innovations.png": ("Prediction errors along the log",
-                        "Measured less predicted one row ahead, by a filter that corrects itself at each row. Dotted: 3 "
-                        "standard deviations, which 0.3 % leave if the model is right."),
+                        "Measured less predicted one row ahead, by a filter that corrects itself at each row. Dotted: "
+                        "3 standard deviations, which 0.3 % leave if the model is right."),
     "worth.png": ("What each cause is worth",
                   "What it saves on blocks left out when it comes last, in nats: 3 nats are odds of 20 to 1.")}
 Drawn = list[tuple[str, bytes, dict[str, Any] | None]]
 
 
 def write_report(result: Result, answer: dict[str, Any], folder: str | Path) -> None:
-    """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder; files of
-    an earlier report that this one lacks are removed.  InputError in one line if the folder cannot be written."""
+    """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
+
+    Files of an earlier report that this one lacks are removed.  InputError in one line if it cannot be written.
+    """
     path = make_folder(folder)
     try:
         for name in (*EXTENSION, *PICTURES):
@@ -75,9 +77,11 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None) -> str:
         ("Noise", table(("noise of", "measured over declared"), [
             (text(name), f"{level['factor']:.3g}" + (" (differs)" if level["significant"] else ""))
             for name, level in answer["noise"].items()])),
-        ("Data check", _data(result)), ("Controller check", _controller(result)), ("To reproduce", _again(result))) if body]
+        ("Data check", _data(result)), ("Controller check", _controller(result)),
+        ("To reproduce", _again(result))) if body]
     links = "".join(f'<a href="#s{k}">{text(title)}</a> ' for k, (title, _) in enumerate(parts))
-    body = "".join(f'<section id="s{k}"><h2>{text(title)}</h2>{body}</section>' for k, (title, body) in enumerate(parts))
+    body = "".join(f'<section id="s{k}"><h2>{text(title)}</h2>{body}</section>'
+                   for k, (title, body) in enumerate(parts))
     return inlined(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         headline=text(headline(result)), colour=COLOURS[result.verdict], log=text(Path(result.reading.log.path).name),
         nominal=text(result.nominal.name), first_screen=_first(result, answer), links=links, sections=body))
@@ -90,8 +94,8 @@ def _first(result: Result, answer: dict[str, Any]) -> str:
         said.append(list_of([f"{text(each.cause)}: {text(sizes(each))}" for each in result.named]))
     if answer["gain"] is not None and answer["gain"]["before"] is not None:
         gain = answer["gain"]
-        said.append(f"<p>Predictions {gain['horizon']:g} s ahead are wrong by {gain['before']:.3g} of the motion with the "
-                    f"nominal, by {gain['after']:.3g} with what was fitted.</p>")
+        said.append(f"<p>Predictions {gain['horizon']:g} s ahead are wrong by {gain['before']:.3g} of the motion with "
+                    f"the nominal, by {gain['after']:.3g} with what was fitted.</p>")
     return '<div class="plain">' + "".join(said) + "</div>"
 
 
@@ -109,8 +113,9 @@ def _causes(result: Result) -> str:
     rows = [(text(each.cause), text(each.where), text(sizes(each)), f"{each.nats:.0f}", f"{100 * each.share:.0f} %",
              text(", ".join(each.alike)), text(" or ".join(would_decide(each))))
             for each in (*result.named, *result.nearest)]
-    return table(("in the model" if result.named else "nearest, not the cause", "where", "size +- one standard deviation",
-                  "nats", "of the removable error", "cannot be told from", "would decide"), rows)
+    return table(("in the model" if result.named else "nearest, not the cause", "where",
+                  "size +- one standard deviation", "nats", "of the removable error", "cannot be told from",
+                  "would decide"), rows)
 
 
 def _gain(gain: dict[str, Any] | None) -> str:
@@ -119,8 +124,8 @@ def _gain(gain: dict[str, Any] | None) -> str:
     channels = list(dict.fromkeys(name for row in gain["horizons"].values() for name in row))
     rows = [(name, *(f"{row[name]['before']:.3g} &rarr; {row[name]['after']:.3g}" if name in row else ""
                      for row in gain["horizons"].values())) for name in channels]
-    return ('<p class="note">Prediction error over the change of the channel on blocks left out, nominal &rarr; with what '
-            "was fitted.</p>" + table(("channel", *(f"over {h} s" for h in gain["horizons"])), rows))
+    return ('<p class="note">Prediction error over the change of the channel on blocks left out, nominal &rarr; with '
+            "what was fitted.</p>" + table(("channel", *(f"over {h} s" for h in gain["horizons"])), rows))
 
 
 def _words(words: tuple[str, ...]) -> str:
