@@ -9,13 +9,13 @@ from sim.errors import InputError
 from sim.nominal import Nominal
 
 from ..diagnosis.controller.command import record
+from ..diagnosis.controller.gaps import Seen
 from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.controller.kind import ControllerCheck
 from ..diagnosis.data.check import DataCheck, check
 from ..diagnosis.data.record import THETA, Record
 from ..diagnosis.data.turns import unwrapped
 from ..diagnosis.data.used import Used, shortened, sparser, used
-from ..diagnosis.controller.gaps import Seen
 from ..log.log import Log
 from ..sums import least_squares
 from . import filter as ekf

@@ -28,7 +28,7 @@ OFFSETS = ("misalignment", "wind", "moment")  # numbers of one constant moment: 
 # ---- the usual numbers
 
 
-def usual(m: Model) -> list[Number]:
+def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with its conditions
     """The numbers that every model has, free from their nominal values on with priors of the nominal's tolerances."""
     s, d = m.scales, m.track.nominal.diagnosis
     a6, k1 = m.track.a6, m.track.k1
@@ -80,8 +80,8 @@ def usual(m: Model) -> list[Number]:
         add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LATEST, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
     if has_input and m.is_commanded:
-        add("bandwidth", 1.0, min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5), 1.0, "actuator_bandwidth", "scale", 0.02,
-            20.0)
+        band = min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5)
+        add("bandwidth", 1.0, band, 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
     if has_input and m.is_commanded and m.has["beta"]:
         add("gain", 1.0, 0.0, LARGEST_SHIFT, "actuator_gain", "scale")
         add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")

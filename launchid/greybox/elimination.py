@@ -204,7 +204,8 @@ class Search:
                 out.append(cluster)
         return out
 
-    def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray, e_end: np.ndarray):
+    def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray,  # noqa: PLR0912 - one loop
+                  best: np.ndarray, e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
         """The loop."""
         m = self.m
         at_once = True
@@ -254,7 +255,8 @@ class Search:
                 best = e_end
         return fit, live, best, e_end
 
-    def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray, e_end: np.ndarray):
+    def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
+               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray]:
         """What each that is left is worth, last in, and who could stand for it; who stands better takes its place."""
         m = self.m
         for turn in range(3):

@@ -63,7 +63,7 @@ class Scanner:
         sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
         return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
 
-    def best(self, kind: Kind) -> Found | None:
+    def best(self, kind: Kind) -> Found | None:  # noqa: PLR0912 - a search around the best, by kind of number
         """The place where a kind promises most."""
         m = self.m
         if not kind.when(m) or not (kind.cause or m.is_flown):
