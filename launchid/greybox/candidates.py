@@ -137,7 +137,7 @@ class Shape:
             if len(m.columns) > 400:
                 m.columns.clear()
             m.columns[key] = self.kind.make(m, *nonlinear)
-        return m.columns[key]
+        return list(m.columns[key])
 
     def effect(self, m: Model, values: tuple[float, ...]) -> Column:
         """What these values do together."""
@@ -146,7 +146,8 @@ class Shape:
                                 strict=False):
             for k, x in enumerate(column):
                 if x is not None:
-                    total[k] = size * x if total[k] is None else total[k] + size * x
+                    before = total[k]
+                    total[k] = size * x if before is None else before + size * x
         return Column(*total)
 
     def effectiveness(self, m: Model, values: tuple[float, ...]) -> np.ndarray | float:
@@ -258,7 +259,7 @@ def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
     w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
     power[w < 2.0 * np.pi * CYCLES / (m.t[-1] - m.t[0])] = 0.0
     power[w > 0.8 * np.pi / m.track.period] = 0.0
-    out = []
+    out: list[tuple[float, ...]] = []
     for _ in range(3):
         i = int(np.argmax(power))
         out += [(float(w[i]),)] if power[i] > 0.0 else []

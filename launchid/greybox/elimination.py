@@ -213,12 +213,11 @@ class Search:
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             others = [[g for g in cluster if g is not one] for one in cluster]
-            _, k = min((self.joint(fit, gone), k) for k, gone in enumerate(others))
-            gone = others[k]
-            if self.joint(fit, gone) < ONE_OF:
-                fit = self.without(fit, gone)
+            least, k = min((self.joint(fit, rest), k) for k, rest in enumerate(others))
+            if least < ONE_OF:
+                fit = self.without(fit, others[k])
                 e_end = left_out(m, fit)
-                live = [g for g in live if g not in gone]
+                live = [g for g in live if g not in others[k]]
         while live:
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
@@ -292,7 +291,7 @@ class Search:
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = self.saves(e_nominal, e_end)
-        if gain < LEAST or (gain < Z * error and not any(k.group.is_event for k in kept)):
+        if gain < LEAST or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
         return tuple(kept), fit, e_end
 

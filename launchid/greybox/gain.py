@@ -82,7 +82,8 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_anot
             change = m.z[ends, ch] - m.z[starts, ch]
             good = np.isfinite(change) & np.all([np.isfinite(e[:, q, ch]) for e in errors], axis=0)
             if m.has[name] and good.sum() > 20:
-                of[name] = (*(trimmed(e[good, q, ch]) for e in errors), float(np.mean(change[good]**2)))
+                before, after, full_ = (trimmed(e[good, q, ch]) for e in errors)
+                of[name] = (before, after, full_, float(np.mean(change[good]**2)))
         squares[round(float(span * row), 6)] = of
     m.white(final.p)
     return Gain(squares, nats, "a second log" if is_another else "blocks left out")

@@ -1,7 +1,7 @@
 """The vehicle of the nominal with every usual number free: numbers in, whitened innovations of the log out."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -108,7 +108,7 @@ class Model:
         self.E, self.S = np.zeros((self.n, 3)), np.full((self.n, 3), np.nan)
         self.K, self.X, self.A = np.zeros((self.n, 3, 6)), np.zeros((self.n, 6)), np.zeros((self.n, 6))
         self.E2 = np.zeros((self.n, 3))
-        self.columns: dict[tuple[object, ...], np.ndarray] = {}
+        self.columns: dict[tuple[object, ...], Any] = {}     # of shapes, kept
         self.shapes: list = []
         self.numbers: list[Number] = []
         self.motion = np.column_stack([filled(self.z[:, 0]), filled(self.z[:, 1]), np.interp(
@@ -146,8 +146,9 @@ class Model:
         else:
             qc = s.beta_std * math.sqrt(self.track.period)
         wind = nominal.wind
-        self.is_windy = wind is not None and (wind.walk > 0.0 or wind.turbulence > 0.0)
-        if self.is_windy:
+        self.is_windy = False
+        if wind is not None and (wind.walk > 0.0 or wind.turbulence > 0.0):
+            self.is_windy = True
             qm, qg, self.m0, self.tau_m = wind.walk, wind.turbulence, wind.initial, math.inf
             self.tau_g = wind.turbulence_time
         elif self.is_flown:
@@ -192,8 +193,8 @@ class Model:
         """Take this table of numbers; those of `shapes` stand in it."""
         self.numbers, self.shapes = numbers, shapes
         self._at = {each.name: k for k, each in enumerate(numbers)}
-        for name in ("null", "tol", "prior", "step", "low", "high"):
-            setattr(self, name, np.array([getattr(each, name) for each in numbers]))
+        self.null, self.tol, self.prior, self.step, self.low, self.high = (
+            np.array([each[k] for each in numbers]) for k in range(1, 7))
         if not shapes or not hasattr(self, "base_input"):
             _, self.base_input, _, self.base_constants = self.arrays(self.null)
 

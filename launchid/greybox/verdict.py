@@ -112,7 +112,7 @@ def adequacy(m: Model, fit: Fit) -> Adequacy:
                 place = place or ("actuator" if ch == 2 else None)
     if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
         words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
-    return Adequacy(tuple(words), place, tuple(square))
+    return Adequacy(tuple(words), place, (square[0], square[1], square[2]))
 
 
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, noise: str = "bounded",
@@ -157,7 +157,8 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, noise: str 
     other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
     other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
     other.with_numbers(m.numbers, m.shapes)
-    return replace(result, gain=held_out(other, el.nominal, el.final, el.full, result.gain.nats, is_another=True))
+    nats = 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
+    return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
 
 
 def is_sure(m: Model) -> bool:
