@@ -1,0 +1,115 @@
+"""The figures of a diagnosis: what was measured and what was predicted, prediction errors, what each cause is worth."""
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from sim.canvas import panels, save
+
+from ..estimate import Fit
+from ..gain import CHANNELS, LONGEST, SPACING, predictions
+from ..verdict import Result
+
+__all__ = ["DRAWN", "drawable", "save"]
+
+UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
+BAND = 3.0             # standard deviations of an innovation: 99.7 % stay within
+MEASURED = {"color": "0.72", "linewidth": 2.6}
+BEFORE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
+AFTER = {"color": "#12355b", "linewidth": 1.0}
+
+
+def shown(result: Result) -> list[tuple[str, dict, Fit]]:
+    """The nominal, and the model with its causes where there are any: label, style, fit."""
+    el = result.elimination
+    assert el is not None
+    both = [("nominal", BEFORE, el.nominal)]
+    return [*both, ("with the causes", AFTER, el.final)] if result.named else both
+
+
+def misfit(result: Result) -> Figure | None:
+    """Measured and predicted change of the attitude (or the rate) over the longest horizon, on blocks left out."""
+    m, gain = result.model, result.gain
+    if m is None or gain is None:
+        return None
+    channel = 0 if m.has["theta"] else 1
+    row = float(np.median(m.dt))
+    span = max(1, round(min(gain.longest, LONGEST) / row))
+    starts = np.arange(max(10, m.n // 200), m.n - 1 - span, max(1, round(SPACING / row)))
+    if len(starts) < 2:
+        return None
+    change = m.z[starts + span, channel] - m.z[starts, channel]
+    t = m.t[starts + span] + m.track.record.shift
+    figure, (above, below) = panels(2, f"measured against predicted, {span * row:.2g} s ahead, blocks left out")
+    above.plot(t, change, label="measured", **MEASURED)
+    for label, style, fit in shown(result):
+        error = predictions(m, fit, starts, np.array([span]))[:, 0, channel]
+        above.plot(t, change - error, label=f"predicted, {label}", **style)
+        rms = float(np.sqrt(np.nanmean(error**2)))
+        below.plot(t, error, label=f"{label}: {rms:.2g} {UNITS[CHANNELS[channel]]} rms", **style)
+    above.set_ylabel(f"change of {CHANNELS[channel]} [{UNITS[CHANNELS[channel]]}]")
+    below.set_ylabel(f"measured less predicted\n[{UNITS[CHANNELS[channel]]}]")
+    below.set_xlabel("t [s]")
+    for axis in (above, below):
+        axis.legend(fontsize=8, ncol=3)
+        mark_times(axis, result)
+    return figure
+
+
+def mark_times(axis, result: Result) -> None:
+    """Mark when causes begin."""
+    shift = result.model.track.record.shift if result.model is not None else 0.0
+    for each in result.named:
+        if "time" in each.parameters:
+            axis.axvline(each.parameters["time"][0] + shift, color="0", linestyle="-.", linewidth=0.9)
+
+
+def innovations(result: Result) -> Figure | None:
+    """Innovations of each channel with their bands, before and after."""
+    m = result.model
+    if m is None:
+        return None
+    channels = [ch for ch, name in enumerate(CHANNELS) if m.has[name]]
+    figure, axes = panels(len(channels), "prediction errors one row ahead; dotted: 3 standard deviations")
+    t = m.t[:-1] + m.track.record.shift
+    for label, style, fit in shown(result):
+        m.white(fit.p)
+        for axis, ch in zip(axes, channels, strict=True):
+            inside = np.isfinite(m.S[:, ch])
+            outside = float(np.mean(np.abs(m.E[inside, ch]) > BAND * np.sqrt(m.S[inside, ch])))
+            axis.plot(t[inside], m.E[inside, ch], color=style["color"], linewidth=0.5,
+                      label=f"{label}: {100 * outside:.1f} % outside")
+            for sign in (-1.0, 1.0):
+                axis.plot(t[inside], sign * BAND * np.sqrt(m.S[inside, ch]), color="0", linewidth=0.8, linestyle=":")
+            top = 1.2 * float(np.quantile(np.abs(m.E[inside, ch]), 0.999))
+            axis.set_ylim(-max(top, axis.get_ylim()[1] if label != "nominal" else 0.0), top)
+            axis.set_ylabel(f"{CHANNELS[ch]} [{UNITS[CHANNELS[ch]]}]")
+            axis.legend(fontsize=8, ncol=2)
+    axes[-1].set_xlabel("t [s]")
+    return figure
+
+
+def worth(result: Result) -> Figure | None:
+    """What each cause saves on blocks left out, last in, and what else was fitted and kept."""
+    el, m = result.elimination, result.model
+    if el is None or m is None or not el.kept:
+        return None
+    figure = Figure(figsize=(9, 1.2 + 0.4 * len(el.kept)), layout="constrained")
+    axis = figure.subplots()
+    names = [each.group.name.partition("#")[0] for each in el.kept]
+    axis.barh(range(len(names)), [0.5 * each.gain for each in el.kept], xerr=[0.5 * each.error for each in el.kept],
+              color="#12355b", height=0.6)
+    axis.set_yticks(range(len(names)), names)
+    axis.set_xlabel("saved on blocks left out [nats], with one standard error")
+    axis.grid(True, axis="x", color="0.85", linewidth=0.6)
+    return figure
+
+
+def drawable(result: Result) -> tuple[str, ...]:
+    """The pictures that this diagnosis may have."""
+    return () if result.model is None else tuple(DRAWN)
+
+
+DRAWN: dict[str, Callable[[Result], Figure | None]] = {"misfit.png": misfit, "innovations.png": innovations,
+                                                       "worth.png": worth}

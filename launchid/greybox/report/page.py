@@ -1,0 +1,155 @@
+"""One page that needs no network, the verdict as JSON, the extended nominal, the figures."""
+
+import base64
+import json
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from sim.errors import InputError
+from sim.files import make_folder, remove, write_text
+from sim.nominal import rewrite_nominal
+
+from ...charts import inlined
+from ..answer import extension, headline, sizes, would_decide
+from ..verdict import Result
+from .markup import list_of, table, text
+
+COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
+           "bad-data": "#7f1d1d"}
+EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
+NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
+TEMPLATE = Path(__file__).with_name("template.html")
+PICTURES = {
+    "misfit.png": ("Measured against predicted",
+                   "Each prediction runs free from the state as known at its start, under numbers that its block was "
+                   "not used for. Grey: measured; dashed: as simulated; solid: with the causes."),
+    "innovations.png": ("Prediction errors along the log",
+                        "Measured less predicted one row ahead, by a filter that corrects itself at each row. Dotted: "
+                        "3 standard deviations, which 0.3 % leave if the model is right."),
+    "worth.png": ("What each cause is worth",
+                  "What it saves on blocks left out when it comes last, in nats: 3 nats are odds of 20 to 1.")}
+Drawn = list[tuple[str, bytes, dict[str, Any] | None]]
+
+
+def write_report(result: Result, answer: dict[str, Any], folder: str | Path) -> None:
+    """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
+
+    Files of an earlier report that this one lacks are removed.  InputError in one line if it cannot be written.
+    """
+    path = make_folder(folder)
+    try:
+        for name in (*EXTENSION, *PICTURES):
+            remove(path / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
+    drawn = _draw(result, path)
+    extended = extension(result)
+    if extended is not None:
+        rewrite_nominal(extended, path / "extension.toml")
+    write_text(path / "verdict.json", [json.dumps(answer, indent=1), "\n"])
+    write_text(path / "report.html", [page(result, answer, drawn)])
+
+
+def _draw(result: Result, folder: Path) -> Drawn | None:
+    """The figures, written and as PNG; None without matplotlib."""
+    try:
+        from ...charts.figure import figure_json
+        from .figures import DRAWN, drawable, save
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("matplotlib"):
+            raise
+        return None
+    drawn = []
+    for name in drawable(result):
+        if (figure := DRAWN[name](result)) is not None:
+            save(figure, folder / name)
+            drawn.append((name, (folder / name).read_bytes(), figure_json(figure)))
+    return drawn
+
+
+def page(result: Result, answer: dict[str, Any], drawn: Drawn | None) -> str:
+    """The whole page."""
+    pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(_figure(*each) for each in drawn)
+    parts = [(title, body) for title, body in (
+        ("Causes", _causes(result)), ("Held-out gain", _gain(answer["gain"])), ("Figures", pictures),
+        ("Against the model", _words((*result.doubts, *result.remaining, *result.notes))),
+        ("Noise", table(("noise of", "measured over declared"), [
+            (text(name), f"{level['factor']:.3g}" + (" (differs)" if level["significant"] else ""))
+            for name, level in answer["noise"].items()])),
+        ("Data check", _data(result)), ("Controller check", _controller(result)),
+        ("To reproduce", _again(result))) if body]
+    links = "".join(f'<a href="#s{k}">{text(title)}</a> ' for k, (title, _) in enumerate(parts))
+    body = "".join(f'<section id="s{k}"><h2>{text(title)}</h2>{body}</section>'
+                   for k, (title, body) in enumerate(parts))
+    return inlined(Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
+        headline=text(headline(result)), colour=COLOURS[result.verdict], log=text(Path(result.reading.log.path).name),
+        nominal=text(result.nominal.name), first_screen=_first(result, answer), links=links, sections=body))
+
+
+def _first(result: Result, answer: dict[str, Any]) -> str:
+    """The verdict in plain words."""
+    said = [f"<p>{text(headline(result))}</p>"]
+    if result.named:
+        said.append(list_of([f"{text(each.cause)}: {text(sizes(each))}" for each in result.named]))
+    if answer["gain"] is not None and answer["gain"]["before"] is not None:
+        gain = answer["gain"]
+        said.append(f"<p>Predictions {gain['horizon']:g} s ahead are wrong by {gain['before']:.3g} of the motion with "
+                    f"the nominal, by {gain['after']:.3g} with what was fitted.</p>")
+    return '<div class="plain">' + "".join(said) + "</div>"
+
+
+def _figure(name: str, png: bytes, live: dict[str, Any] | None) -> str:
+    """A figure's picture, and what a browser with scripts draws in the place of that."""
+    title, caption = PICTURES[name]
+    chart = "" if live is None else (
+        f'<div class="chart" id="{name.partition(".")[0]}"><script type="application/json">'
+        + json.dumps(live, separators=(",", ":"), allow_nan=False).replace("</", "<\\/") + "</script></div>")
+    return (f'<figure><h3>{text(title)}</h3><img alt="{text(title)}" src="data:image/png;base64,'
+            f"{base64.b64encode(png).decode('ascii')}\">{chart}<figcaption>{text(caption)}</figcaption></figure>\n")
+
+
+def _causes(result: Result) -> str:
+    rows = [(text(each.cause), text(each.where), text(sizes(each)), f"{each.nats:.0f}", f"{100 * each.share:.0f} %",
+             text(", ".join(each.alike)), text(" or ".join(would_decide(each))))
+            for each in (*result.named, *result.nearest)]
+    return table(("in the model" if result.named else "nearest, not the cause", "where",
+                  "size +- one standard deviation", "nats", "of the removable error", "cannot be told from",
+                  "would decide"), rows)
+
+
+def _gain(gain: dict[str, Any] | None) -> str:
+    if gain is None:
+        return ""
+    channels = list(dict.fromkeys(name for row in gain["horizons"].values() for name in row))
+    rows = [(name, *(f"{row[name]['before']:.3g} &rarr; {row[name]['after']:.3g}" if name in row else ""
+                     for row in gain["horizons"].values())) for name in channels]
+    return ('<p class="note">Prediction error over the change of the channel on blocks left out, nominal &rarr; with '
+            "what was fitted.</p>" + table(("channel", *(f"over {h} s" for h in gain["horizons"])), rows))
+
+
+def _words(words: tuple[str, ...]) -> str:
+    return list_of([text(each) for each in words]) if words else ""
+
+
+def _data(result: Result) -> str:
+    data = result.reading.data
+    rows = [(text(each.kind), text(each.channel or "rows"), f"{each.t_start:.6g}", f"{each.t_end:.6g}",
+             str(each.rows), text(each.message)) for each in data.faults]
+    return f"<p>{int(data.usable.sum())} of {len(result.reading.log.t)} rows have usable time stamps.</p>" + (
+        table(("fault", "in", "from [s]", "to [s]", "rows", "what"), rows) or "<p>No fault found.</p>")
+
+
+def _controller(result: Result) -> str:
+    found = result.reading.controller
+    if found is None:
+        return "<p>Not checked: that needs beta_cmd and theta_ref in the log and a [controller] in the nominal.</p>"
+    if found.kind == "none":
+        return f"<p>The logged command is the nominal controller's ({found.before:.2g} rad rms apart).</p>"
+    return f"<p>The logged command is not the nominal controller's: {text(found.words)}.</p>"
+
+
+def _again(result: Result) -> str:
+    nominal = Path(result.nominal.path).name if result.nominal.path else result.nominal.name
+    lines = [f"launchid diagnose {Path(result.reading.log.path).name} {nominal} --report DIR"]
+    return "<pre>" + "\n".join(text(line) for line in lines) + "</pre>"

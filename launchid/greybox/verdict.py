@@ -1,0 +1,435 @@
+"""The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sim.effects import CATALOGUE
+from sim.nominal import Nominal
+
+from ..log.log import Log
+from .adapter import Reading, read
+from .candidates import KINDS, usual
+from .elimination import LEAST, Elimination, Kept, Search
+from .estimate import Fit, fit_levels, gauss_newton
+from .gain import Gain, held_out
+from .model import BLOCKS, Model
+from .scan import NEAR, Found, scan, with_shape
+from .score import compare
+
+FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
+CLEARLY = 20.0         # nats by which weather must be better than causes
+FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
+MOST_SHAPES = 3        # shapes that are taken into a model
+GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
+LOUD = 2.9             # times the declared, from which a level hides what is not modelled
+WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
+LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
+HALF = 0.5             # of what everything free saves, that names must save together
+QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
+ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
+WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
+TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
+KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
+INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2")  # numbers of the input
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was found of a log."""
+
+    reading: Reading
+    nominal: Nominal
+    model: Model | None
+    elimination: Elimination | None
+    verdict: str
+    where: str | None
+    named: tuple["Named", ...] = ()
+    nearest: tuple["Named", ...] = ()
+    doubts: tuple[str, ...] = ()
+    remaining: tuple[str, ...] = ()
+    remaining_where: str | None = None
+    share: float | None = None
+    gain: Gain | None = None
+    notes: tuple[str, ...] = ()
+    trace: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A cause with its parameters {name: (value, std, unit)}, what the log cannot tell it from, what it saves."""
+
+    cause: str
+    where: str
+    parameters: dict[str, tuple[Any, float | None]]
+    alike: tuple[str, ...]
+    nats: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What speaks against a model by itself."""
+
+    words: tuple[str, ...]
+    where: str | None
+    square: tuple[float, float, float]
+
+
+def adequacy(m: Model, fit: Fit) -> Adequacy:
+    """Whitened errors that go with a signal, are larger than their noise, or are no longer white."""
+    e = m.white(fit.p)
+    signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
+               "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
+               "the input": m.mean_input, "the input's square": (m.mean_input - m.mean_input.mean())**2,
+               "time": np.linspace(-1.0, 1.0, m.n)}
+    words, place, square = [], None, []
+    for ch, name in enumerate(("theta", "theta_dot", "beta")):
+        mine = m.channel == ch
+        square.append(float(np.mean(e[mine]**2)) if mine.any() else math.nan)
+        if mine.sum() < 200:
+            continue
+        k, x = m.rows[mine], e[mine]
+        for what, signal in signals.items():
+            s = signal[np.maximum(k - 2, 0)]
+            s = s - s.mean()
+            s = s / (s.std() + 1e-300)
+            y = np.bincount(m.block[mine], s * x, minlength=BLOCKS)
+            z, r = float(y.sum() / (math.sqrt(BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
+            if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
+                words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
+                place = place or ("actuator" if ch == 2 else None)
+        if m.is_flown:
+            factor = math.exp(m.levels[ch] - m.levels0[ch])
+            if factor * math.sqrt(square[-1]) > LOUD:
+                words.append(f"noise of {name} is {factor * math.sqrt(square[-1]):.1f} times the declared")
+                place = place or ("actuator" if ch == 2 else "sensor")
+            elif square[-1] > WHITE:
+                words.append(f"errors of {name} are {math.sqrt(square[-1]):.2f} times their noise")
+                place = place or ("actuator" if ch == 2 else None)
+    if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
+        words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
+    return Adequacy(tuple(words), place, (square[0], square[1], square[2]))
+
+
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, noise: str = "bounded",
+             say: Callable[[str], None] = lambda text: None) -> Result:
+    """Diagnose why measurement and simulation part.
+
+    Parameters
+    ----------
+    log, nominal : what was measured, what is believed
+    holdout : a second log, to judge the extension on
+    noise : how far levels may be from the declared: "bounded", "declared" or "free"
+    say : told what is being done
+    """
+    say("data check")
+    reading = read(log, nominal)
+    if reading.track is None:
+        verdict = "bad-data" if reading.is_bad else "consistent"
+        return Result(reading, nominal, None, None, verdict, "data" if reading.is_bad else None)
+    m = Model(reading.track, noise)
+    m.with_numbers(usual(m), [])
+    say("everything free")
+    notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m._at)
+    p, found = everything(m)
+    say("taking away")
+    search = Search(m, notes)
+    el = search.run(p)
+    later = rescan(m, el)
+    if later:
+        q = el.full.p.copy()
+        for each in later:
+            q = with_shape(m, q, each)
+        search = Search(m, notes)
+        el = search.run(q)
+    say("held-out gain")
+    result = decided(m, reading, nominal, el, [*found, *later])
+    if holdout is None:
+        return result
+    second = read(holdout, nominal)
+    if second.track is None:
+        return replace(result, notes=(*result.notes, "the second log cannot be used: the gain is of the first"))
+    other = Model(second.track, noise)
+    other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
+    other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
+    other.with_numbers(m.numbers, m.shapes)
+    nats = 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
+    return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
+
+
+def is_sure(m: Model) -> bool:
+    """Both sensors are declared, flown with, and as the log has them."""
+    if not (m.is_flown and m.has["theta"] and m.has["theta_dot"]):
+        return m.is_flown
+    return True
+
+
+def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
+    """The fit with every usual number and what the scan found free; noise levels there."""
+    taken: list[Found] = []
+    p = limited(m, taken) if m.is_commanded and m.is_flown else m.null
+    free = tuple(range(len(m.numbers)))
+    fit = gauss_newton(m, best_delay(m, p), free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    fit = gauss_newton(m, fit.p, free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    for k in range(MOST_SHAPES):
+        if k == 1 and weather(m, fit):
+            m.with_numbers(usual(m), [])
+            taken, free = [], tuple(range(len(m.numbers)))
+            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit_levels(m, fit.p)
+            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
+        found = scan(m, fit)
+        if not found or found[0].saves < FIRST:
+            break
+        best = [each for each in found if each.saves > NEAR * found[0].saves][:2]
+        p = fit.p
+        for each in best:
+            p = with_shape(m, p, each)
+        taken += best
+        fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
+        fit_levels(m, fit.p, 2)
+    return fit.p, taken
+
+
+def limited(m: Model, taken: list[Found]) -> np.ndarray:
+    """The numbers to start from: with a rate limit or a play where one leaves clearly less than none, for a servo so
+    limited is no small forcing of another."""
+    best, plain = None, float((m.white(m.null)**2).sum())
+    for kind in KINDS:
+        if kind.name not in ("actuator_rate_limit", "actuator_backlash") or not kind.when(m):
+            continue
+        shape = kind.shape(0)
+        for values in kind.starts(m):
+            found = Found(kind, values, np.ones(1), 0.0)
+            q = with_shape(m, m.null, found)
+            left = float((m.white(q)**2).sum())
+            m.with_numbers([each for each in m.numbers if each.name not in shape.names], [])
+            if left < FAR_LESS * plain and (best is None or left < best[0]):
+                best = (left, found._replace(saves=plain - left))
+    if best is None:
+        return m.null
+    taken.append(best[1])
+    return with_shape(m, m.null, best[1])
+
+
+def likelihood(m: Model, e: np.ndarray) -> float:
+    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
+    d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+    return -0.5 * (float(e @ e) + m.log_variance + float(d @ d))
+
+
+def weather(m: Model, fit: Fit) -> str:
+    """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
+    model is left in it.  "": none does."""
+    if not m.is_flown or m.is_windy or not np.any(m.track.a6 != 0.0):
+        return ""
+    levels, table = m.levels.copy(), (m.numbers, m.shapes)
+    all_else = likelihood(m, m.white(fit.p))
+    m.with_numbers(usual(m), [])
+    band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
+    best = ("", all_else + CLEARLY)
+    for name in ("turbulence", "wind_walk"):
+        m.in_weather(name)
+        alone = gauss_newton(m, m.null, tuple(sorted(band)), band, 2)
+        fit_levels(m, alone.p, 4)
+        value = likelihood(m, m.white(alone.p))
+        if value > best[1]:
+            best = (name, value)
+    m.in_weather(best[0])
+    if not best[0]:
+        m.levels = levels
+        m.with_numbers(*table)
+        m.white(fit.p)
+    return best[0]
+
+
+def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
+    """p with the delay at the best of a few, from which the fit finds its own."""
+    if "delay" not in m._at or m.is_flown:
+        return p
+    row = float(np.median(m.dt))
+    free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
+                                                                           "gyro_delay", "attitude_delay"))
+    best: tuple[float, np.ndarray] | None = None
+    for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
+        q = p.copy()
+        q[m.index("delay")] = delay
+        fit = gauss_newton(m, q, free, frozenset(), 2)
+        value = float(fit.e @ fit.e) * (1.0 if delay else FAR_LESS)
+        if best is None or value < best[0]:
+            best = (value, fit.p)
+    return best[1]
+
+
+def rescan(m: Model, el: Elimination) -> list[Found]:
+    """Shapes that show once the numbers that are not needed are gone."""
+    m.white(el.final.p)
+    there = {shape.kind.name for shape in m.shapes}
+    found = [each for each in scan(m, el.final) if each.kind.name not in there or each.kind.once]
+    return [each for each in found if each.saves > NEAR * found[0].saves][:2]
+
+
+def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found: list[Found]) -> Result:
+    """The verdict, a function of estimate, scores and adequacy."""
+    nats = 0.5 * float(el.e_nominal @ el.e_nominal - el.e_final @ el.e_final)
+    gain = held_out(m, el.nominal, el.final, el.full, nats)
+    mine = adequacy(m, el.final)
+    controller = reading.controller
+    listed = [k for k in el.kept if cause_of(m, k.group.name)]
+    unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
+    notes = tuple(noted(m, el))
+    words = []
+    if not m.is_flown and any(k.group.name in INPUT for k in listed) and not acts(m, el):
+        listed = [k for k in listed if k.group.name not in INPUT]
+        notes += ("the input of another time explains as much: nothing is said of it",)
+        words.append("the input of another time explains as much as the log's own")
+    names = [each for k in listed for each in named_of(m, el, k)]
+    if m.weather:
+        k = {"turbulence": 6, "wind_walk": 5}[m.weather]
+        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[k]), None)}
+        if m.weather == "turbulence":
+            given["time_constant"] = (m.tau_g, None)
+        names.append(Named(m.weather, "environment", given,
+                           ("wind_walk" if m.weather == "turbulence" else "turbulence",), math.nan, math.nan))
+    if controller is not None and controller.is_named:
+        names.insert(0, Named("controller_mismatch", "controller", {
+            "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
+            "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
+    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+              for k in unlisted]
+    where = place_of(m, unlisted[0].group.name) if unlisted else None
+    is_foreign = controller is not None and controller.is_foreign
+    if is_foreign:
+        doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
+        where = "controller"
+    against = [*doubts, *words, *mine.words]
+    if not m.is_flown:
+        against += strangers(m, el, gain)
+    trace = {
+        "kept": [(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
+        "found": [(f.kind.name, f.values, round(f.saves, 1)) for f in found], "square": mine.square,
+        "levels": np.exp(m.levels - m.levels0).round(2).tolist(), "removable": el.removable, "unit": el.unit,
+        "left": gain.share, "floor": gain.floor}
+
+    def result(verdict: str, where: str | None, **more: Any) -> Result:
+        return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
+
+    if not names and not against:
+        return result("consistent", None)
+    saved = sum(k.gain for k in listed)
+    odd = sum(k.gain for k in unlisted)
+    short = 2.0 * nats < HALF * el.removable
+    noises = sum("noise of" in words for words in mine.words)
+    loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
+    poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
+    if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
+        place = where or mine.where or (names[0].where if names else None) or "plant"
+        return result("unexplained", place, nearest=tuple(names), doubts=tuple(against))
+    if against:
+        return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
+                      remaining_where=where or mine.where)
+    return result("explained", names[0].where, named=tuple(names))
+
+
+def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
+    """What speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then no claim
+    of noise alone."""
+    out = []
+    base, error = compare(m, el.e_final, el.e_full, el.unit)
+    if base > WORSE * error and base > LEAST:
+        out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
+    if gain.floor < AHEAD:
+        out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
+    for ch, name in enumerate(("theta", "theta_dot")):
+        if m.has[name] and m.levels[ch] - m.levels0[ch] > math.log(LEVEL):
+            out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.levels0[ch]):.1f} times the declared")
+    return out
+
+
+def noted(m: Model, el: Elimination) -> list[str]:
+    """What the numbers that are notes about the columns say."""
+    out = []
+    for j in el.notes:
+        value, std = float(el.final.p[j]), el.std_full.get(j, 0.0)
+        if abs(value - m.null[j]) > max(3.0 * std, m.tol[j]):
+            out.append(f"columns: {m.numbers[j].name} {value:.4g} +- {std:.2g} (theta_dot against theta; no cause)")
+    return out
+
+
+def acts(m: Model, el: Elimination) -> bool:
+    """Whether the log's own input explains clearly more than the input of another time (a placebo)."""
+    inputs = [m.index(name) for name in ("k1", "term beta^2", "inertia") if name in m._at]
+    rest = tuple(j for j in range(len(m.numbers)) if j not in inputs and m.numbers[j].name not in
+                 ("delay", "lag", "washout", "k1_slope", "bandwidth", "gain", "null_angle"))
+    q = el.full.p.copy()
+    q[inputs] = 0.0
+    none = gauss_newton(m, q, rest, frozenset(), 2)
+    without = float(none.e @ none.e)
+    own = without - float((m.white(el.full.p)**2).sum())
+    track, integral, wins = m.track, m.integral, [5.0]
+    for part in TURNED:
+        turned = np.roll(track.commands, int(part * len(track.commands)))
+        m.track = replace(track, commands=turned)
+        m.integral = np.append(0.0, np.cumsum(turned * np.diff(track.ticks)))
+        m.inputs.clear()
+        fit = gauss_newton(m, none.p, tuple(sorted({*rest, *inputs})), frozenset(), 2)
+        wins.append(without - float(fit.e @ fit.e))
+    m.track, m.integral = track, integral
+    m.inputs.clear()
+    m.white(el.final.p)
+    return own > PLACEBO * max(wins)
+
+
+def cause_of(m: Model, name: str) -> str:
+    """The contract's cause of a group; "" for a shape that is in no list."""
+    if "#" in name:
+        return next(s.cause for s in m.shapes if s.names[0].startswith(name + "."))
+    return m.numbers[m.index(name)].cause
+
+
+def place_of(m: Model, name: str) -> str:
+    return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
+
+
+ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
+
+
+def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
+    """A kept group in the contract's words; a sine in the place of the angle is two terms."""
+    cause, values = cause_of(m, k.group.name), {}
+    for j in k.group.numbers:
+        number = m.numbers[j]
+        values[number.parameter] = (float(el.final.p[j]), k.std.get(j))
+    if cause == "missing_term":
+        number = m.numbers[k.group.numbers[0]]
+        value = float(el.final.p[k.group.numbers[0]]) - number.null
+        values = {"term": (number.parameter, None), "coefficient": (value, k.std.get(k.group.numbers[0]))}
+    if cause == "periodic_disturbance":
+        s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
+        w = float(el.final.p[k.group.numbers[2]])
+        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])),
+                  "frequency": (w, k.std.get(k.group.numbers[2])),
+                  "phase": (math.remainder(math.atan2(c, s) - w * m.centre, 2.0 * math.pi), None)}
+    if cause == "input_washout":
+        v, std = values["time_constant"]
+        values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    if cause == "actuator_bandwidth" and "lag" in values:
+        values = {"scale": (m.servo.lag / (m.servo.lag + values["lag"][0]), None)}
+    if "share" in values:
+        share = values.pop("share")[0]
+        if cause == "actuator_backlash":
+            values = {"half_width": (share * values["half_width"][0], values["half_width"][1])}
+    alike = {cause_of(m, other) or other.partition("#")[0] for other in k.alike} | set(ALIKE.get(k.group.name, ()))
+    if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
+        cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
+    named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
+    if k.group.name != "sine":
+        return [named]
+    size, std = values["coefficient"]
+    return [named, replace(named, parameters={"term": ("theta", None), "coefficient": (-size, std)}, alike=())]
