@@ -12,11 +12,11 @@ from ..diagnosis.controller.command import record
 from ..diagnosis.controller.gaps import Seen
 from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.controller.kind import ControllerCheck
-from ..diagnosis.data.check import DataCheck, check
 from ..diagnosis.data.record import THETA, Record
-from ..diagnosis.data.turns import unwrapped
 from ..diagnosis.data.used import Used, shortened, sparser, used
+from ..log.detect import DataCheck, check
 from ..log.log import Log
+from ..log.turns import unwrapped
 from ..sums import least_squares
 from . import filter as ekf
 

@@ -90,7 +90,7 @@ def report(result: Result) -> dict[str, Any]:
         "controller": None if r.controller is None else {
             "mismatch": r.controller.kind, "rms_before": r.controller.before, "rms_after": r.controller.after,
             "time_constant": r.controller.time_constant},
-        "deviation": None if result.elimination is None else {
+        "deviation": None if result.elimination is None or m is None else {
             name: number(result.elimination.final.p[m.index(name)] - 1.0) for name in ("a6", "k1") if name in m._at},
     }
 

@@ -256,15 +256,15 @@ def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
     row = float(np.median(m.dt))
     free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
                                                                            "gyro_delay", "attitude_delay"))
-    best: tuple[float, np.ndarray] | None = None
+    least, best = math.inf, p
     for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
         q = p.copy()
         q[m.index("delay")] = delay
         fit = gauss_newton(m, q, free, frozenset(), 2)
         value = float(fit.e @ fit.e) * (1.0 if delay else FAR_LESS)
-        if best is None or value < best[0]:
-            best = (value, fit.p)
-    return best[1]
+        if value < least:
+            least, best = value, fit.p
+    return best
 
 
 def rescan(m: Model, el: Elimination) -> list[Found]:
@@ -305,7 +305,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
               for k in unlisted]
     where = place_of(m, unlisted[0].group.name) if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
-    if is_foreign:
+    if controller is not None and controller.is_foreign:
         doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
         where = "controller"
     against = [*doubts, *words, *mine.words]
@@ -402,7 +402,8 @@ ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wi
 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     """A kept group in the contract's words; a sine in the place of the angle is two terms."""
-    cause, values = cause_of(m, k.group.name), {}
+    cause = cause_of(m, k.group.name)
+    values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
         number = m.numbers[j]
         values[number.parameter] = (float(el.final.p[j]), k.std.get(j))
