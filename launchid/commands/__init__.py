@@ -24,5 +24,5 @@ from . import (
     watch,
 )
 
-COMMANDS = (reproduce, simulate, show, identify, nominal, plan, diagnose, compare, margins, uncertainty, fit_lft,
-            export_c, campaign, convert, watch, effects, warm)
+COMMANDS = (simulate, show, identify, nominal, diagnose, compare, margins, uncertainty, plan, fit_lft, campaign,
+            export_c, convert, watch, effects, warm, reproduce)

@@ -34,7 +34,6 @@ ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 DOCS = sorted((ROOT / "docs").glob("*.md"))
 PAGES = [README, ROOT / "CHANGELOG.md", *DOCS]
-MOST_LINES = 140
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 TEST = re.compile(r"`(tests/[\w/]+\.py|\.ci/run|benchmarks/\w+\.py)(?:::(\w+))?`")
@@ -83,10 +82,6 @@ def functions_of(path: Path) -> frozenset[str]:
 
 
 # ---- pages
-
-
-def test_the_readme_is_short():
-    assert len(text_of(README).splitlines()) <= MOST_LINES
 
 
 def test_the_pages_are_there():
