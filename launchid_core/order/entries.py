@@ -16,7 +16,7 @@ from ..config import Config
 from ..regression import regression
 from ..sample import Sample
 from . import block, onboard
-from .assembly import Memory
+from .assembly import Memory, allocate
 from .memory import dtype_of
 from .table import FILTERED, Struct
 
@@ -75,7 +75,7 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    given, news = {"words": memory.words, **memory.apart}, False
+    given = {"words": memory.words, **memory.apart}
     types = {"block": block_type(memory.struct), **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
@@ -83,12 +83,25 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
                 continue
             kinds = tuple(types.get(name) or NUMBERS.get(name, _numba.int64) for name in parameters_of(entry.py_func))
             if kinds not in entry.signatures:
-                news = True
                 entry.disable_compile(False)
                 entry.compile(kinds)
                 entry.disable_compile(True)
-        if news:
-            cache.finish()
+
+
+def precompile(config: Config, backwards: bool = False) -> bool:
+    """Compile what an `Estimator` of this configuration needs; return whether it can be kept on disk, else do nothing.
+
+    Two processes, one of which goes backwards, compile half of it each: what the other has kept is loaded.
+
+    Example
+    -------
+    >>> precompile(Config(formulation="difference"))
+    """
+    is_kept = cache.folder_of(__name__) is not None
+    if is_kept:
+        memory = allocate(config)
+        compile_entries(entries_of(config, memory)[::-1 if backwards else 1], memory)
+    return is_kept
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:
