@@ -18,7 +18,7 @@ A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for
 part = compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # what kernels alone call
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
-fastest_pole = kernel(actuator.fastest_pole)
+fastest_pole = part(actuator.fastest_pole)
 
 
 @part
