@@ -43,7 +43,7 @@ def job(name: str, seed: int, spread: float, noise_spread: bool, command_noise: 
     for window in WINDOWS:
         config = Config(window=window, sample_period=flight.period, formulation="filtered", noise=noise,
                         model=onboard_model(believed))
-        estimates, _ = run(config, flight.samples())
+        estimates, _ = run(config, flight.rows())
         bound = flight_bound(true, window, seed, **vehicle)
         centre = np.array([0.5 * (e.t_start + e.t_end) for e in estimates])
         a6, k1 = parameters(true, centre, **vehicle)
@@ -87,7 +87,7 @@ def windy_job(name: str, air: str, seed: int, spread: float, levels: str, window
     for window in windows:
         config = Config(window=window, sample_period=flight.period, formulation="filtered", noise="estimated",
                         model=onboard_model(declared))
-        estimates, _ = run(config, flight.samples())
+        estimates, _ = run(config, flight.rows())
         bound = flight_bound(true, window, seed, **vehicle)
         n = min(len(estimates), len(bound.a6))  # a vehicle that is lost ends its log early
         if n == 0:

@@ -92,7 +92,7 @@ def job(name: str, rate: float, text: str, seed: int, declared: str, window: flo
     flight = fly_whole(nominal, seed, effects=effects)
     config = Config(window=window, sample_period=flight.period, formulation="filtered",
                     model=onboard_model(believed(name, rate, declared)))
-    estimates, estimator = run(config, flight.samples())
+    estimates, estimator = run(config, flight.rows())
     count = np.zeros(11, np.int64)
     for each, whole in zip(estimates, withdrawn(estimates), strict=True):
         (a6, a6_end), (k1, k1_end) = parameters(nominal, np.array([0.5 * (each.t_start + each.t_end), each.t_end]),

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from port_operations import COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
+from port_operations import AT_MOST, COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
 from port_stack import graph_of
 
 from launchid.c_export.kit import exported
@@ -105,7 +105,8 @@ def print_operations() -> int:
     for formulation in KERNELS:
         for name, counted in kernel_operations(formulation, of[formulation], sizes).items():
             said = [[value(formula, m, q) for formula in FORMULAS[name]] for m, q in sizes]
-            same = said == counted[:, stated].tolist()
+            found = counted[:, stated].tolist()
+            same = said == found or (name in AT_MOST and bool(np.all(np.array(found) <= np.array(said, float))))
             wrong += not same
             print(f"| `{name}` | {' | '.join(FORMULAS[name])} | {'yes' if same else 'NO'} |")
     samples = list(fly(load_nominal(NOMINAL), seed=SEED))

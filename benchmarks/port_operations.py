@@ -42,7 +42,7 @@ KERNELS = {  # formulation whose source has it -> name -> call; m numbers in eac
         "qr_factor": "(void)qr_factor(at, (Integers){order, q}, (Vector){norms, q}, 0.0)",
         "apply_q_transposed": "apply_q_transposed(at, (Vector){norms, q}, q, (Vector){y, m})",
         "solve_triangle": "solve_triangle(at, q, (Vector){y, m}, (Vector){norms, q})",
-        "invert_triangle": "invert_triangle(at, q, (Matrix){other, q, q})"},
+        "invert": "invert(q, q, (Integers){order, q}, (Matrix){other, q, 4 * q})"},
     "filtered": {"absorb_rows": "absorb_rows((Matrix){other, q, q}, at, q, m)"}}
 KERNEL_DRIVER = """
 #include <stdio.h>
@@ -63,6 +63,9 @@ int main(void)
         for (int k = 0; k < q * q; k++) {
             other[k].v = (double)((k * k * 29 + k * 3) % 97 + 1);
         }
+        for (int k = 0; k < q; k++) {
+            order[k] = k;
+        }
         counted_so_far = {};
         switch (kernel) {
 CALLS        }
@@ -76,13 +79,14 @@ CALLS        }
 
 FORMULAS = {  # of COUNTED without stores, for m numbers in each of q columns; qr_factor: 2 m loads more an exchange
     "scale_columns": ("3 m q + q", "m q + 3 q", "2 m q", "q", "q"),
-    "qr_factor": ("3 m q^2 - q^3 + q^2 + 6 q",
-                  "3 m q^2/2 - m q/2 - q^3/2 + 4 q^2 + 3 q/2",
-                  "3 m q^2/2 + m q/2 - q^3/2 + q^2/2 + q", "2 q", "q"),
+    "qr_factor": ("3 m q^2 + 2 m q - q^3 + 2 q^2 + 5 q",
+                  "3 m q^2/2 + m q/2 - q^3/2 + 4 q^2 + 9 q/2",
+                  "3 m q^2/2 + 3 m q/2 - q^3/2 + 3 q^2/2", "2 q", "q"),
     "apply_q_transposed": ("4 m q - 2 q^2 + q", "2 m q - q^2 + 4 q", "2 m q - q^2", "0", "0"),
     "solve_triangle": ("q^2 + q", "q^2/2 - q/2", "q^2/2 - q/2", "q", "0"),
-    "invert_triangle": ("q^3/3 + q^2/2 + q/6", "q^3/6 - q/6", "q^3/6 - q/6", "q^2/2 + q/2", "0"),
+    "invert": ("q^3 - q^2/2 + q/2", "q^3/2 + q^2 - 3 q/2", "q^3/2 - q^2/2", "q^2/2 + q/2", "0"),
     "absorb_rows": ("2 m q^2 + m q + q^2", "m q^2 + 5 q^2/2 + 7 q/2", "m q^2 + m q + q^2/2 + q/2", "2 q", "q")}
+AT_MOST = ("qr_factor",)  # columns go four at a time where there are four, which saves loads and sums
 
 
 def value(formula: str, m: int, q: int) -> Fraction:

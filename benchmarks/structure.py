@@ -28,7 +28,7 @@ def job(name: str, seed: int, factor: float) -> np.ndarray:
                        k1_factor=1.0 + deviation[1])
     config = Config(sample_period=flight.period, formulation="filtered", library="quadratic",
                     model=onboard_model(believed))
-    estimates, _ = run(config, flight.samples())
+    estimates, _ = run(config, flight.rows())
     truth = np.array([term in ("theta", "beta") for term in config.terms])
     support = np.array([e.support[:, 1] for e in estimates if e.t_start >= START])
     return np.column_stack([(support == truth).all(axis=1), (support & ~truth).any(axis=1)])

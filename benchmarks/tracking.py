@@ -68,7 +68,7 @@ def job(name: str, seed: int, kind: str) -> np.ndarray:
     factors = vehicle(seed, kind)
     flight = fly_whole(believed, seed, **factors)
     config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(believed))
-    estimates, _ = run(config, flight.samples())
+    estimates, _ = run(config, flight.rows())
     end = np.array([e.t_end for e in estimates])
     centre = end - 0.5 * WINDOW
     truth = np.column_stack([*parameters(believed, end, **factors), *parameters(believed, centre, **factors)])
@@ -89,7 +89,7 @@ def prepared_job(name: str, seed: int) -> list[np.ndarray]:
     for believed in (calm, dataclasses.replace(calm, wind=WIND, offsets=OFFSETS)):
         config = Config(window=READ, sample_period=flight.period, formulation="filtered",
                         model=onboard_model(believed))
-        told = [(e.t_end, e.tracked) for e in run(config, flight.samples())[0]
+        told = [(e.t_end, e.tracked) for e in run(config, flight.rows())[0]
                 if e.t_end > SETTLED and e.tracked is not None and e.tracked.valid]
         a6, k1 = parameters(calm, np.array([t for t, _ in told]), **factors)
         rows = np.array([[x.a6, x.k1, x.a6_std, x.k1_std] for _, x in told]).reshape(-1, 4)

@@ -44,7 +44,7 @@ def table(name: str, seed: int, delta: tuple[float, float], duration: float | No
     flight = fly_whole(flown, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=ranged_model(believed))
     rows = []
-    for e in run(config, flight.samples())[0]:
+    for e in run(config, flight.rows())[0]:
         u = e.uncertainty
         assert u is not None
         rows.append([e.t_end] + [x for level in (u.a6, u.k1) for x in (

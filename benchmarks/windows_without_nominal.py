@@ -28,7 +28,7 @@ def rows(name: str, window: float, formulation: str, seeds: range) -> tuple[np.n
     for seed in seeds:
         flight = fly_whole(nominal, seed)
         config = Config(window=window, sample_period=flight.period, formulation=formulation)
-        estimates, _ = run(config, flight.samples())
+        estimates, _ = run(config, flight.rows())
         truth = parameters(nominal, np.array([0.5 * (e.t_start + e.t_end) for e in estimates]))
         for e, a6, k1 in zip(estimates, *truth, strict=True):
             status[e.status.name] += 1

@@ -24,7 +24,7 @@ def command() -> int:
     os.environ.update(dict.fromkeys(THREADS, "1"))  # before numpy reads them: sums that are split differ in a digit
     if sys.argv[1:2] == ["export-c"]:  # some hundred samples: in plain Python, with the same bits, sooner than compiled
         os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
-    from .cli.announcement import announce
+    from .cli.compilation import announce
     from .cli.main import main
     from .cli.terminal import speak_utf8
     announce()

@@ -1,18 +1,13 @@
-"""Samples through an estimator, one at a time."""
+"""A whole log through an estimator."""
 
 from collections.abc import Iterable
 
-from launchid_core import Config, Estimate, Estimator, Sample, Status
+import numpy as np
+
+from launchid_core import Config, Estimate, Estimator, Sample
 
 
-def run(config: Config, samples: Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
-    """Feed samples one at a time; the estimate of every window that closed, and the estimator for its counters."""
+def run(config: Config, samples: np.ndarray | Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
+    """Replay samples, (n, 7) or one by one; the estimate of every window that closed, and the estimator."""
     estimator = Estimator(config)
-    update = estimator.update
-    estimates = []
-    for sample in samples:
-        if update(sample) == Status.WINDOW_COMPLETE:
-            estimate = estimator.estimate()
-            assert estimate is not None
-            estimates.append(estimate)
-    return estimates, estimator
+    return estimator.replay(samples), estimator

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .estimator import Estimator
     from .kernels import compiled
     from .model import Model
+    from .order.entries import precompile
     from .port import Port, port_of
     from .watch.uncertainty import BANDS, EDGES
 
@@ -29,7 +30,7 @@ __version__ = VERSION
 __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWEST", "SOLVERS", "Change", "Config",
            "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
-           "parse_term", "polynomial", "port_of", "term_name"]
+           "parse_term", "polynomial", "port_of", "precompile", "term_name"]
 
 
 def __getattr__(name: str) -> Any:
@@ -37,8 +38,9 @@ def __getattr__(name: str) -> Any:
     if name in __all__:
         from . import cache, config, estimate, estimator, kernels, model, port
         from .algebra import library
+        from .order import entries
         from .watch import uncertainty
-        for module in (cache, config, estimate, estimator, kernels, library, model, port, uncertainty):
+        for module in (cache, config, entries, estimate, estimator, kernels, library, model, port, uncertainty):
             if hasattr(module, name):
                 globals()[name] = getattr(module, name)
                 return globals()[name]

@@ -1,25 +1,30 @@
-"""The folder in which numba keeps compiled code: one of the user's own, named after the sources.
+"""The folders in which numba keeps compiled code: one for each module with kernels, named after its sources.
 
-Not part of what flies: it is used while modules are imported, when an `Estimator` is made, and at the process' end.
+Not part of what flies: it is used while modules are imported, and when an `Estimator` is made.
 
-The folder of a package is named after a digest of all its sources, this package's and the versions, so an edit in any
-file compiles anew what is asked for, and two checkouts share one place without harm.  It is set as numba's cache folder
-only while our functions are decorated: a host's own numba code keeps its place.  The place: LAUNCHID_CACHE, or
-NUMBA_CACHE_DIR, or the user's cache folder.  If it cannot be written, kernels are compiled in each process: no error.
+numba writes a file under another name and renames it, so there are no unfinished ones, and what is compiled is kept at
+once.  It compiles anew after an edit of a function's own file, but does not see edits in files that this one imports.
+So a folder is named after a digest of the module's source and of all that it imports, of the versions and of numba's
+settings.  An edit compiles anew what may depend on it, and two checkouts share one place without harm.
 
-What numba loads from there runs.  So the folder has to be this user's, and nobody else may write to it; and each file
-has its digest beside it: what is damaged, or was not finished, is deleted and compiled anew.
+The folder is set as numba's only while our functions are decorated: a host's own code keeps its place.  The place is
+LAUNCHID_CACHE, or NUMBA_CACHE_DIR, or the user's cache folder.  If it cannot be written or has no room, kernels are
+compiled in each process: no error.  What numba loads from there runs, so it has to be this user's, and nobody else may
+write to it.
 """
 
-import atexit
 import contextlib
+import errno
 import hashlib
 import os
 import platform
+import re
 import shutil
 import stat
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -28,15 +33,16 @@ from typing import Any
 import numba
 
 config: Any = numba.config
-SUM = ".sum"       # behind the name of a file: its digest
-OLD = 8            # folders that are kept: as many checkouts and versions may be in use in turn
 GIVEN = config.CACHE_DIR  # by the host
-_used: list[Path] = []    # folders of this process
+OURS = ("launchid_core", "sim", "launchid")  # each takes constants and kernels from those before it
+UNUSED = 30 * 86400.0  # s after which a folder that no process used is deleted
+ROOM = 1 << 26         # bytes that must be free: twice what all kernels take; the largest takes a 64th of it
+IMPORT = re.compile(r"^from (\.*)([\w.]*) import (\([^)]*\)|.*)", re.M)  # at the top level: kernels' names
 alone = threading.RLock()  # who decorates or compiles
 
 
 def cache_folder() -> Path | None:
-    """The user's folder of this project's caches: LAUNCHID_CACHE, or the system's usual place; None without a home."""
+    """Return the user's folder of this project's caches: LAUNCHID_CACHE or the usual place; None without a home."""
     chosen = os.environ.get("LAUNCHID_CACHE")
     if chosen:
         return Path(chosen).expanduser().absolute()
@@ -48,99 +54,83 @@ def cache_folder() -> Path | None:
         return None
 
 
-def is_own(path: Path) -> bool:
-    """Whether a folder or file is this user's own, and no link (where the system says so)."""
-    about = path.lstat()
-    return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not stat.S_ISLNK(about.st_mode))
+@cache
+def looked_through(path: Path) -> tuple[bytes, list[Path]]:
+    """Return the digest of a source, or of a whole package, and what it imports: modules of its own, whole others."""
+    if path.is_dir():
+        return hashlib.blake2b(b"".join(file.read_bytes() for file in sorted(path.rglob("*.py")))).digest(), []
+    source, found = path.read_bytes(), list[Path]()
+    for dots, module, names in IMPORT.findall(source.decode()):
+        package = module.partition(".")[0]
+        if dots:
+            target = path.parents[len(dots) - 1].joinpath(*module.split("."))
+            found += filter(Path.is_file, [target.with_suffix(".py"), target / "__init__.py",
+                                           *(target / f"{name}.py" for name in re.findall(r"\w+", names))])
+        elif package in OURS:
+            found += [Path(str(sys.modules[name].__file__)).parent for name in OURS[:OURS.index(package) + 1]]
+    return hashlib.blake2b(path.name.encode() + source).digest(), found
 
 
-def is_private(path: Path) -> bool:
-    """Whether a folder or file is this user's own and nobody else may write to it."""
-    return is_own(path) and not (hasattr(os, "getuid") and path.lstat().st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+def digest_of(module: str) -> str:
+    """Return the digest of a module's source and of all that it imports, of the versions and of numba's settings."""
+    settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and "CACHE" not in item[0])
+    digest = repr((numba.__version__, sys.version, platform.machine(), settings)).encode()
+    digests: dict[Path, bytes] = {}
+    waiting = [Path(str(sys.modules[module].__file__))]
+    while waiting:
+        path = waiting.pop()
+        if path not in digests:
+            digests[path], imported = looked_through(path)
+            waiting += imported
+    return hashlib.blake2b(digest + b"".join(sorted(digests.values())), digest_size=12).hexdigest()
 
 
-def digest_of(package: str) -> str:
-    """Digest of the sources of a package and of this one, of the versions and the processor."""
-    words = (numba.__version__, sys.version, platform.machine(), os.environ.get("NUMBA_BOUNDSCHECK", ""))
-    digest = hashlib.blake2b(repr(words).encode(), digest_size=12)
-    for name in sorted({package, __name__.partition(".")[0]}):
-        file = Path(str(sys.modules[name].__file__))
-        for path in sorted(file.parent.rglob("*.py")) if hasattr(sys.modules[name], "__path__") else [file]:
-            digest.update(f"{name}/{path.name}".encode() + path.read_bytes())
-    return digest.hexdigest()
+def is_private(folder: Path) -> bool:
+    """Whether a folder is this user's own, no link, and nobody else may write to it (where the system says so)."""
+    about = folder.lstat()
+    return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and stat.S_ISDIR(about.st_mode)
+                                         and not about.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 @cache
-def folder_of(package: str) -> Path | None:
-    """The folder of a package's kernels, made and looked through; None if there is none that is safe."""
+def make_room(place: Path) -> None:
+    """Delete folders that nobody used for long; OSError if there is no room left."""
+    for folder in place.iterdir():
+        if time.time() - folder.stat().st_mtime > UNUSED:
+            shutil.rmtree(folder, ignore_errors=True)
+    if shutil.disk_usage(place).free < ROOM:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with tempfile.TemporaryFile(dir=place) as file:
+        file.write(bytes(ROOM // 64))  # which a quota or a limit may forbid
+
+
+@cache
+def folder_of(module: str) -> Path | None:
+    """Return the folder of a module's kernels, made if need be; None if there is none that is safe and has room."""
     place = Path(GIVEN).absolute() if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
-    if place is None or config.DISABLE_JIT or not getattr(sys.modules.get(package), "__file__", None):
+    if place is None or config.DISABLE_JIT or not getattr(sys.modules.get(module), "__file__", None):
         return None
     try:
-        folder = place / "kernels" / f"{package}-{digest_of(package)}"
+        folder = place / "kernels" / f"{module}-{digest_of(module)}"
         place.mkdir(parents=True, exist_ok=True)
         for each in (folder.parent, folder):
             each.mkdir(mode=0o700, exist_ok=True)
-        if not (is_private(folder) and is_private(folder.parent) and os.access(folder, os.W_OK)):
-            return None
-        _drop_damaged(folder)
-        _drop_old(folder)
+            if not (is_private(each) and os.access(each, os.W_OK)):
+                return None
+        os.utime(folder)
+        make_room(folder.parent)
+        for file in folder.glob("*/*.nb[ci]"):
+            if not file.read_bytes().endswith(b"."):  # a pickle's end: a crash of the machine has cut it short
+                file.unlink(missing_ok=True)
     except OSError:
         return None
-    if not _used:
-        atexit.register(finish)
-    _used.append(folder)
     return folder
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    """The files that numba wrote into a folder."""
-    return (path for path in folder.rglob("*.nb[ci]") if path.is_file())
-
-
-def _sum(path: Path) -> str:
-    return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
-
-
-def _drop_damaged(folder: Path) -> None:
-    """Delete files whose digest is missing or another, and what is not this user's own."""
-    for path in list(_files(folder)):
-        beside = path.with_name(path.name + SUM)
-        try:
-            sound = is_private(path) and is_own(path.parent) and beside.read_text() == _sum(path)
-        except (OSError, ValueError):
-            sound = False
-        if not sound:
-            path.unlink(missing_ok=True)
-
-
-def _drop_old(folder: Path) -> None:
-    """Delete a package's folders but for the OLD used last."""
-    os.utime(folder)
-    package = folder.name.partition("-")[0]
-    with contextlib.suppress(OSError):  # another process may delete one meanwhile
-        others = sorted(folder.parent.glob(f"{package}-*"), key=lambda path: path.stat().st_mtime, reverse=True)
-        for path in others[OLD:]:
-            shutil.rmtree(path, ignore_errors=True)
-
-
-def finish() -> None:
-    """Put the digests of what was compiled since beside it."""
-    for folder in _used:
-        with contextlib.suppress(OSError):
-            for path in _files(folder):
-                beside = path.with_name(path.name + SUM)
-                if not beside.exists() or beside.stat().st_mtime_ns < path.stat().st_mtime_ns:
-                    part = beside.with_name(f"{beside.name}.{os.getpid()}")
-                    path.chmod(0o600)
-                    part.write_text(_sum(path))
-                    os.replace(part, beside)
 
 
 @contextlib.contextmanager
 def kept_apart(function: Callable[..., Any]) -> Iterator[bool]:
-    """A context in which numba's cache folder is that of the function's package; gives whether there is one."""
-    folder = folder_of(function.__module__.partition(".")[0])
+    """A context in which numba's cache folder is that of the function's module; gives whether there is one."""
+    folder = folder_of(function.__module__)
     with alone:
         usual = config.CACHE_DIR
         try:

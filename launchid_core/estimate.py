@@ -145,11 +145,11 @@ class Estimate:
     terms_std: Mapping[str, float] = field(default_factory=dict)
 
 
-def made_estimate(**values: Any) -> Estimate:
+def made_estimate(values: dict[str, Any]) -> Estimate:
     """`Estimate(**values)` with every field given, in a fifth of the time, which a log's replay is made of.
 
     (A frozen dataclass sets each field through `object.__setattr__`.)
     """
     estimate = object.__new__(Estimate)
-    estimate.__dict__.update(values)
+    object.__setattr__(estimate, "__dict__", values)
     return estimate

@@ -13,7 +13,6 @@ from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, mad
 from .filter.belief import A6
 from .filter.states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .gate import ring as rb
-from .gate import window as wn
 from .model import OFFSETS, SERVO, Model
 from .order.assembly import allocate
 from .order.entries import calls_of
@@ -149,27 +148,30 @@ class Estimator:
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
         state, report = self._parts.state, self._report()
-        if state.counts[rb.ESTIMATES] == 0:
+        if state.counts.item(rb.ESTIMATES) == 0:
             return None
         outcome = state.outcome
-        number, flag = outcome.number.tolist(), outcome.flag.tolist()
-        status = _ESTIMATE_STATUSES.get(flag[wn.STATUS], _NUMERICS)
-        xi, support = outcome.xi.copy(), outcome.support == 1
+        (a6, k1, a6_std, k1_std, correlation, a6_dot, k1_dot, a6_bound, k1_bound, condition,
+         whiteness) = outcome.number.tolist()
+        code, rows, gaps = outcome.flag.tolist()
+        status = _ESTIMATE_STATUSES.get(code, _NUMERICS)
+        xi, support = outcome.xi.copy(), outcome.support.astype(bool)
         xi.setflags(write=False)
         support.setflags(write=False)
         t_start = state.clock.item(rb.T_CLOSED)
-        return made_estimate(
-            t_start=t_start, t_end=t_start + self.config.window, valid=status == _OK, status=status,
-            a6=number[wn.O_A6], k1=number[wn.O_K1], a6_std=number[wn.O_A6_STD], k1_std=number[wn.O_K1_STD],
-            a6_k1_corr=number[wn.O_CORRELATION], a6_dot=number[wn.O_A6_DOT], k1_dot=number[wn.O_K1_DOT],
-            a6_bound=number[wn.O_A6_BOUND], k1_bound=number[wn.O_K1_BOUND], condition=number[wn.O_CONDITION],
-            xi=xi, support=support, terms=self._terms, absent=_limits(self._terms, outcome.absent),
-            terms_std=_limits(self._terms, outcome.std),
-            rows=flag[wn.USED], gaps=flag[wn.GAPS_SEEN],
-            tracked=None if report is None else Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
-            uncertainty=None if report is None or self._memory.size.ranged == 0 else _uncertainty(report),
-            whiteness=number[wn.O_WHITENESS], **(_CALM if report is None else _air(report, self.config.model)),
-            **_actuator(report, self.config.model))
+        values = {
+            **_CALM, "t_start": t_start, "t_end": t_start + self.config.window, "valid": status == _OK,
+            "status": status, "a6": a6, "k1": k1, "a6_std": a6_std, "k1_std": k1_std, "a6_k1_corr": correlation,
+            "a6_dot": a6_dot, "k1_dot": k1_dot, "a6_bound": a6_bound, "k1_bound": k1_bound, "condition": condition,
+            "xi": xi, "support": support, "terms": self._terms, "rows": rows, "gaps": gaps, "whiteness": whiteness,
+            "absent": _named(self._terms, outcome.absent), "terms_std": _named(self._terms, outcome.std)}
+        model = self.config.model
+        if report is None or model is None:
+            return made_estimate(values)
+        tracked = Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked))
+        uncertainty = _uncertainty(report) if self._memory.size.ranged else None
+        return made_estimate({**values, "tracked": tracked, "uncertainty": uncertainty, **_air(report, model),
+                              **_actuator(report, model)})
 
     def changes(self) -> tuple[Change, ...]:
         """Sudden changes found so far, oldest first (of the last MAX_EVENTS alarms; formulation `filtered`)."""
@@ -222,10 +224,9 @@ def _no_sample(given: object) -> str:
     return f"update: expected a Sample, {len(Sample._fields)} floats ({names}); got {type(given).__name__}{count}"
 
 
-def _limits(terms: tuple[str, ...], absent: np.ndarray) -> Mapping[str, float]:
-    """The limits of the terms that are not active, by name."""
-    limits = absent.tolist()
-    return MappingProxyType({term: limit for term, limit in zip(terms, limits, strict=True) if not math.isnan(limit)})
+def _named(terms: tuple[str, ...], values: np.ndarray) -> Mapping[str, float]:
+    """The values that are numbers, by the name of their term."""
+    return MappingProxyType({term: x for term, x in zip(terms, values.tolist(), strict=True) if x == x})  # noqa: PLR0124
 
 
 def _numbers(values: np.ndarray) -> list[float]:
@@ -233,23 +234,23 @@ def _numbers(values: np.ndarray) -> list[float]:
     return [NAN if math.isnan(x) else x for x in values.tolist()]
 
 
-_CALM: dict[str, Any] = {"wind": NAN, "wind_std": NAN, "offsets": MappingProxyType({})}
+_KNOWN: dict[str, Any] = {"actuator": None, "actuator_corr": ()}
+_CALM: dict[str, Any] = {"tracked": None, "uncertainty": None, "wind": NAN, "wind_std": NAN,
+                         "offsets": MappingProxyType({}), **_KNOWN}
 
 
-def _air(report: Any, model: Model | None) -> dict[str, Any]:
+def _air(report: Any, model: Model) -> dict[str, Any]:
     """Wind and offsets out of a report, as fields of `Estimate`."""
-    if model is None:
-        return _CALM
     wind, wind_std = _numbers(report.air)
     offsets = {name: Offset(*_numbers(report.offset[k])) for k, name in enumerate(OFFSETS)
                if getattr(model, name) > 0.0}
     return {"wind": wind, "wind_std": wind_std, "offsets": MappingProxyType(offsets)}
 
 
-def _actuator(report: Any, model: Model | None) -> dict[str, Any]:
+def _actuator(report: Any, model: Model) -> dict[str, Any]:
     """The servo out of a report, as fields of `Estimate`; nothing of a servo that is known."""
-    if report is None or model is None or not model.servo_sigma:
-        return {"actuator": None, "actuator_corr": ()}
+    if not model.servo_sigma:
+        return _KNOWN
     return {"actuator": MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)}),
             "actuator_corr": tuple(_numbers(report.actuator_corr))}
 

@@ -1,6 +1,6 @@
 """The decorators of every compiled function in this package, and where numba keeps what it compiled.
 
-``kernel``   an entry, called from Python; few, and shallow: numba compiles what an entry calls into it
+``kernel``   an entry, called from Python; few
 ``asked``    called by Python and by kernels: a function of numbers
 ``inner``    called by kernels only; from Python it would crash the process, and a test compiles its own
 
@@ -11,7 +11,7 @@ Choices, each with its reason:
 * ``nogil=True``: two estimators may run in two threads.
 * ``_nrt=False``: without numba's run time nothing can be allocated: a kernel that would does not compile.  Nor are
   the references of arrays counted, which costs time in flight and, more, in compilation.
-* ``cache=True``: a flight host must not compile twice.
+* ``cache=True``: a flight host must not compile twice, and what several entries call is compiled once.
 * no ``fastmath``: sums keep their order, so the same input gives the same bits on every machine, un-jitted, and in a
   C port.
 """
@@ -51,12 +51,12 @@ _teller = _Teller()
 event.register("numba:compile", _teller)
 
 
-def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function]:
-    """A decorator of kernels, with the choices above and these; kept  numba keeps them on disk."""
+def compiled(**choices: Any) -> Callable[[Function], Function]:
+    """Return a decorator of kernels, with the choices above and these."""
 
     def decorate(function: Function) -> Function:
         with kept_apart(function) as is_safe:
-            kernel: Function = _numba.njit(cache=kept and is_safe, **CHOICES, **choices)(function)
+            kernel: Function = _numba.njit(cache=is_safe, **CHOICES, **choices)(function)
         _teller.ours.add(function)
         return kernel
 
@@ -65,4 +65,4 @@ def compiled(kept: bool = True, **choices: Any) -> Callable[[Function], Function
 
 kernel = compiled(_nrt=False, no_cfunc_wrapper=True)
 asked = compiled(_nrt=False, no_cfunc_wrapper=True)
-inner = compiled(kept=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = compiled(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -8,14 +8,12 @@ import math
 
 import numpy as np
 
-from .effects import Effect, effect
-from .effects.environment import TURBULENCE, WIND_WALK
-from .effects.table import CODE, P0, P1, empty_table
+from .effects import Changes, Effect, effect
 from .sections import Offsets, Wind
 from .vehicle.kernels import kernel
 
 _STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
-CALM = empty_table().environment
+CALM = Changes()
 OFFSETS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias", "moment")
 
 
@@ -51,14 +49,14 @@ def moment_of(drawn: dict[str, float]) -> float:
 # ---- wind
 
 
-def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, effects: np.ndarray = CALM) -> np.ndarray:
-    """The wind angle (steps + 1,) [rad] at every step [s] of the flight, or (0,) if it is calm.
+def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, changes: Changes = CALM) -> np.ndarray | None:
+    """The wind angle (steps + 1,) [rad] at every step [s] of the flight; None if it is calm.
 
-    effects  (n, N_COLUMNS) environment's rows: each source of chance is drawn by itself, the nominal's first
+    changes  of the effects: each source of chance is drawn by itself, the nominal's first
     """
-    walks, turbulences = sources(wind, effects)
+    walks, turbulences = sources(wind, changes)
     if (wind is None or wind.is_calm) and not walks and not turbulences:
-        return np.zeros(0)
+        return None
     total = np.zeros(steps + 1) if wind is None or wind.profile is None else \
         wind.profile.at(np.arange(steps + 1) * step)
     for source, (walk, initial) in enumerate(walks):
@@ -74,16 +72,15 @@ def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, effects: n
 Pairs = list[tuple[float, float]]
 
 
-def sources(wind: Wind | None, effects: np.ndarray) -> tuple[Pairs, Pairs]:
+def sources(wind: Wind | None, changes: Changes) -> tuple[Pairs, Pairs]:
     """Walks (level [rad/sqrt(s)], one sigma at t = 0 [rad]) and turbulences (level [rad], time constant [s]) that blow.
 
-    A `wind_walk` among the effects (n, N_COLUMNS) begins at 0: a wind of any strength at t = 0 is `steady_wind`'s.
+    A `wind_walk` among the effects begins at 0: a wind of any strength at t = 0 is `steady_wind`'s.
     """
     walks = [(wind.walk, wind.initial)] if wind is not None else []
     turbulences = [(wind.turbulence, wind.turbulence_time)] if wind is not None else []
-    walks += [(float(row[P0]), 0.0) for row in effects if row[CODE] == WIND_WALK]
-    turbulences += [(float(row[P0]), float(row[P1])) for row in effects if row[CODE] == TURBULENCE]
-    return [walk for walk in walks if max(walk) > 0.0], [each for each in turbulences if each[0] > 0.0]
+    return ([walk for walk in (*walks, *changes.walks) if max(walk) > 0.0],
+            [each for each in (*turbulences, *changes.turbulences) if each[0] > 0.0])
 
 
 @kernel

@@ -21,12 +21,12 @@ import numpy as np
 from launchid_core import Sample
 
 from .disturbance_draws import drawn_offsets, drawn_wind, moment_of, offset_effects
-from .effects import Effect, Table, effect, pack, plant
+from .effects import Changes, Effect, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
-from .vehicle import step as st
 from .vehicle.actuator import FIRST_ORDER_DAMPING
-from .vehicle.controller import N_SECTION
+from .vehicle.record import NOISE, ROW, SECTION, TICK, Vehicle, assembled
+from .vehicle.step import advance
 
 SUITES = ("flight", "ideal")
 MAX_STEPS = 2e7      # of one flight: 1 GB of noise draws
@@ -71,6 +71,11 @@ class Flight:
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd, self.gamma)
         return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
 
+    def rows(self) -> np.ndarray:
+        """The same as an array (n, 7), for `Estimator.replay`."""
+        return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+                                self.gamma])
+
 
 def is_whole(value: float, unit: float) -> bool:
     """Whether value/unit is an integer >= 1."""
@@ -94,14 +99,12 @@ def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
     a6, k1 = nominal.vehicle.at(t)
     a6 = a6 * (a6_factor(t) if callable(a6_factor) else a6_factor)
     k1 = k1 * (k1_factor(t) if callable(k1_factor) else k1_factor)
-    table = packed(nominal, effects)
-    if len(table.plant) > 0:
-        plant.parameters_over_time(table.plant, np.round(t, CLOCK_DIGITS), a6, k1)
-    return a6, k1
+    changes = packed(nominal, effects)
+    return plant.parameters(changes, np.round(t, CLOCK_DIGITS), a6, k1) if changes.parameters else (a6, k1)
 
 
-def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | None = None) -> Table:
-    """The nominal's further terms, its effects and these, as the compiled step reads them.
+def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | None = None) -> Changes:
+    """What the nominal's further terms, its effects and these change.
 
     centre  [s] a `middle` that is not given; None: of the nominal's flight
     """
@@ -142,7 +145,7 @@ def excitation(nominal: Nominal, ticks: int, period: float) -> np.ndarray:
 
 
 def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_factor: Factor,
-            k1_factor: Factor, effects: Iterable[Effect] = ()) -> tuple[st.Vehicle, int]:
+            k1_factor: Factor, effects: Iterable[Effect] = ()) -> tuple[Vehicle, int]:
     """A vehicle on the pad, and the steps of its flight."""
     nominal.require("actuator", "controller", "guidance", "simulation")
     if suite not in SUITES:
@@ -161,47 +164,50 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
 
     offsets = drawn_offsets(nominal.offsets, seed)
     effects = (*effects, *offset_effects(offsets))
-    table = packed(nominal, effects)
-    seen = steps if len(table.sensor) > 0 else 0
+    changes = packed(nominal, effects)
+    sensors, guidance = nominal.sensors, nominal.guidance
+
+    ticking = np.arange(ticks) * controller.period
+    tick = np.zeros(ticks, TICK)
+    tick["reference"] = guidance.attitude_at(ticking)
+    tick["rate_reference"] = guidance.rate_at(np.round(ticking, CLOCK_DIGITS))
+    tick["excitation"] = excitation(nominal, ticks, controller.period)
+    tick["noise"] = noise(seed, "command", actuator.command_noise_std, ticks)
+    unmodelled = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
+    tick["acceleration"] = noise(seed, "acceleration", unmodelled, ticks) + moment_of(offsets)
+
+    noises = np.empty(steps, NOISE)
+    for name in ("theta", "theta_dot", "beta"):
+        noises[name] = noise(seed, name, getattr(sensors, f"{name}_std"), steps)
+
     half_steps = np.arange(2 * steps + 1) * (0.5 * h)
     a6, k1 = parameters(nominal, half_steps, a6_factor, k1_factor, effects)
-    sensors, guidance, ticking = nominal.sensors, nominal.guidance, np.arange(ticks) * controller.period
-    counter = np.zeros(st.N_COUNTERS, np.int64)
-    counter[st.CONTROL_EVERY], counter[st.LOG_EVERY] = control_every, log_every
-    acceleration = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
-    vehicle = st.Vehicle(
-        constants(nominal), np.zeros(st.N_STATE), counter, a6, k1, guidance.attitude_at(ticking),
-        noise(seed, "command", actuator.command_noise_std, ticks),
-        noise(seed, "acceleration", acceleration, ticks) + moment_of(offsets),
-        noise(seed, "theta", sensors.theta_std, steps), noise(seed, "theta_dot", sensors.theta_dot_std, steps),
-        noise(seed, "beta", sensors.beta_std, steps), np.zeros(ticks), np.zeros(ticks),
-        excitation(nominal, ticks, controller.period), np.zeros((2, seen)), *table,
-        wind=drawn_wind(nominal.wind, seed, steps, h, table.environment),
-        drift=np.zeros((2, 0)) if nominal.drift is None else np.stack(nominal.drift.at(half_steps)),
-        rate_reference=guidance.rate_at(np.round(ticking, CLOCK_DIGITS)), filters=sections(nominal))
+    vehicle = assembled({**constants(nominal), "control_every": control_every, "log_every": log_every}, changes, tick,
+                        noises, a6, k1, np.zeros(ticks), sections(nominal),
+                        wind=drawn_wind(nominal.wind, seed, steps, h, changes),
+                        drift=None if nominal.drift is None else np.stack(nominal.drift.at(half_steps)))
     return vehicle, steps
 
 
-def constants(nominal: Nominal) -> np.ndarray:
-    """The constants (N_CONSTANTS,) of a nominal that can fly, as the compiled step reads them."""
+def constants(nominal: Nominal) -> dict[str, float]:
+    """The constants of a nominal that can fly, as the compiled step names them."""
     actuator, controller, sensors = nominal.actuator, nominal.controller, nominal.sensors
     simulation = nominal.simulation
     assert actuator is not None and controller is not None and simulation is not None
-    servo = (1.0 / actuator.time_constant, FIRST_ORDER_DAMPING) if actuator.is_first_order else \
+    frequency, damping = (1.0 / actuator.time_constant, FIRST_ORDER_DAMPING) if actuator.is_first_order else \
         (actuator.natural_frequency, actuator.damping_ratio)
-    return np.array([simulation.step, controller.period, *servo, actuator.delay, actuator.deflection_limit,
-                     controller.kp, controller.kd, controller.derivative_time_constant,
-                     sensors.theta_step, sensors.theta_dot_step, sensors.beta_step,
-                     LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE,
-                     float(actuator.is_first_order), float(controller.is_rate_law), controller.ki,
-                     *np.zeros(st.N_CONSTANTS - st.PART)])
+    return {"step": simulation.step, "period": controller.period, "frequency": frequency, "damping": damping,
+            "first_order": actuator.is_first_order, "delay": actuator.delay, "limit": actuator.deflection_limit,
+            "rate_law": controller.is_rate_law, "kp": controller.kp, "kd": controller.kd, "ki": controller.ki,
+            "time_constant": controller.derivative_time_constant, "theta_step": sensors.theta_step,
+            "theta_dot_step": sensors.theta_dot_step, "beta_step": sensors.beta_step,
+            "lost_angle": LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE}
 
 
 def sections(nominal: Nominal) -> np.ndarray:
-    """The sections (n, N_SECTION) of the controller's filters, at rest."""
+    """The sections (n,) SECTION of the controller's filters, at rest."""
     assert nominal.controller is not None
-    rows = [(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters]
-    return np.array(rows, dtype=np.float64).reshape(-1, N_SECTION)
+    return np.array([(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters], SECTION)
 
 
 def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.ndarray:
@@ -212,10 +218,9 @@ def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.nd
     return noise(seed, "gamma", 0.0 if suite == "ideal" else nominal.sensors.gamma_std, steps)
 
 
-def _columns(suite: str) -> dict[str, int]:
+def _columns(suite: str) -> dict[str, str]:
     """The columns of a row that the suite's sensors read, by name."""
-    read = "exact_" if suite == "ideal" else ""
-    return {name: st.COLUMNS.index(read + name) for name in ("theta", "theta_dot", "beta")}
+    return {name: f"exact_{name}" if suite == "ideal" else name for name in ("theta", "theta_dot", "beta")}
 
 
 def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
@@ -230,22 +235,22 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     effects    flown beside the nominal's own, see `sim.effects`
     """
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
-    every = int(vehicle.counter[st.LOG_EVERY])
-    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
-    st.advance(vehicle, steps, rows)
-    n = int(vehicle.counter[st.ROWS])
-    log = {name: rows[:n, k].copy() for k, name in enumerate(st.COLUMNS)}
-    chosen = {name: rows[:n, k].copy() for name, k in _columns(suite).items()}
+    state = vehicle.flight[0]
+    every = int(state.log_every)
+    rows = np.empty(-(-steps // every), ROW)
+    advance(vehicle, steps, rows)
+    n = int(state.rows)
+    log = {name: rows[name][:n].copy() for name in ROW.names or ()}
+    chosen = {name: log[column] for name, column in _columns(suite).items()}
     ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
     at = every * np.arange(n)
-    tick = at // int(vehicle.counter[st.CONTROL_EVERY])
-    rate_law = vehicle.constant[st.RATE_LAW] != 0.0
+    tick = vehicle.ticks[at // int(state.control_every)]
     return Flight(t=np.round(log["t"], CLOCK_DIGITS), theta_ref=log["theta_ref"], beta_cmd=log["beta_cmd"],
                   theta_ddot=ddot, a6=vehicle.a6[2 * at], k1=vehicle.k1[2 * at],
-                  period=every * float(vehicle.constant[st.STEP]), lost=bool(vehicle.counter[st.LOST]),
+                  period=every * float(state.step), lost=bool(state.lost),
                   gamma=log["true_gamma"] + measured_gamma(nominal, seed, suite, steps)[at],
                   true_gamma=log["true_gamma"], wind=log["wind"],
-                  rate_ref=vehicle.rate_reference[tick] if rate_law else np.full(n, np.nan),
+                  rate_ref=tick["rate_reference"].copy() if state.rate_law else np.full(n, np.nan),
                   offsets=drawn_offsets(nominal.offsets, seed), **chosen)
 
 
@@ -253,19 +258,19 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
         a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> Iterator[Sample]:
     """The same flight, one Sample at a time: nothing is computed before it is asked for."""
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
-    every = int(vehicle.counter[st.LOG_EVERY])
+    state = vehicle.flight[0]
+    every = int(state.log_every)
     column = _columns(suite)
-    ddot, true_gamma = st.COLUMNS.index("true_theta_ddot"), st.COLUMNS.index("true_gamma")
     gamma = measured_gamma(nominal, seed, suite, steps)
-    row = np.empty((1, len(st.COLUMNS)))
+    rows = np.empty(1, ROW)
     for start in range(0, steps, every):
-        vehicle.counter[st.ROWS] = 0
-        st.advance(vehicle, min(every, steps - start), row)
-        if vehicle.counter[st.ROWS] == 0:
+        state.rows = 0
+        advance(vehicle, min(every, steps - start), rows)
+        if state.rows == 0:
             return
-        value = row[0].tolist()
-        yield Sample(round(value[0], CLOCK_DIGITS), value[column["theta"]], value[column["theta_dot"]],
-                     value[column["beta"]], value[ddot] if suite == "ideal" else math.nan, value[2],
-                     value[true_gamma] + float(gamma[start]))
-        if vehicle.counter[st.LOST]:
+        row = dict(zip(ROW.names or (), rows[0].tolist(), strict=True))
+        yield Sample(round(row["t"], CLOCK_DIGITS), row[column["theta"]], row[column["theta_dot"]],
+                     row[column["beta"]], row["true_theta_ddot"] if suite == "ideal" else math.nan, row["beta_cmd"],
+                     row["true_gamma"] + float(gamma[start]))
+        if state.lost:
             return

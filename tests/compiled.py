@@ -17,6 +17,7 @@ def compiled(kernel: Any) -> Callable[..., Any]:
     """An `inner` kernel with the wrapper that Python needs; un-jitted where numba is told not to compile."""
     function = getattr(kernel, "py_func", kernel)
     with kept_apart(function) as is_safe:
+        numba.config.CACHE_DIR += "/called"  # numba takes a kernel without the wrapper for the same
         made: Callable[..., Any] = numba.njit(cache=is_safe, **CHOICES)(function)
     return made
 

@@ -28,7 +28,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.ge
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of `pytest &` in a script; commands that are started inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-WARM = Path(__file__).with_name("warm.py")
+ROOT = Path(__file__).resolve().parents[1]
 WORKERS = 2  # of the whole suite; they share the kernels' cache, and none is compiled twice
 
 
@@ -42,10 +42,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         option.numprocesses = WORKERS
         option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each: more only wait for one another
-        compiling = [subprocess.Popen([sys.executable, str(WARM), str(half)], cwd=WARM.parent.parent)
-                     for half in range(WORKERS)]
-        for process in compiling:
-            process.wait()
+        subprocess.run([sys.executable, "-m", "launchid", "warm"], cwd=ROOT, check=False)  # else each compiles it all
 
 
 def pytest_collection_finish() -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sim.vehicle.actuator import fastest_pole
+from sim.vehicle import actuator
 from sim.vehicle.kernels import kernel
 
 from .world import MISALIGNMENT, MOMENT, PATH, TURBULENCE, WALK
@@ -15,6 +15,8 @@ TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
 RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
 A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
+
+fastest_pole = kernel(actuator.fastest_pole)
 
 
 @kernel

@@ -66,4 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED_STATUS
     except BrokenPipeError:
         leave_stdout()  # the reader has gone (as `| head` does)
+    except OSError as error:  # a disk that fills meanwhile
+        say(f"launchid: {error}")
+        return INPUT_STATUS
     return 0

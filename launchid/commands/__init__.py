@@ -18,8 +18,9 @@ from . import (
     reproduce,
     simulate,
     uncertainty,
+    warm,
     watch,
 )
 
 COMMANDS = (reproduce, simulate, identify, nominal, plan, diagnose, margins, uncertainty, fit_lft, export_c, campaign,
-            convert, watch, effects)
+            convert, watch, effects, warm)

@@ -73,7 +73,7 @@ def fly_band(job: BandJob) -> Band:
     factors = dispersion(nominal, *delta)
     flight = fly_whole(nominal, seed, a6_factor=factors[0], k1_factor=factors[1])
     config = Config(sample_period=flight.period, formulation="filtered", model=ranged_model(nominal))
-    estimates, _ = run(config, flight.samples())
+    estimates, _ = run(config, flight.rows())
     end = np.array([e.t_end for e in estimates])
     true_a6, true_k1 = parameters(nominal, end, *factors)
     rows = []

@@ -79,7 +79,7 @@ def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flig
                     model=onboard_model(nominal) if variant.formulation == "filtered" else None)
     is_papers = variant == case.variants[0]
     estimates = identified(config, flown_log(flight)).judged.estimates if is_papers else \
-        run(config, flight.samples())[0]
+        run(config, flight.rows())[0]
     support = np.array([term in case.support for term in config.terms])
     nodes = nominal.vehicle.t
     table = np.full((len(estimates), N_COLUMNS), np.nan)

@@ -45,7 +45,7 @@ def identified(config: Config, log: Log, foreign: str = "", refuse: bool = False
     kind = rate_of(log.t, log.beta).kind
     if kind == HELD and config.formulation == "integral":
         config = replace(config, beta_held=True)
-    estimates, estimator = run(config, log.samples())
+    estimates, estimator = run(config, log.rows())
     measured = without_stops(as_held(log) if kind == HELD else log)
     is_filtered = config.formulation == "filtered"
     lead = None if is_filtered else delay(measured, config)

@@ -149,6 +149,11 @@ class Log(Result):
             part = [column[first:first + FED].tolist() for column in columns]
             yield from starmap(Sample, zip(*part, strict=True))
 
+    def rows(self) -> np.ndarray:
+        """The same as an array (n, 7), for `Estimator.replay`."""
+        return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+                                self.flight_path])
+
 
 def measured_logs() -> tuple[str, ...]:
     """Names of the logs that come with the package."""

@@ -88,7 +88,7 @@ def deviations(log: Log, nominal: Nominal) -> Deviations:
     if rows < ROWS_LEAST:
         raise InputError(f"{log.path}: {rows} rows; expected at least {ROWS_LEAST} for a flight")
     config = Config(window=rows * log.period, sample_period=log.period, formulation="filtered", model=model)
-    estimates, _ = run(config, log.samples())
+    estimates, _ = run(config, log.rows())
     centre = np.array([0.5 * (e.t_start + e.t_end) for e in estimates])
     believed = np.stack(nominal.vehicle.at(centre), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):  # a nominal of 0 has no relative deviation

@@ -60,7 +60,7 @@ def follow(log: Log, nominal: Nominal, window: float) -> list[Estimate]:
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")
     config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
                     **saturations(log))
-    return run(config, log.samples())[0]
+    return run(config, log.rows())[0]
 
 
 def level_json(level: Level) -> dict[str, Any]:

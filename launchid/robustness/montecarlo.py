@@ -87,7 +87,7 @@ def identify(job: Job) -> dict[str, float | int | str]:
     a6_factor, k1_factor = factors(nominal, job)
     flight = fly_whole(nominal, job.seed, a6_factor=a6_factor, k1_factor=k1_factor)
     config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(nominal))
-    estimates, estimator = run(config, flight.samples())
+    estimates, estimator = run(config, flight.rows())
     last = estimates[-1].tracked if estimates else None
     fields = last._asdict() if last is not None else {}
     return {"lost": int(flight.lost), "windows": len(estimates), "valid": sum(e.valid for e in estimates),

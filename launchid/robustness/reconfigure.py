@@ -41,7 +41,8 @@ from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, T
 from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS, Factor, prepare
 from sim.nominal import Nominal
-from sim.vehicle import step as st
+from sim.vehicle.record import ROW, Vehicle
+from sim.vehicle.step import advance
 
 from ..identification.windows import onboard_model
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
@@ -274,18 +275,19 @@ class Flown:
 
     def column(self, name: str) -> np.ndarray:
         """A column of the log, SI."""
-        return self.rows[:, st.COLUMNS.index(name)]
+        return self.rows[name]
 
 
 def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
     """The flight with the nominal's own gains."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
-    every = int(vehicle.counter[st.LOG_EVERY])
-    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
-    st.advance(vehicle, steps, rows)
-    rows = rows[:int(vehicle.counter[st.ROWS])]
-    gains = np.tile(vehicle.constant[[st.KP, st.KD]], (len(rows), 1))
-    return Flown(rows, gains, every * float(vehicle.constant[st.STEP]), bool(vehicle.counter[st.LOST]))
+    state = vehicle.flight[0]
+    every = int(state.log_every)
+    rows = np.empty(-(-steps // every), ROW)
+    advance(vehicle, steps, rows)
+    rows = rows[:int(state.rows)]
+    gains = np.tile([state.kp, state.kd], (len(rows), 1))
+    return Flown(rows, gains, every * float(state.step), bool(state.lost))
 
 
 def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0,
@@ -295,7 +297,8 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
     believed   what the supervisor knows, if it is not the nominal that flies
     """
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
-    supervisor = Supervisor(believed or nominal, int(vehicle.counter[st.LOG_EVERY]) * float(vehicle.constant[st.STEP]))
+    state = vehicle.flight[0]
+    supervisor = Supervisor(believed or nominal, int(state.log_every) * float(state.step))
     flown = _fly(vehicle, steps, supervisor)
     return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
 
@@ -306,41 +309,41 @@ def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fac
     return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
 
 
-def _fly(vehicle: st.Vehicle, steps: int, scheduler: Scheduler) -> Flown:
+def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
     """The whole flight, the scheduler beside it."""
-    counter, h = vehicle.counter, float(vehicle.constant[st.STEP])
-    every, tick = int(counter[st.LOG_EVERY]), int(counter[st.CONTROL_EVERY])
-    rows = np.empty((-(-steps // every), len(st.COLUMNS)))
+    state = vehicle.flight[0]
+    h, every, tick = float(state.step), int(state.log_every), int(state.control_every)
+    rows = np.empty(-(-steps // every), ROW)
     gains = np.empty((len(rows), 2))
     turn = max(1, round(SUPERVISION / (tick * h))) * tick
     for start in range(0, steps, turn):
-        seen = int(counter[st.ROWS])
+        seen = int(state.rows)
         _fly_turn(vehicle, scheduler, range(start, min(start + turn, steps), tick), rows, gains)
-        if counter[st.LOST]:
+        if state.lost:
             break
-        new = rows[seen:counter[st.ROWS]].tolist()
+        new = rows[seen:state.rows].tolist()
         if new:
             scheduler.take([_sample(row) for row in new])
-    n = int(counter[st.ROWS])
-    return Flown(rows[:n], gains[:n], every * h, bool(counter[st.LOST]))
+    n = int(state.rows)
+    return Flown(rows[:n], gains[:n], every * h, bool(state.lost))
 
 
-def _fly_turn(vehicle: st.Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
+def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
               gains: np.ndarray) -> None:
     """The controller's periods (as steps) until the supervisor looks again; in one go once the gains are there."""
-    constant, counter = vehicle.constant, vehicle.counter
-    target = scheduler.target(ticks.start * constant[st.STEP])
+    state = vehicle.flight[0]
+    target = scheduler.target(ticks.start * state.step)
     for start in ticks:
-        constant[st.KP], constant[st.KD] = scheduler.move(target, constant[st.PERIOD])
+        state.kp, state.kd = scheduler.move(target, state.period)
         settled = scheduler.gains == target
-        first = counter[st.ROWS]
-        st.advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
-        gains[first:counter[st.ROWS]] = scheduler.gains
-        if settled or counter[st.LOST]:
+        first = int(state.rows)
+        advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
+        gains[first:state.rows] = scheduler.gains
+        if settled or state.lost:
             return
 
 
-def _sample(row: list[float]) -> Sample:
+def _sample(row: tuple[float, ...]) -> Sample:
     """A row as the estimator's sample: what the sensors read, and the logged command."""
     t, _, beta_cmd, beta, theta, theta_dot = row[:6]
     return Sample(round(t, CLOCK_DIGITS), theta, theta_dot, beta, math.nan, beta_cmd)

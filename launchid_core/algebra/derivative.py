@@ -11,6 +11,7 @@ more supports found on clean data, and up to twice the error under noise.
 """
 
 from ..kernels import inner
+from .lanes import U
 
 STENCIL = 5
 
@@ -63,27 +64,30 @@ def slopes_of_piece(time, x, first, end, slope, fifth):
 
     As `newton_slope`; from stencil to stencil the differences move on by a row, so that four are new instead of ten.
     """
-    d01 = (x[first + 1] - x[first]) / (time[first + 1] - time[first])
-    d12 = (x[first + 2] - x[first + 1]) / (time[first + 2] - time[first + 1])
-    d23 = (x[first + 3] - x[first + 2]) / (time[first + 3] - time[first + 2])
-    d012 = (d12 - d01) / (time[first + 2] - time[first])
-    d123 = (d23 - d12) / (time[first + 3] - time[first + 1])
-    d0123 = (d123 - d012) / (time[first + 3] - time[first])
+    t0, t1, t2, t3, x3 = time[first], time[first + 1], time[first + 2], time[first + 3], x[first + 3]
+    d01 = (x[first + 1] - x[first]) / (t1 - t0)
+    d12 = (x[first + 2] - x[first + 1]) / (t2 - t1)
+    d23 = (x3 - x[first + 2]) / (t3 - t2)
+    d012 = (d12 - d01) / (t2 - t0)
+    d123 = (d23 - d12) / (t3 - t1)
+    d0123 = (d123 - d012) / (t3 - t0)
     for start in range(first, end - STENCIL + 1):
-        t0, t1, t2, t3, t4 = time[start], time[start + 1], time[start + 2], time[start + 3], time[start + 4]
-        d34 = (x[start + 4] - x[start + 3]) / (t4 - t3)
+        t4, x4 = time[U(start + 4)], x[U(start + 4)]
+        d34 = (x4 - x3) / (t4 - t3)
         d234 = (d34 - d23) / (t4 - t2)
         d1234 = (d234 - d123) / (t4 - t1)
         c4 = (d1234 - d0123) / (t4 - t0)
         low = first if start == first else start + STENCIL // 2
         high = end if start == end - STENCIL else start + STENCIL // 2 + 1
-        for at in range(low, high):
+        for k in range(low, high):
+            at = U(k)
             a0, a1, a2, a3 = time[at] - t0, time[at] - t1, time[at] - t2, time[at] - t3
             value = d01
             value += d012 * (a0 + a1)
             value += d0123 * (a0 * a1 + (a0 + a1) * a2)
             fifth[at] = c4 * ((a0 + a1) * a2 * a3 + a0 * a1 * (a2 + a3))
             slope[at] = value + fifth[at]
+        t0, t1, t2, t3, x3 = t1, t2, t3, t4, x4
         d01, d12, d23 = d12, d23, d34
         d012, d123 = d123, d234
         d0123 = d1234

@@ -15,10 +15,11 @@ import math
 import numpy as np
 
 from ..kernels import inner
-from .lanes import divide, dot, largest_size, reflect, reflect_sized, scale, subtract
+from .lanes import divide, dot, largest_size, reflect, scale, subtract
 
 EPS = np.finfo(np.float64).eps
 LARGER = 1.0 + 1.0e-12  # so much is no rounding: of columns of one norm the first is the pivot, on any machine
+LEFT = 1.0e-3  # share of a column's square: less left of it by subtraction has lost three digits, and is summed anew
 LEAST_SQUARE = 1.0e-200  # of a column: below it, and above its inverse, a number's own square may be 0 or inf
 
 
@@ -65,13 +66,14 @@ def swap_columns(at, order, j, k):
 def qr_factor(at, order, tau, tolerance):
     """A P = Q R in place; returns the numerical rank.
 
-    at        (n, m) inout  columns of A; out: R in at[j, :j+1], Householder vectors below (leading 1 implied)
+    at        (>=n, m) inout  columns of A; out: R in at[j, :j+1], Householder vectors below (leading 1 implied);
+                            columns behind the first n turn along, they become Q' times themselves
     order     (n,)   out    int64: column k of A P is column order[k] of A
     tau       (n,)   out    Householder factors
     tolerance              a pivot at most this times the first one ends the factorisation
     Returns the number of pivots above the tolerance, 0..min(m, n); a column that is not finite counts as dependent.
     """
-    n, m = at.shape
+    n, m = order.shape[0], at.shape[1]
     for j in range(n):
         order[j] = j
         tau[j] = dot(at[j], at[j], 0, m)  # square of what is left of a column, until it is one of R
@@ -83,20 +85,24 @@ def qr_factor(at, order, tau, tolerance):
         for j in range(k, n):
             if tau[j] > LARGER * square:
                 best, square = j, tau[j]
-        norm = math.sqrt(max(square, 0.0))
+        swap_columns(at, order, k, best)
+        tau[best] = tau[k]
+        v = at[k]
+        norm = math.sqrt(dot(v, v, k, m))
         if k == 0:
             first = norm
         if not (norm > tolerance * first and norm < np.inf):
             break
-        swap_columns(at, order, k, best)
-        tau[best] = tau[k]
-        v = at[k]
         beta = -math.copysign(norm, v[k])
         tau[k] = (beta - v[k]) / beta
         inverse = 1.0 / (v[k] - beta)
         scale(v, inverse, k + 1, m)
         v[k] = beta
-        reflect_sized(v, tau[k], at, k + 1, n, k, m, tau)
+        reflect(v, tau[k], at, k + 1, at.shape[0], k, m)
+        for j in range(k + 1, n):
+            tau[j] -= at[j, k] * at[j, k]
+            if not tau[j] > LEFT * first * first:
+                tau[j] = dot(at[j], at[j], k + 1, m)
         rank += 1
     for j in range(rank, n):
         tau[j] = 0.0
@@ -124,13 +130,6 @@ def apply_q_transposed(at, tau, rank, y):
 
 
 @inner
-def rotate_transposed(at, tau, rank, columns):
-    """`apply_q_transposed` to several columns, one after the other in memory.  columns (n, m) inout."""
-    for k in range(rank):
-        reflect(at[k], tau[k], columns, 0, columns.shape[0], k, at.shape[1])
-
-
-@inner
 def rotate(at, tau, rank, columns, first, last):
     """columns[j] <- Q columns[j], j = first..last-1, for the factor made by `qr_factor`.  columns (>=last, m) inout."""
     for back in range(rank):
@@ -146,20 +145,6 @@ def solve_triangle(at, n, y, x):
         for j in range(k + 1, n):
             s -= at[j, k] * x[j]
         x[k] = s / at[k, k]
-
-
-@inner
-def invert_triangle(at, n, inverse):
-    """inverse (n, n) out: inverse[i, j] = (R^-1)[i, j], R in at[j, :j+1] (pivoted order)."""
-    for j in range(n):
-        for i in range(n):
-            inverse[i, j] = 0.0
-        inverse[j, j] = 1.0 / at[j, j]
-        for i in range(j - 1, -1, -1):
-            s = 0.0
-            for k in range(i + 1, j + 1):
-                s -= at[k, i] * inverse[k, j]
-            inverse[i, j] = s / at[i, i]
 
 
 @inner

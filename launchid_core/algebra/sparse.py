@@ -2,8 +2,17 @@
 
 All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q)
 the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
-window costs one tall QR and every later solve is q x q; that with all columns is
-factored once for the window's equations (`factor_whole`).
+window costs one tall QR, and one of M that all its equations begin with.  A term
+leaves by Givens rotations, without another factorisation.
+
+The factor of n active columns of M, scaled to unit norm, lies by rows of 4 q numbers:
+
+* R, a column a term (columns of terms that left stay, as long as they are);
+* the inverse of the active triangle, transposed, a column a term: a coefficient is its column times Q'y;
+* the orthonormal basis, a row of Q';
+* Q'y, one number.
+
+All four turn with the rows.  Row k's diagonal element is of the term order[k].
 
 A term stays by one of two measures.  A threshold is in raw units of each coefficient, as in pysindy's STLSQ.  `needed`
 has no unit but that of y'y: what a term must explain by itself, in squares, so that it does not depend on the units of
@@ -11,17 +20,18 @@ the variables.  `stls` and `ssr` then leave out the weakest term while leaving i
 elimination; of nearly dependent terms, which explain much in common and little by themselves, one stays); `sr3` and
 `lasso` compare |coefficient| times |column| with its root.
 
-Each solver: (q, mt, whole, y, threshold, needed, xi, active, work) -> number of passes, where
-mt (>=q, >=q) holds the columns of M as rows, whole the factor of all of them, y (q,) is
-Q'y, xi (q,) and active (q,) are results, `work` a SparseWork; one of threshold and needed is 0.
-After it xi solves least squares on the active columns and is 0 elsewhere.
+Each solver: (q, whole, y, threshold, needed, xi, active, work) -> number of passes, where
+whole is the factor of all columns, y (q,) is Q'y, xi (q,) and active (q,) are results, `work`
+a SparseWork; one of threshold and needed is 0, `sr3` and `lasso` need mt (>=q, >=q), the columns of M as rows, too.
+After it xi solves least squares on the active columns and is 0 elsewhere; work holds their factor.
+Returns -1 if columns it took are dependent.
 """
 
 import numpy as np
 
 from ..kernels import inner
-from .lanes import dot, subtract
-from .linsolve import apply_q_transposed, invert_triangle, place_of, qr_factor, scale_columns, solve_triangle
+from .lanes import add_squares, dot, subtract, turn
+from .linsolve import apply_q_transposed, place_of, qr_factor, scale_columns, solve_triangle
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -31,164 +41,185 @@ SR3_ITERATIONS = 60
 SR3_RELAXATION = 1.0        # nu, for columns of unit norm (Zheng et al. 2019: results vary little over decades)
 
 
+# ---- the factor
+
+
 @inner
-def factor_whole(q, mt, whole):
-    """Factor all q columns of M, which every equation's first pass takes."""
-    columns = whole.columns[:q * q].reshape((q, q))
+def factor_whole(q, mt, whole, scratch):
+    """Factor all q columns of M, with which every equation begins.  scratch (>=2*q*q,)"""
+    columns, rows = scratch[:2 * q * q].reshape((2 * q, q)), whole.rows[:4 * q * q].reshape((q, 4 * q))
     for j in range(q):
         for i in range(q):
             columns[j, i] = mt[j, i]
-    scale_columns(columns, whole.norms[:])
-    whole.rank[0] = qr_factor(columns, whole.order[:], whole.tau[:], ACTIVE_TOLERANCE)
-
-
-@inner
-def solve_factored(q, n, factor, rank, y, xi, work):
-    """Coefficients xi at work.places (n,) out of the factor of n columns, Whole or SparseWork; its rank deficiency."""
-    if rank < n:
-        return n - rank
-    at, right = factor.columns[:n * q].reshape((n, q)), work.right[:q]
-    for i in range(q):
-        right[i] = y[i]
-    apply_q_transposed(at, factor.tau[:], n, right)
-    solve_triangle(at, n, right, work.solution[:])
-    for k in range(n):
-        column = factor.order[k]
-        xi[work.places[column]] = work.solution[k] / factor.norms[column]
-    return 0
-
-
-@inner
-def solve_whole(q, whole, y, xi, work):
-    """`solve_active` with all columns active, but for the factor that it leaves in `work`."""
-    for j in range(q):
-        xi[j], work.places[j] = 0.0, j
-    return solve_factored(q, q, whole, whole.rank[0], y, xi, work)
-
-
-@inner
-def solve_active(q, mt, y, active, xi, work):
-    """Least squares on the active ones of q columns: xi there, 0 elsewhere; returns their rank deficiency (0 is good).
-
-    Leaves the factor of the scaled active columns in `work` (columns, order, norms, index).
-    """
-    n = 0
-    for j in range(q):
-        xi[j] = 0.0
-        if active[j]:
-            work.places[n] = j
-            n += 1
-    at = work.columns[:n * q].reshape((n, q))
-    for k in range(n):
-        for i in range(q):
-            at[k, i] = mt[work.places[k], i]
-    scale_columns(at, work.norms[:n])
-    rank = qr_factor(at, work.order[:n], work.tau[:n], ACTIVE_TOLERANCE)
-    return solve_factored(q, n, work, rank, y, xi, work)
-
-
-@inner
-def count_active(q, active):
-    """The number of active terms among the first q."""
-    size = 0
-    for j in range(q):
-        if active[j]:
-            size += 1
-    return size
-
-
-@inner
-def covariance_entry(size, work, a, b):
-    """Entry (a, b) of (M_S' M_S)^-1 after `solve_active` on S, a and b being positions within S; size terms."""
-    n, row_a, row_b = 0.0, place_of(work.order, a, size), place_of(work.order, b, size)
-    for k in range(max(row_a, row_b), size):
-        n += work.inverse[row_a, k] * work.inverse[row_b, k]
-    return n / (work.norms[a] * work.norms[b])
-
-
-@inner
-def invert_active(q, work, n):
-    """Inverse of the active factor's triangle into work.inverse, zero-padded beyond n (for `covariance_entry`)."""
+            columns[q + j, i] = 1.0 if i == j else 0.0
+    scale_columns(columns[:q], whole.norms[:])
+    qr_factor(columns, whole.order[:q], whole.tau[:], 0.0)
     for i in range(q):
         for j in range(q):
-            work.inverse[i, j] = 0.0
-    invert_triangle(work.columns[:n * q].reshape((n, q)), n, work.inverse[:])
+            rows[i, whole.order[j]] = columns[j, i] if j >= i else 0.0
+            rows[i, 2 * q + j] = columns[q + j, i]
+    invert(q, q, whole.order[:], rows)
 
 
 @inner
-def cut_below(q, xi, active, threshold):
-    """Deactivate active terms with |xi| < threshold; returns how many."""
-    cut = 0
+def invert(q, n, order, rows):
+    """Fill the inverse of a triangle of n terms, transposed, beside it."""
+    for i in range(n):
+        inverse = rows[i][q:2 * q]
+        inverse[:] = 0.0
+        inverse[order[i]] = 1.0 / rows[i, order[i]]
+        for k in range(i - 1, -1, -1):
+            inverse[order[k]] = -dot(rows[k], inverse, 0, q) / rows[k, order[k]]
+
+
+@inner
+def begin(q, whole, y, xi, work):
+    """Take all terms into the work, and y; whether their columns are independent."""
+    rows = work.rows[:4 * q * q].reshape((q, 4 * q))
+    for k in range(4 * q * q):
+        work.rows[k] = whole.rows[k]
+    for i in range(q):
+        rows[i, 3 * q] = dot(rows[i][2 * q:3 * q], y, 0, q)
+        xi[i], work.order[i], work.norms[i] = 0.0, whole.order[i], whole.norms[i]
+    return is_regular(q, work.order[:], rows)
+
+
+@inner
+def is_regular(n, order, rows):
+    """Whether no element of a triangle's diagonal is rounding beside its largest."""
+    largest = 0.0
+    for k in range(n):
+        largest = max(largest, abs(rows[k, order[k]]))
+    for k in range(n):
+        if not abs(rows[k, order[k]]) > ACTIVE_TOLERANCE * largest:
+            return False
+    return True
+
+
+@inner
+def leave(q, n, term, order, rows):
+    """Take a term out of the factor of n: its column goes, rotations make a triangle of the rest; returns n - 1.
+
+    Source: Golub & Van Loan, Matrix Computations, 4th ed., 6.5.2.
+    """
+    for k in range(place_of(order, term, n), n - 1):
+        order[k] = order[k + 1]
+        turn(rows[k], rows[k + 1], order[k], 3 * q + 1)
+    order[n - 1] = term
+    return n - 1
+
+
+@inner
+def solve(q, n, order, norms, rows, xi):
+    """Coefficients xi (q,) of the n active terms, 0 of the others, by back substitution."""
     for j in range(q):
-        if active[j] and abs(xi[j]) < threshold:
-            active[j] = False
-            xi[j] = 0.0
-            cut += 1
-    return cut
+        xi[j] = 0.0
+    for k in range(n - 1, -1, -1):
+        j = order[k]
+        xi[j] = (rows[k, 3 * q] - dot(rows[k], xi, 0, q)) / rows[k, j]
+    for j in range(q):
+        xi[j] /= norms[j]
 
 
 @inner
-def solve_stls(q, mt, whole, y, threshold, xi, active, work):
+def variances(q, n, rows, variance):
+    """Variance (q,) of each active coefficient, of scaled columns, for errors of unit variance."""
+    for j in range(q):
+        variance[j] = 0.0
+    for i in range(n):
+        add_squares(variance, rows[i][q:2 * q], 0, q)
+
+
+# ---- the solvers
+
+
+@inner
+def solve_stls(q, whole, y, threshold, xi, active, work):
     """Sequentially thresholded least squares (Brunton, Proctor & Kutz, PNAS 113, 2016).
 
     The active set only shrinks, so q + 1 passes suffice.
     """
+    order, norms, rows = work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q))
     active[:] = True
+    if not begin(q, whole, y, xi, work):
+        return -1
+    n = q
     for passes in range(q + 1):
-        deficient = solve_whole(q, whole, y, xi, work) if passes == 0 else solve_active(q, mt, y, active, xi, work)
-        if deficient > 0:
-            return -1
-        if cut_below(q, xi, active, threshold) == 0:
+        solve(q, n, order, norms, rows, xi)
+        before = n
+        for j in range(q):
+            if active[j] and abs(xi[j]) < threshold:
+                active[j] = False
+                n = leave(q, n, j, order, rows)
+        if n == before:
             return passes + 1
     return q + 1
 
 
 @inner
-def solve_ssr(q, mt, whole, y, threshold, xi, active, work):
+def solve_ssr(q, whole, y, threshold, xi, active, work):
     """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
 
     Removes the one smallest coefficient below the threshold at a time and solves again.
     """
+    order, norms, rows = work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q))
     active[:] = True
-    for passes in range(q + 1):
-        deficient = solve_whole(q, whole, y, xi, work) if passes == 0 else solve_active(q, mt, y, active, xi, work)
-        if deficient > 0:
-            return -1
+    if not begin(q, whole, y, xi, work):
+        return -1
+    for gone in range(q + 1):
+        solve(q, q - gone, order, norms, rows, xi)
         smallest = -1
         for j in range(q):
             if active[j] and abs(xi[j]) < threshold and (smallest < 0 or abs(xi[j]) < abs(xi[smallest])):
                 smallest = j
         if smallest < 0:
-            return passes + 1
+            return gone + 1
         active[smallest] = False
+        leave(q, q - gone, smallest, order, rows)
     return q + 1
 
 
 @inner
-def solve_own(q, mt, y, needed, xi, active, work):
+def solve_own(q, whole, y, needed, xi, active, work):
     """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `needed`.
 
     What a term explains by itself is the square of its coefficient over its entry of (M'M)^-1: by so much the sum of
     squares grows without it (Draper & Smith, Applied Regression Analysis, the extra sum of squares).
     """
+    order, norms, rows = work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q))
     active[:] = True
-    for passes in range(q + 1):
-        if solve_active(q, mt, y, active, xi, work) > 0:
-            return -1
-        size = count_active(q, active)
-        invert_active(q, work, size)
+    if not begin(q, whole, y, xi, work):
+        return -1
+    for gone in range(q + 1):
+        solve(q, q - gone, order, norms, rows, xi)
+        variances(q, q - gone, rows, work.weight[:])
         weakest, least = -1, needed
-        place = 0
         for j in range(q):
             if active[j]:
-                explained = xi[j] * xi[j] / covariance_entry(q, work, place, place)
+                explained = xi[j] * norms[j] * xi[j] * norms[j] / work.weight[j]
                 if explained < least:
                     weakest, least = j, explained
-                place += 1
         if weakest < 0:
-            return passes + 1
+            return gone + 1
         active[weakest] = False
+        leave(q, q - gone, weakest, order, rows)
     return q + 1
+
+
+@inner
+def refit(q, whole, y, xi, active, work):
+    """Least squares on the terms that `active` names; whether their columns are independent."""
+    order, rows = work.order[:], work.rows[:4 * q * q].reshape((q, 4 * q))
+    begin(q, whole, y, xi, work)
+    n = q
+    for j in range(q):
+        if not active[j]:
+            n = leave(q, n, j, order, rows)
+    if not is_regular(n, order, rows):
+        return False
+    invert(q, n, order, rows)
+    solve(q, n, order, work.norms[:], rows, xi)
+    return True
 
 
 @inner
@@ -202,7 +233,7 @@ def load_scaled(q, mt, work):
 
 
 @inner
-def solve_lasso(q, mt, y, threshold, needed, xi, active, work):
+def solve_lasso(q, mt, whole, y, threshold, needed, xi, active, work):
     """Lasso by coordinate descent (Friedman, Hastie & Tibshirani, JSS 33, 2010), then least squares on its support.
 
     Penalties are weighted by |column|^2, so that with orthogonal columns exactly
@@ -234,7 +265,7 @@ def solve_lasso(q, mt, y, threshold, needed, xi, active, work):
             break
     for j in range(q):
         active[j] = work.solution[j] != 0.0 or threshold + needed == 0.0
-    return -1 if solve_active(q, mt, y, active, xi, work) > 0 else sweeps
+    return sweeps if refit(q, whole, y, xi, active, work) else -1
 
 
 @inner
@@ -247,8 +278,9 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
     scaled = work.scaled[:q * q].reshape((q, q))
     root, least = np.sqrt(SR3_RELAXATION), np.sqrt(needed)
     active[:] = True
-    if solve_whole(q, whole, y, xi, work) > 0:
+    if not begin(q, whole, y, xi, work):
         return -1
+    solve(q, q, work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q)), xi)
     w = work.auxiliary
     stacked = work.columns[:2 * q * q].reshape((q, 2 * q))
     for j in range(q):
@@ -257,7 +289,7 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
         for i in range(q):
             stacked[j, i] = scaled[j, i]
             stacked[j, q + i] = root if i == j else 0.0
-    rank = qr_factor(stacked, work.order[:], work.tau[:], ACTIVE_TOLERANCE)
+    rank = qr_factor(stacked, work.order[:q], work.tau[:], ACTIVE_TOLERANCE)
     right = work.right[:2 * q]
     for _ in range(SR3_ITERATIONS):
         for i in range(q):
@@ -274,5 +306,5 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
             w[j] = new
         if change == 0.0:
             break
-    return -1 if solve_active(q, mt, y, active, xi, work) > 0 else SR3_ITERATIONS
+    return SR3_ITERATIONS if refit(q, whole, y, xi, active, work) else -1
 

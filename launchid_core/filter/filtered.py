@@ -228,7 +228,7 @@ def update_levels(belief, fil, acc, work):
             acc.information[i, j] = 0.0
         work.right[i] = acc.score[i]
         acc.score[i] = 0.0
-    rank = qr_factor(square, work.order[:], work.tau[:], RANK_TOLERANCE)
+    rank = qr_factor(square, work.order[:n], work.tau[:], RANK_TOLERANCE)
     if rank < n:
         return
     apply_q_transposed(square, work.tau[:], n, work.right[:])

@@ -10,7 +10,7 @@ import math
 
 from ..algebra.elementary import exp_of
 from ..algebra.linsolve import absorb_columns
-from ..algebra.sparse import count_active, covariance_entry, invert_active, solve_active
+from ..algebra.sparse import invert, is_regular, leave, solve, variances
 from ..kernels import inner
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
@@ -36,26 +36,6 @@ def absorb_structure(size, r, work, dt):
 
 
 @inner
-def weakest(q, active, held, theta, beta, coefficient, work):
-    """The active term whose t-value falls furthest below its limit; -1 if none does."""
-    size = count_active(q, active)
-    invert_active(q, work, size)
-    worst, worst_share = -1, 1.0
-    place = 0
-    for j in range(q):
-        if active[j]:
-            std = math.sqrt(covariance_entry(q, work, place, place))
-            limit = LEAVE if held[j] else ENTER
-            if j in (theta, beta):
-                limit = NOMINAL
-            share = abs(coefficient[j]) / (std * limit)
-            if share < worst_share:
-                worst, worst_share = j, share
-            place += 1
-    return worst
-
-
-@inner
 def select_terms(q, r, theta, beta, active, coefficient, work):
     """Terms of theta_ddot that the accumulated information supports.
 
@@ -64,18 +44,32 @@ def select_terms(q, r, theta, beta, active, coefficient, work):
     active (q,) inout      int64, 1 for the terms believed so far; out: believed now
     coefficient (q,) out   of the last solve;  work Learning
     """
-    held, mt, y = work.held[:], work.mt[:], work.y[:]
+    held, order, norms, variance = work.held[:], work.sparse.order[:], work.sparse.norms[:], work.sparse.weight[:]
+    rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
     for j in range(q):
-        held[j] = active[j]
-        active[j] = 1
+        held[j], active[j], order[j], coefficient[j] = active[j], 1, j, 0.0
+        square = 0.0
+        for i in range(j + 1):
+            square += r[i, j] * r[i, j]
+        norms[j] = math.sqrt(square)
         for i in range(q):
-            mt[j, i] = r[i, j]
-        y[j] = r[j, q] + r[j, theta] + r[j, beta]  # whole coefficients, not deviations from the nominal
-    for _ in range(q):
-        if solve_active(q, mt, y, active, coefficient, work.sparse) > 0:
+            rows[i, j] = r[i, j] / norms[j] if i <= j else 0.0
+        rows[j, 3 * q] = r[j, q] + r[j, theta] + r[j, beta]  # whole coefficients, not deviations from the nominal
+    invert(q, q, order, rows)
+    for gone in range(q):
+        if not is_regular(q - gone, order, rows):
             break
-        worst = weakest(q, active, held, theta, beta, coefficient, work.sparse)
+        solve(q, q - gone, order, norms, rows, coefficient)
+        variances(q, q - gone, rows, variance)
+        worst, worst_share = -1, 1.0  # whose t-value falls furthest below its limit
+        for j in range(q):
+            if active[j]:
+                limit = NOMINAL if j in (theta, beta) else LEAVE if held[j] else ENTER
+                share = abs(coefficient[j]) * norms[j] / (math.sqrt(variance[j]) * limit)
+                if share < worst_share:
+                    worst, worst_share = j, share
         if worst < 0:
             break
         active[worst] = 0
         coefficient[worst] = 0.0
+        leave(q, q - gone, worst, order, rows)

@@ -232,6 +232,6 @@ def copy_window(ring, count, saturation, signal):
                 saturated = True
         if not saturated:
             for k in range(N_COLUMNS):
-                signal[k, copied] = source[k]
+                signal[k, np.uint64(copied)] = source[k]
             copied += 1
     return copied, n - copied

@@ -28,18 +28,20 @@ N_LEARNED = 2
 def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
+    before = ring[place_of_row(counts, ring, 0), column]
     for k in range(1, counts[rb.CLOSED_ROWS]):
-        before, now = ring[place_of_row(counts, ring, k - 1)], ring[place_of_row(counts, ring, k)]
-        if before[column] == now[column] and abs(now[column]) < stop:  # at its end stop it may stand still
+        now = ring[place_of_row(counts, ring, k), column]
+        if before == now and abs(now) < stop:  # at its end stop it may stand still
             run += 1
             repeats += 1
             if run > longest:
                 longest, end = run, k
         else:
             run = 0
-            step = abs(now[column] - before[column])
+            step = abs(now - before)
             if 0.0 < step < smallest:
                 smallest = step
+        before = now
     return longest, end, repeats, smallest
 
 

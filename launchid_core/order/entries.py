@@ -13,10 +13,10 @@ import numpy as np
 from .. import cache
 from ..algebra.compress import first_state
 from ..config import Config
-from ..regression import equations, regression
+from ..regression import regression
 from ..sample import Sample
 from . import block, onboard
-from .assembly import Memory
+from .assembly import Memory, allocate
 from .memory import dtype_of
 from .table import FILTERED, Struct
 
@@ -32,12 +32,9 @@ FILTERED_ENTRIES = (
 STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
 SERVO_ENTRIES = (block.set_servo, block.doubt_servo, block.weigh_servo, block.follow_servo)
-REGRESSION_ENTRIES = (
-    regression.push_sample, regression.open_window, equations.factor_library, equations.keep_equation,
-    equations.solve_with_drifts, equations.solve_without_absent, equations.report_deviations,
-    equations.report_limits, regression.end_window, regression.restart_regression)
-SOLVER_ENTRIES = {"stls": equations.choose_by_threshold, "sr3": equations.choose_relaxed,
-                  "ssr": equations.choose_stepwise, "lasso": equations.choose_by_lasso}
+REGRESSION_ENTRIES = (regression.push_sample, regression.restart_regression)
+SOLVER_ENTRIES = {"stls": regression.end_by_threshold, "sr3": regression.end_relaxed,
+                  "ssr": regression.end_stepwise, "lasso": regression.end_by_lasso}
 
 
 class Calls(NamedTuple):
@@ -58,10 +55,10 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     if memory.struct is FILTERED:
         return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged
                 + SERVO_ENTRIES * (memory.size.servo > 0))
-    form = regression.fill_integral if memory.size.integral else regression.fill_pointwise
+    form = regression.open_integral if memory.size.integral else regression.open_pointwise
     relaxed = config.solver in ("sr3", "lasso")
     by_share = memory.size.by_share and not relaxed
-    return (*REGRESSION_ENTRIES, form, equations.choose_by_share if by_share else SOLVER_ENTRIES[config.solver])
+    return (*REGRESSION_ENTRIES, form, regression.end_by_share if by_share else SOLVER_ENTRIES[config.solver])
 
 
 @functools.cache
@@ -78,7 +75,7 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    given, news = {"words": memory.words, **memory.apart}, False
+    given = {"words": memory.words, **memory.apart}
     types = {"block": block_type(memory.struct), **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
@@ -86,12 +83,25 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
                 continue
             kinds = tuple(types.get(name) or NUMBERS.get(name, _numba.int64) for name in parameters_of(entry.py_func))
             if kinds not in entry.signatures:
-                news = True
                 entry.disable_compile(False)
                 entry.compile(kinds)
                 entry.disable_compile(True)
-        if news:
-            cache.finish()
+
+
+def precompile(config: Config, backwards: bool = False) -> bool:
+    """Compile what an `Estimator` of this configuration needs; return whether it can be kept on disk, else do nothing.
+
+    Two processes, one of which goes backwards, compile half of it each: what the other has kept is loaded.
+
+    Example
+    -------
+    >>> precompile(Config(formulation="difference"))
+    """
+    is_kept = cache.folder_of(__name__) is not None
+    if is_kept:
+        memory = allocate(config)
+        compile_entries(entries_of(config, memory)[::-1 if backwards else 1], memory)
+    return is_kept
 
 
 def calls_of(config: Config, memory: Memory) -> Calls:

@@ -48,7 +48,7 @@ class Size(NamedTuple):
     sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, tests
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
-    wider: int          # terms of a solution with the drifts of a6 and k1 beside its own
+    wider: int          # columns of a regression: terms, equations, drifts of a6 and k1
     learned: int        # columns of the structure's information, right-hand side last
     gust: int           # states of the gust after calm; 0 of a model without nuisances
     undeclared: int     # states of the undeclared wind; 0 of a model with nuisances, which knows better
@@ -66,7 +66,7 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **f
     is_known = levels > 0 and nuisances == 0
     responses = servo + 1 if servo else 0
     return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
-                columns=sensitivities + 1, pair=states + 3, wider=terms + PAIR, learned=terms + 1,
+                columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR, learned=terms + 1,
                 gust=states + 2 if nuisances else 0, undeclared=un.SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
@@ -82,7 +82,7 @@ class Grown(NamedTuple):
     window: int       # rows of a window
     kept: int         # of them that are kept
     terms: int        # of the library
-    wider: int        # terms, and the drifts of a6 and k1
+    wider: int        # columns of a regression
     columns: int      # of the filter's sensitivities and right-hand side
     innovations: int  # of a block of samples
     nodes: int        # of the profile
@@ -131,29 +131,24 @@ OUTCOME = struct(
     ("absent", F8, ("terms",), "95 % limit of a term of theta_ddot that is not active; NaN for those that are"))
 
 SPARSE = struct(
-    "SparseWork", "Scratch of the solvers for q terms; of use after `solve_active` and `invert_active` alone.",
-    ("columns", F8, ((2, "terms", "terms"),), "active columns one after the other; 2q rows each for SR3's system"),
-    ("order", I8, ("terms",), "of the pivots"),
-    ("tau", F8, ("terms",), "Householder factors"),
+    "SparseWork", "Scratch of the solvers for q terms.",
+    ("rows", F8, ((4, "terms", "terms"),), "factor of the active columns, as `sparse` has it"),
+    ("order", I8, ("terms",), "terms of its diagonal, behind them those that left"),
     ("norms", F8, ("terms",), "of the columns"),
-    ("right", F8, ((2, "terms"),), "right-hand side"),
-    ("solution", F8, ("terms",), "in pivoted order"),
-    ("places", I8, ("terms",), "active column numbers"),
+    ("columns", F8, ((2, "terms", "terms"),), "to factor, one after the other; 2q rows each for SR3's system"),
+    ("tau", F8, ("terms",), "Householder factors"),
+    ("right", F8, ((2, "terms"),), "right-hand side of SR3's system"),
+    ("solution", F8, ("terms",), "of SR3's system, in pivoted order, or of the lasso"),
     ("scaled", F8, (("terms", "terms"),), "columns of unit norm, one after the other"),
-    ("weight", F8, ("terms",), "their norms"),
-    ("auxiliary", F8, ("terms",), "residual of the lasso, thresholded coefficients of SR3"),
-    ("inverse", F8, ("terms", "terms"), "of the active factor's triangle"),
-    ("trial", F8, ("terms",), "coefficients of a trial solve"),
-    ("lost", F8, ("terms",), "what the residual loses to an absent term"),
-    ("length", F8, ("terms",), "of what an absent term adds to the active ones"))
+    ("weight", F8, ("terms",), "their norms; variances of the active coefficients"),
+    ("auxiliary", F8, ("terms",), "residual of the lasso, thresholded coefficients of SR3"))
 
 WHOLE = struct(
     "Whole", "Factor of all columns of M, scaled.",
-    ("columns", F8, (("terms", "terms"),), "one after the other"),
+    ("rows", F8, ((4, "terms", "terms"),), "as `sparse` has it"),
     ("order", I8, ("terms",), "of the pivots"),
     ("tau", F8, ("terms",), "Householder factors"),
-    ("norms", F8, ("terms",), "of the columns"),
-    ("rank", I8, (1,), "of the factor"))
+    ("norms", F8, ("terms",), "of the columns"))
 
 REGRESSION_FIXED = struct(
     "Fixed", "Never changes in flight.",
@@ -190,16 +185,16 @@ REGRESSION_WORK = struct(
     ("active", I8, ("terms",), "its support"),
     ("whole", WHOLE),
     ("sparse", SPARSE),
-    ("extended_order", I8, ("wider",), "pivots of the solution with drifts"),
-    ("extended_tau", F8, ("wider",), "its Householder factors"),
-    ("extended_norms", F8, ("wider",), "norms of its columns"),
-    ("extended_solution", F8, ("wider",), "in pivoted order"),
-    ("extended_inverse", F8, ("wider", "wider"), "of its triangle"),
-    ("change", F8, (PAIR,), "of a6 and k1 where they may drift"),
-    ("numeric", F8, (PAIR,), "of a6 and k1, squared: what quadrature, differencing and rounding may be off"),
-    ("covariance", F8, (PAIR, PAIR), "of a6 and k1"),
-    ("direction", F8, ("terms",), "that an absent term adds"),
-    ("length", F8, (1,), "of its column"))
+    ("drift_order", I8, (PAIR,), "pivots of what the drifts add to the active terms"),
+    ("drift_tau", F8, (PAIR,), "its Householder factors"),
+    ("drift_norms", F8, (PAIR,), "norms of the drifts"),
+    ("drift_value", F8, (PAIR,), "their coefficients, in pivoted order"),
+    ("heads", F8, (PAIR, "terms"), "of the drifts: what the library explains of them"),
+    ("head", F8, ("terms",), "of a series"),
+    ("change", F8, ("terms",), "of each coefficient where a6 and k1 may drift"),
+    ("numeric", F8, ("terms",), "of each, squared: what quadrature, differencing and rounding may be off"),
+    ("lost", F8, ("terms",), "what the residual loses to an absent term"),
+    ("length", F8, ("terms",), "of what an absent term adds to the active ones"))
 
 BELIEF = struct(
     "Belief", "What the filter believes, fixed at construction.",
@@ -359,8 +354,6 @@ LEARNED = struct(
 LEARNING = struct(
     "Learning", "Its scratch.",
     ("held", I8, ("terms",), "terms that were active before"),
-    ("mt", F8, ("terms", "terms"), "columns of the triangle as rows"),
-    ("y", F8, ("terms",), "right-hand side"),
     ("sparse", SPARSE))
 
 GAUGE = struct(
@@ -428,16 +421,14 @@ FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))
-APART = {
+APART: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, ...], str], ...]] = {
     "Regression": (
         *GATE_APART,
         ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),
         ("marks", WORK, I8, (N_MARKS, "window"), "of its rows, as `plan` names them"),
-        ("phi", WORK, F8, (("terms", "kept"),), "library columns one after the other, and their factor"),
-        ("target", WORK, F8, ((EQUATIONS, "kept"),), "what the equations explain"),
-        ("drift", WORK, F8, ((PAIR, "kept"),), "drift columns, later in the coordinates of the factor"),
-        ("extended", WORK, F8, (("wider", "kept"),), "active and drift columns, and their factor"),
-        ("series", WORK, F8, ((2 + PAIR, "kept"),), "residual, influences of a6 and k1; residual of active terms")),
+        ("columns", WORK, F8, (("wider", "kept"),),
+         "one after the other: the library's, later its factor; what the equations explain; drifts"),
+        ("series", WORK, F8, (("wider", "kept"),), "residual with the drifts and without; influences on each term")),
     "Filtered": (
         *GATE_APART,
         ("rows", STATE, F8, ("columns", "innovations"), "whitened innovations of a block, column by column"),

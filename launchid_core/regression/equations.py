@@ -1,23 +1,20 @@
-"""The step from a window's rows to coefficients: the library's QR, the three equations' sparse solutions, their errors.
+"""The step from a window's rows to coefficients: the library's QR, and the three equations' sparse solutions.
 
-The entries of a close between its rows and its end; `regress` is their order.
 Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
 """
 
 import numpy as np
 
-from ..algebra import sparse
 from ..algebra.lanes import dot
 from ..algebra.library import raw_from_standard
-from ..algebra.linsolve import pivot_ratio, qr_factor, rotate, rotate_transposed, scale_columns
-from ..algebra.sparse import count_active, factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
+from ..algebra.linsolve import pivot_ratio, qr_factor, scale_columns
+from ..algebra.sparse import factor_whole, solve_lasso, solve_own, solve_sr3, solve_ssr, solve_stls
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
-from ..kernels import inner, kernel
-from .plan import HELD, INTEGRAL, OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
-from .residual import report_absent, report_others, report_spread, solve_absent, solve_extended
-from .rows import integral_error
+from ..kernels import inner
+from .plan import OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
 
+ORDER = (0, 2, wn.ATTITUDE)  # of the equations: the last one's factor stays, for its standard deviations
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 RATE = 1                  # theta_dot, as the argument of a term's function
 
@@ -60,84 +57,29 @@ def is_driven(codes, support):
     return False
 
 
-@kernel
-def factor_library(block, phi, target, drift, count, pieces):
-    """Factor the library of `count` rows; returns OK, RANK, or GAP where each piece's own unknown beginning leaves too
-    few rows.
+@inner
+def factor_library(fixed, state, work, at, pieces):
+    """Factor the library; returns OK, RANK, or GAP where each piece's own unknown beginning leaves too few rows.
 
-    Source: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
+    at (q + EQUATIONS + PAIR, count)  inout  library columns, targets and drifts, these into the factor's coordinates
     """
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
     q = fixed.size.terms
-    if pieces > 0 and count - pieces <= q:
+    if pieces > 0 and at.shape[1] - pieces <= q:
         return wn.GAP
-    at = phi[:q * count].reshape((q, count))
-    scale_columns(at, work.norms[:])
-    rank = qr_factor(at, work.order[:], work.tau[:], RANK_TOLERANCE)
+    scale_columns(at[:q], work.norms[:])
+    rank = qr_factor(at, work.order[:q], work.tau[:], RANK_TOLERANCE)
     if rank < q:
         return wn.RANK
     state.outcome.number[wn.O_CONDITION] = pivot_ratio(at, rank)
     raw_from_standard(fixed.codes[:q], work.centre, work.scale, work.tt)
     reduce_library(work, at, q)
-    factor_whole(q, work.mt, work.whole)
-    rotate_transposed(at, work.tau[:], q, drift[:PAIR * count].reshape((PAIR, count)))
-    rotate_transposed(at, work.tau[:], q, target[:wn.EQUATIONS * count].reshape((wn.EQUATIONS, count)))
+    factor_whole(q, work.mt, work.whole, work.sparse.columns[:])
     return wn.OK
 
 
 @inner
-def thresholds_of(fixed, y, count):
-    """The threshold in raw units, and what a term must explain by itself of the squares of y."""
-    return fixed.threshold[RAW], fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
-
-
-@kernel
-def choose_by_threshold(block, target, e, count):
-    """Sequentially thresholded least squares of equation e; returns its passes, -1 if columns it took are dependent."""
-    fixed, work = block[0].fixed, block[0].work
-    q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    return solve_stls(q, work.mt[:], work.whole, y[:q], fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-
-
-@kernel
-def choose_by_share(block, target, e, count):
-    """Backward elimination of equation e by what a term explains by itself; as `choose_by_threshold`."""
-    fixed, work = block[0].fixed, block[0].work
-    q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    _, needed = thresholds_of(fixed, y, count)
-    return solve_own(q, work.mt[:], y[:q], needed, work.xi[:], work.active[:], work.sparse)
-
-
-@kernel
-def choose_stepwise(block, target, e, count):
-    """Stepwise sparse regression of equation e; as `choose_by_threshold`."""
-    fixed, work = block[0].fixed, block[0].work
-    q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    return solve_ssr(q, work.mt[:], work.whole, y[:q], fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-
-
-@kernel
-def choose_by_lasso(block, target, e, count):
-    """The lasso's support of equation e, solved by least squares; as `choose_by_threshold`."""
-    fixed, work = block[0].fixed, block[0].work
-    q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    threshold, needed = thresholds_of(fixed, y, count)
-    return solve_lasso(q, work.mt[:], y[:q], threshold, needed, work.xi[:], work.active[:], work.sparse)
-
-
-@kernel
-def choose_relaxed(block, target, e, count):
-    """Sparse relaxed regularized regression of equation e; as `choose_by_threshold`."""
-    fixed, work = block[0].fixed, block[0].work
-    q, y = fixed.size.terms, target[e * count:(e + 1) * count]
-    threshold, needed = thresholds_of(fixed, y, count)
-    return solve_sr3(q, work.mt[:], work.whole, y[:q], threshold, needed, work.xi[:], work.active[:], work.sparse)
-
-
-@kernel
-def keep_equation(block, e, passes):
+def keep_equation(fixed, work, out, e, passes):
     """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
-    fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
     if passes < 0 and e == wn.ATTITUDE:
         return wn.RANK
     for j in range(fixed.size.terms):
@@ -152,82 +94,65 @@ def keep_equation(block, e, passes):
     return wn.OK
 
 
-@kernel
-def solve_with_drifts(block, target, drift, extended, series, count, pieces):
-    """The theta_ddot equation again with the drifts of a6 and k1 beside its terms: residual and influences into
-    series (0 to 2); returns how many terms that solution has."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    y = target[wn.ATTITUDE * count:(wn.ATTITUDE + 1) * count]
-    return solve_extended(fixed.plan, fixed.size.terms, work, state.outcome, y,
-                          drift[:PAIR * count].reshape((PAIR, count)), extended,
-                          series[:(2 + PAIR) * count].reshape((2 + PAIR, count)), count - pieces)
-
-
-@kernel
-def solve_without_absent(block, target, series, count, pieces):
-    """The residual of the active terms alone into series (3); whether there is one, and terms that are absent."""
-    q, work = block[0].fixed.size.terms, block[0].work
-    y = target[wn.ATTITUDE * count:(wn.ATTITUDE + 1) * count]
-    size = count_active(q, work.active)
-    return solve_absent(q, work, y, series[(1 + PAIR) * count:(2 + PAIR) * count], size, count - pieces)
-
-
-@kernel
-def report_deviations(block, rows, marks, phi, extended, series, n, count, pieces, width, known):
-    """Standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the others.
-
-    width  of `solve_with_drifts`;  known  of `solve_without_absent`
-    """
-    fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
-    plan, q, free = fixed.plan, fixed.size.terms, count - pieces
-    at = phi[:q * count].reshape((q, count))
-    several = series[:(2 + PAIR) * count].reshape((2 + PAIR, count))
-    rotate(at, work.tau[:], q, several, 0 if width > 0 else 1 + PAIR, 2 + PAIR if known else 1 + PAIR)  # in time
-    if width > 0:
-        if plan[INTEGRAL] == 1:
-            integral_error(fixed.codes[:q], work, rows, marks, n, work.xi, plan[HELD])
-        report_spread(plan, q, work, out, rows, marks, several, free - width)
-        report_others(plan, work, out, rows, marks, at, extended, several, width, free - width)
-
-
-@kernel
-def report_limits(block, phi, extended, series, count, pieces, known):
-    """95 % limits of the terms of theta_ddot that are not active; known  of `solve_without_absent`."""
-    fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
-    q = fixed.size.terms
-    size = count_active(q, work.active)
-    if size < q:
-        report_absent(fixed.plan, work, out, phi[:q * count].reshape((q, count)),
-                      series[(1 + PAIR) * count:(2 + PAIR) * count], extended, size, known, count - pieces - size - 1)
-
-
-def solve_equation(solver, by_share, block, target, e, count):
-    """Equation e by the solver; returns OK, RANK or NUMERICS.
-
-    solver  index into SOLVERS;  by_share  1: a term stays by what it explains by itself, not by a threshold
-    """
-    if solver == sparse.SR3:
-        passes = choose_relaxed(block, target, e, count)
-    elif solver == sparse.LASSO:
-        passes = choose_by_lasso(block, target, e, count)
-    elif by_share == 1:
-        passes = choose_by_share(block, target, e, count)
-    elif solver == sparse.SSR:
-        passes = choose_stepwise(block, target, e, count)
-    else:
-        passes = choose_by_threshold(block, target, e, count)
-    return keep_equation(block, e, passes)
-
-
-def regress(size, block, rows, marks, phi, target, drift, extended, series, n, count, pieces):
-    """Factor the library, solve the three equations, fill the outcome; returns its status."""
-    status = factor_library(block, phi, target, drift, count, pieces)
-    for e in range(wn.EQUATIONS):
+@inner
+def choose_by_threshold(fixed, work, out, columns, count):
+    """Sequentially thresholded least squares of the three equations; returns OK, RANK or NUMERICS."""
+    q, status = fixed.size.terms, wn.OK
+    for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            status = solve_equation(size.solver, size.by_share, block, target, e, count)
-            if e == wn.ATTITUDE and status == wn.OK:
-                width = solve_with_drifts(block, target, drift, extended, series, count, pieces)
-                known = solve_without_absent(block, target, series, count, pieces)
-                report_deviations(block, rows, marks, phi, extended, series, n, count, pieces, width, known)
-                report_limits(block, phi, extended, series, count, pieces, known)
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
+            passes = solve_stls(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
+            status = keep_equation(fixed, work, out, ORDER[k], passes)
+    return status
+
+
+@inner
+def choose_stepwise(fixed, work, out, columns, count):
+    """Stepwise sparse regression; as `choose_by_threshold`."""
+    q, status = fixed.size.terms, wn.OK
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
+            passes = solve_ssr(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
+            status = keep_equation(fixed, work, out, ORDER[k], passes)
+    return status
+
+
+@inner
+def choose_by_share(fixed, work, out, columns, count):
+    """Backward elimination by what a term explains by itself; as `choose_by_threshold`."""
+    q, status = fixed.size.terms, wn.OK
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
+            passes = solve_own(q, work.whole, y, needed, work.xi[:], work.active[:], work.sparse)
+            status = keep_equation(fixed, work, out, ORDER[k], passes)
+    return status
+
+
+@inner
+def choose_by_lasso(fixed, work, out, columns, count):
+    """The lasso's support, solved by least squares; as `choose_by_threshold`."""
+    q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
+            passes = solve_lasso(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:],
+                                 work.sparse)
+            status = keep_equation(fixed, work, out, ORDER[k], passes)
+    return status
+
+
+@inner
+def choose_relaxed(fixed, work, out, columns, count):
+    """Sparse relaxed regularized regression; as `choose_by_threshold`."""
+    q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
+            passes = solve_sr3(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:], work.sparse)
+            status = keep_equation(fixed, work, out, ORDER[k], passes)
     return status

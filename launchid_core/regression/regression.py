@@ -10,6 +10,7 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 
 import numpy as np
 
+from ..algebra import sparse
 from ..algebra.compress import choose_rows
 from ..algebra.derivative import mark_segments
 from ..gate import ring as rb
@@ -17,11 +18,11 @@ from ..gate.guard import CARRIED, are_rows_whole, close_control, fold_words, giv
 from ..gate.ring import BETA, THETA, THETA_DOT
 from ..gate.stuck import stands_still
 from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
-from ..kernels import kernel
+from ..kernels import inner, kernel
+from . import equations as eq
 from . import rows as rw
-from .equations import is_driven, judge_separation, regress
 from .plan import ENOUGH, HELD, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE, USABLE
-from .residual import drift_integral, drift_pointwise
+from .residual import drift_integral, drift_pointwise, report_attitude
 
 # ---- a sample
 
@@ -56,19 +57,18 @@ def push_within(block, ring, seals, samples, at):
 # ---- a window
 
 
-@kernel
-def open_window(block, ring, seals, words, rows, marks):
-    """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, how many, rows to keep, OK or the
-    reason why not to use them, gaps).
+@inner
+def take_window(fixed, state, ring, seals, words, rows, marks):
+    """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, OK or the reason why not to use
+    them, how many, rows to keep, gaps).
 
     words  in  of the block what is carried on, seen as int64
     rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
     """
-    fixed, state = block[0].fixed, block[0].state
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
     whole = fold_words(words) == state.guard[CARRIED]
     if not (whole and are_rows_whole(ring, seals, counts)):
-        return give_up(counts, rb.WINDOW_COMPLETE), 0, 0, OK, 0
+        return give_up(counts, rb.WINDOW_COMPLETE), OK, 0, 0, 0
     clear_outcome(state.outcome, OK)
     n, saturated = rb.copy_window(ring, counts, stop, rows)
     gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[SEGMENT])
@@ -84,49 +84,55 @@ def open_window(block, ring, seals, words, rows, marks):
     status = STUCK if still else OK
     if kept < plan[ENOUGH]:
         status = SATURATED if kept + saturated >= plan[ENOUGH] else GAP if gaps > 0 else SHORT
-    return rb.WINDOW_COMPLETE, n, kept, status, gaps
+    return rb.WINDOW_COMPLETE, status, n, kept, gaps
 
 
 @kernel
-def fill_pointwise(block, rows, marks, phi, target, drift, n, kept):
-    """Library columns (q, kept), targets (3, kept) and drifts (2, kept) of the pointwise form; returns 0, the pieces
-    whose means were taken."""
+def open_pointwise(block, words, ring, seals, rows, marks, columns):
+    """A closed window to its factored library in the pointwise form; returns as `take_window`, and 0, the pieces whose
+    means were taken."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
-    rw.fill_states(rows, n, t_centre)
-    rw.standardise(work, rows, marks, fixed.centred, kept, n)
-    rw.pointwise_rows(fixed.codes[:q], rows, marks, phi[:q * kept].reshape((q, kept)),
-                   target[:EQUATIONS * kept].reshape((EQUATIONS, kept)), kept)
-    drift_pointwise(rows, marks, drift[:PAIR * kept].reshape((PAIR, kept)), kept, t_centre)
-    return 0
+    code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
+    if status == OK and code == rb.WINDOW_COMPLETE:
+        q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
+        rw.fill_states(rows, n, t_centre)
+        rw.standardise(work, rows, marks, fixed.centred, kept, n)
+        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
+        rw.pointwise_rows(fixed.codes[:q], rows, marks, at, at[q:], kept)
+        drift_pointwise(rows, marks, at[q + EQUATIONS:], kept, t_centre)
+        status = eq.factor_library(fixed, state, work, at, 0)
+    return code, status, n, kept, gaps, 0
 
 
 @kernel
-def fill_integral(block, rows, marks, phi, target, drift, n, kept):
-    """Fill columns and targets of the integral form, less their means over each gap-free piece; returns the pieces."""
+def open_integral(block, words, ring, seals, rows, marks, columns):
+    """The same in the integral form, whose columns and targets are less their means over each gap-free piece."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
-    columns = phi[:q * kept].reshape((q, kept))
-    states = target[:EQUATIONS * kept].reshape((EQUATIONS, kept))
-    drifts = drift[:PAIR * kept].reshape((PAIR, kept))
-    rw.fill_states(rows, n, t_centre)
-    rw.standardise(work, rows, marks, fixed.centred, kept, n)
-    rw.integral_rows(fixed.codes[:q], rows, marks, columns, states, n, kept, held)
-    drift_integral(rows, marks, drifts, n, kept, t_centre, held)
-    rw.centre_segments(drifts, marks, kept)
-    rw.centre_segments(states, marks, kept)
-    return rw.centre_segments(columns, marks, kept)
+    code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
+    pieces = 0
+    if status == OK and code == rb.WINDOW_COMPLETE:
+        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
+        rw.fill_states(rows, n, t_centre)
+        rw.standardise(work, rows, marks, fixed.centred, kept, n)
+        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
+        rw.integral_rows(fixed.codes[:q], rows, marks, at, at[q:], n, kept, held)
+        drift_integral(rows, marks, at[q + EQUATIONS:], n, kept, t_centre, held)
+        pieces = rw.centre_segments(at, marks, kept)
+        status = eq.factor_library(fixed, state, work, at, pieces)
+    return code, status, n, kept, gaps, pieces
 
 
-@kernel
-def end_window(block, words, status, kept, gaps):
-    """The outcome's flags; what is carried on stays as it is until the next close, clock and counts until the next
-    sample.  A window that failed says only why."""
-    fixed, state = block[0].fixed, block[0].state
-    out = state.outcome
+@inner
+def end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """The outcome's standard deviations and flags; what is carried on stays as it is until the next close, clock and
+    counts until the next sample.  A window that failed says only why."""
+    out, q = state.outcome, fixed.size.terms
     if status == OK:
-        driven = is_driven(fixed.codes[:fixed.size.terms], out.support)
-        status = judge_separation(out.number) if driven else LOW_INFORMATION
+        report_attitude(fixed.plan, fixed.codes[:q], work, out, rows, marks,
+                        columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept)),
+                        series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
+        driven = eq.is_driven(fixed.codes[:q], out.support)
+        status = eq.judge_separation(out.number) if driven else LOW_INFORMATION
     if status != OK:
         clear_outcome(out, status)
     out.flag[USED] = kept
@@ -136,22 +142,73 @@ def end_window(block, words, status, kept, gaps):
     close_control(state)
 
 
-def close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series):
+@kernel
+def end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """The second half of a close, from the factored library on; status .. pieces  of the first."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_threshold(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by stepwise sparse regression."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_stepwise(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by what a term explains by itself."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_share(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by the lasso."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_by_lasso(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+@kernel
+def end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """As `end_by_threshold`, by sparse relaxed regularized regression."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    if status == OK:
+        status = eq.choose_relaxed(fixed, work, state.outcome, columns, kept)
+    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+
+
+def close_window(size, block, words, ring, seals, rows, marks, columns, series):
     """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
-    code, n, kept, status, gaps = open_window(block, ring, seals, words, rows, marks)
+    if size.integral == 1:
+        code, status, n, kept, gaps, pieces = open_integral(block, words, ring, seals, rows, marks, columns)
+    else:
+        code, status, n, kept, gaps, pieces = open_pointwise(block, words, ring, seals, rows, marks, columns)
     if code == rb.WINDOW_COMPLETE:
-        if status == OK:
-            if size.integral == 1:
-                pieces = fill_integral(block, rows, marks, phi, target, drift, n, kept)
-            else:
-                pieces = fill_pointwise(block, rows, marks, phi, target, drift, n, kept)
-            status = regress(size, block, rows, marks, phi, target, drift, extended, series, n, kept, pieces)
-        end_window(block, words, status, kept, gaps)
+        if size.solver == sparse.SR3:
+            end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.solver == sparse.LASSO:
+            end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.by_share == 1:
+            end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        elif size.solver == sparse.SSR:
+            end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+        else:
+            end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
     return code
 
 
-def update_regression(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series, t, theta,
-                      theta_dot, beta, theta_ddot, beta_cmd, gamma):
+def update_regression(size, block, words, ring, seals, rows, marks, columns, series, t, theta, theta_dot,
+                      beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
     size  in  how much of the memory is in use, and the formulation;  the rest as of the entries, in the order of
@@ -159,7 +216,7 @@ def update_regression(size, block, words, ring, seals, rows, marks, phi, target,
     """
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
-        code = close_window(size, block, words, ring, seals, rows, marks, phi, target, drift, extended, series)
+        code = close_window(size, block, words, ring, seals, rows, marks, columns, series)
     return code
 
 

@@ -27,53 +27,34 @@ import math
 
 import numpy as np
 
-from ..algebra import linsolve as ls
 from ..algebra.lanes import divide, dot, multiply, subtract, weigh
-from ..algebra.linsolve import (
-    apply_q_transposed,
-    invert_triangle,
-    place_of,
-    qr_factor,
-    rotate,
-    scale_columns,
-    solve_triangle,
-)
-from ..algebra.sparse import ACTIVE_TOLERANCE, count_active, solve_active
+from ..algebra.linsolve import EPS, apply_q_transposed, qr_factor, rotate, scale_columns, solve_triangle
+from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate.ring import ATTACK, BETA, T
-from ..gate.window import INTERVAL, O_A6, O_A6_STD, O_CORRELATION
+from ..gate.window import ATTITUDE, EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION
 from ..kernels import inner
-from .plan import ERROR, HALF, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
-from .rows import integrate
+from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
+from .rows import integral_error, integrate
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
 BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
 
 
 @inner
-def apply_q(at, tau, rank, y):
-    """y <- Q y for the factor made by `qr_factor`.  y (m,) inout."""
-    m = at.shape[1]
-    for back in range(rank):
-        k = rank - 1 - back
-        v = at[k]
-        s = tau[k] * (y[k] + dot(v, y, k + 1, m))
-        y[k] -= s
-        subtract(y, s, v, k + 1, m)
+def autoregression(v):
+    """What a series adds above and below the fraction in Andrews' eq. 6.4."""
+    count = v.shape[0]
+    before = dot(v, v, 0, count - 1)
+    if not before > 0.0:
+        return 0.0, 0.0
+    rho = min(max(dot(v[1:], v, 0, count - 1) / before, -STEADIEST), STEADIEST)
+    share = (1.0 + rho) / (1.0 - rho)  # the innovation's variance over the series', by (1 - rho)^2
+    return 4.0 * rho * rho * share * share / ((1.0 - rho * rho) * (1.0 - rho * rho)), share * share
 
 
 @inner
-def bandwidth(scores):
-    """Lags L that the series need together, 0..n/2.  scores (k, n) in"""
-    count = scores.shape[1]
-    above = below = 0.0
-    for a in range(scores.shape[0]):
-        v = scores[a]
-        before = dot(v, v, 0, count - 1)
-        if before > 0.0:
-            rho = min(max(dot(v[1:], v, 0, count - 1) / before, -STEADIEST), STEADIEST)
-            share = (1.0 + rho) / (1.0 - rho)  # the innovation's variance over the series', by (1 - rho)^2
-            above += 4.0 * rho * rho * share * share / ((1.0 - rho * rho) * (1.0 - rho * rho))
-            below += share * share
+def bandwidth(above, below, count):
+    """Lags L that series of `count` numbers need together, 0..count/2."""
     if not below > 0.0:
         return 0
     cube = BARTLETT * BARTLETT * BARTLETT * count * above / below
@@ -86,29 +67,22 @@ def bandwidth(scores):
 
 
 @inner
-def long_run(scores, freedom, covariance):
-    """S of the module's head, of series with n - k = `freedom`.
-
-    scores (k, n)  in;  covariance (>=k, >=k)  out
-    """
-    size, count = scores.shape
-    lags = bandwidth(scores)
-    for a in range(size):
-        for b in range(a + 1):
-            v, w = scores[a], scores[b]
-            value = dot(v, w, 0, count)
-            for lag in range(1, lags + 1):
-                ahead = dot(v[lag:], w, 0, count - lag)
-                behind = ahead if a == b else dot(w[lag:], v, 0, count - lag)
-                value += (1.0 - lag / (lags + 1.0)) * (ahead + behind)
-            covariance[a, b] = value * count / freedom
-            covariance[b, a] = covariance[a, b]
+def long_run(v, w, lags, freedom, same):
+    """Element of S of the module's head, of two series (n,), which may be the `same`, with n - k = `freedom`."""
+    count = v.shape[0]
+    value = dot(v, w, 0, count)
+    for lag in range(1, lags + 1):
+        ahead = dot(v[lag:], w, 0, count - lag)
+        behind = ahead if same else dot(w[lag:], v, 0, count - lag)
+        value += (1.0 - lag / (lags + 1.0)) * (ahead + behind)
+    return value * count / freedom
 
 
 @inner
-def position(active, term):
-    """Place of `term` among the active ones, -1 if it is not one (or the library lacks it)."""
-    return count_active(term, active) if term >= 0 and active[term] else -1
+def own_variance(v, freedom):
+    """Element of S of one series, by its own scale."""
+    above, below = autoregression(v)
+    return long_run(v, v, bandwidth(above, below, v.shape[0]), freedom, True)
 
 
 @inner
@@ -133,213 +107,164 @@ def drift_integral(rows, marks, drift, n, count, t_centre, held):
 
 
 @inner
-def has_drift(plan, active, d):
-    """Whether the solution is widened by the drift of a6 (d = 0) or k1 (d = 1): active, its slope not."""
-    return position(active, plan[TERM_A6 + d]) >= 0 and position(active, plan[TERM_A6_DOT + d]) < 0
+def factor_drifts(plan, q, size, work, drift, count, free):
+    """Factor what the drifts of a6 and k1 add to the `size` active terms; returns how many drifts.
 
-
-@inner
-def fill_extended(plan, q, active, mt, drift, with_drifts, columns):
-    """Active columns and, where `with_drifts` is 1, the drifts', in the rotated coordinates; returns how many.
-
-    mt (>=q, >=q), drift (2, n)  in;  columns (>= (q + 2)*n,)  out  one after the other
+    The drift of a term that is active, and its slope not; none where the window cannot tell them from the rest.
+    drift (>=2*count,)  inout  in the coordinates of the window's factor; out: what is left of each below the active
+    terms, factored, one after the other.  work.heads  out  the rest, in the coordinates of the active terms' factor
     """
-    count = drift.shape[1]
-    n = 0
-    for j in range(q):
-        if active[j]:
-            for i in range(count):
-                columns[n * count + i] = mt[j, i] if i < q else 0.0
-            n += 1
+    rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
+    drifts = 0
     for d in range(PAIR):
-        if with_drifts == 1 and has_drift(plan, active, d):
+        term, slope = plan[TERM_A6 + d], plan[TERM_A6_DOT + d]
+        if term >= 0 and work.active[term] and not (slope >= 0 and work.active[slope]):
             for i in range(count):
-                columns[n * count + i] = drift[d, i]
-            n += 1
-    return n
-
-
-@inner
-def fill_influences(plan, work, out, width, series):
-    """Influences of the rows on a6 and k1 in the factor's rotation, 0 if not active, into series (3, n); work.change.
-
-    An influence is a row of R^-1 over the column's norm, turned back: (Q Q' (row of R^-1)/norm).
-    """
-    for p in range(PAIR):
-        place = position(work.active, plan[TERM_A6 + p])
-        work.change[p] = 0.0
-        influence = series[1 + p]
-        influence[:] = 0.0
-        if place >= 0:
-            k = place_of(work.extended_order, place, width)
-            norm = work.extended_norms[place]
-            work.change[p] = work.extended_solution[k] / norm - out.number[O_A6 + p]
-            for i in range(width):
-                influence[i] = work.extended_inverse[k, i] / norm
-
-
-@inner
-def solve_extended(plan, q, work, out, y, drift, extended, series, rows):
-    """Residual and influences on a6 and k1 with the drifts beside the active terms, in the factor's rotation.
-
-    y (count,), drift (2, count)  in  Q' times theta_ddot, and times the drifts;  rows  count less what the pieces'
-    means took.  Into series (0 to 2) and extended; returns how many terms that solution has, 0 if none is.
-    """
-    count, width = y.shape[0], 0
-    for attempt in range(2):  # without the drifts where the window cannot tell them from the rest
-        width = fill_extended(plan, q, work.active, work.mt, drift, 1 - attempt, extended)
-        factors = extended[:width * count].reshape((width, count))
-        scale_columns(factors, work.extended_norms[:])
-        if qr_factor(factors, work.extended_order[:], work.extended_tau[:], ACTIVE_TOLERANCE) == width < rows:
-            break
-        if attempt == 1:
-            return 0
-    if width == 0:
+                drift[drifts * count + i] = drift[d * count + i]
+            drifts += 1
+    if drifts == 0 or size + drifts >= free:
         return 0
-    columns = extended[:width * count].reshape((width, count))
-    residual = series[0]
-    for i in range(count):
-        residual[i] = y[i]
-    apply_q_transposed(columns, work.extended_tau[:], width, residual)
-    solve_triangle(columns, width, residual, work.extended_solution[:])
-    invert_triangle(columns, width, work.extended_inverse[:])
-    for k in range(width):
+    scale_columns(drift[:drifts * count].reshape((drifts, count)), work.drift_norms[:])
+    left = count - size
+    for d in range(drifts):
+        column = drift[d * count:(d + 1) * count]
+        for i in range(q):
+            work.heads[d, i] = dot(rows[i][2 * q:3 * q], column, 0, q)
+        for i in range(left):
+            drift[d * left + i] = work.heads[d, size + i] if size + i < q else column[size + i]
+    tails = drift[:drifts * left].reshape((drifts, left))
+    rank = qr_factor(tails, work.drift_order[:drifts], work.drift_tau[:], ACTIVE_TOLERANCE)
+    return drifts if rank == drifts and abs(tails[0, 0]) > ACTIVE_TOLERANCE else 0
+
+
+@inner
+def fill_series(q, size, work, y, drift, series, drifts, known):
+    """Fill residuals and influences in the coordinates of the active terms' factor.
+
+    series (2 + q, count)  out  residual of the active terms with the drifts, residual without, and of each term: the
+    influence of the rows on its coefficient, or, where it is not active and `known`, the direction that it adds
+    y (count,)  in  theta_ddot in the coordinates of the window's factor;  drift, drifts  of `factor_drifts`
+    An influence is a row of the pseudo-inverse, R^-1 Q'.  A term adds one direction d to the active ones (Frisch &
+    Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its coefficient is d'y over what of the column lies along d,
+    and d'y d what the residual loses.
+    """
+    count, left, norms = y.shape[0], y.shape[0] - size, work.sparse.norms
+    rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
+    tails, value, order = drift[:drifts * left].reshape((drifts, left)), work.drift_value, work.drift_order
+    series[:, :] = 0.0
+    for i in range(size, count):
+        series[1, i] = rows[i, 3 * q] if i < q else y[i]
+        series[0, i] = series[1, i]
+    residual = series[0][size:]
+    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
+    solve_triangle(tails, drifts, residual, value[:])
+    for k in range(drifts):
         residual[k] = 0.0
-    fill_influences(plan, work, out, width, series)
-    rotate(columns, work.extended_tau[:], width, series, 0, 1 + PAIR)
-    return width
-
-
-@inner
-def numeric_variance(q, work, rows, marks, influence, count):
-    """Square of what quadrature, differencing and rounding may leave in a coefficient with this influence (count,)."""
-    largest = off = 0.0
     for j in range(q):
-        largest += abs(work.xi[j]) * math.sqrt(dot(work.mt[j], work.mt[j], 0, q))
-    for r in range(count):
-        off += influence[r] * rows[ERROR, marks[KEPT, r]]
-    rounding = ls.EPS * largest
-    return off * off + rounding * rounding * dot(influence, influence, 0, count)
+        work.change[j] = 0.0
+        if work.active[j]:
+            for i in range(size):
+                series[2 + j, i] = rows[i, q + j] / norms[j]
+            for k in range(drifts):  # by what the drifts explain of the rows: (R^-1 heads) R_drift^-1
+                row = 0.0
+                for i in range(size):
+                    row -= series[2 + j, i] * work.heads[order[k], i]
+                work.change[j] += row * value[k]
+                for before in range(k):
+                    row -= series[2 + j, size + before] * tails[k, before]
+                series[2 + j, size + k] = row / tails[k, k]
+        elif known:
+            square = 0.0
+            for i in range(size, q):
+                series[2 + j, i] = rows[i, j]
+                square += rows[i, j] * rows[i, j]
+            share, work.length[j] = math.sqrt(square), 0.0
+            if ACTIVE_TOLERANCE < share < np.inf:
+                work.length[j] = share * norms[j]
+                divide(series[2 + j], share, size, q)
+                work.lost[j] = dot(series[2 + j], series[1], size, q)
 
 
 @inner
-def report_spread(plan, q, work, out, rows, marks, series, freedom):
-    """Standard deviations and correlation of a6 and k1, the active ones, from the series in time."""
-    count = series.shape[1]
-    for p in range(PAIR):
-        work.numeric[p] = numeric_variance(q, work, rows, marks, series[1 + p], count)
-        if position(work.active, plan[TERM_A6 + p]) >= 0:
-            multiply(series[1 + p], series[0], 0, count)
-    long_run(series[1:1 + PAIR], freedom, work.covariance[:])
-    for p in range(PAIR):
-        for r in range(PAIR):
-            work.covariance[p, r] += work.change[p] * work.change[r]
-        work.covariance[p, p] += work.numeric[p]
-        if position(work.active, plan[TERM_A6 + p]) >= 0:
-            out.number[O_A6_STD + p] = math.sqrt(work.covariance[p, p])
-            out.std[plan[TERM_A6 + p]] = out.number[O_A6_STD + p]
-    product = work.covariance[0, 0] * work.covariance[1, 1]
-    if product > 0.0:  # both are active
-        out.number[O_CORRELATION] = min(max(work.covariance[0, 1] / math.sqrt(product), -1.0), 1.0)
+def turn_back(at, q, size, work, drift, series, drifts):
+    """Turn the series (2 + q, count) into time: by the factors of drifts, active terms, window (`at`, (>=q, count))."""
+    rows, left = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), series.shape[1] - size
+    tails = drift[:drifts * left].reshape((drifts, left))
+    for k in range(series.shape[0]):
+        if k == 0 or (k > 1 and work.active[k - 2]):
+            rotate(tails, work.drift_tau[:], drifts, series[k][size:].reshape((1, left)), 0, 1)
+        head = work.head[:q]
+        head[:] = 0.0
+        for i in range(q):
+            subtract(head, -series[k, i], rows[i][2 * q:3 * q], 0, q)
+        for i in range(q):
+            series[k, i] = head[i]
+    rotate(at, work.tau[:], q, series, 0, series.shape[0])
 
 
 @inner
-def report_others(plan, work, out, rows, marks, at, extended, series, width, freedom):
-    """Standard deviations of the other active terms, as `report_spread` has those of a6 and k1.
-
-    at (q, count)  in  the window's factor;  width  terms of the extended solution.  Overwrites series (1).
-    """
-    q, count = at.shape
-    columns = extended[:width * count].reshape((width, count))
+def report_active(plan, q, work, out, rows, marks, series, freedom):
+    """Standard deviations of the active terms, a6 and k1 with their correlation, from the series in time."""
+    count, largest = series.shape[1], 0.0
     for j in range(q):
-        if not work.active[j] or j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
-            continue
-        k = place_of(work.extended_order, position(work.active, j), width)
-        norm = work.extended_norms[position(work.active, j)]
-        change = work.extended_solution[k] / norm - work.xi[j]
-        for i in range(count):
-            series[1, i] = work.extended_inverse[k, i] / norm if i < width else 0.0
-        rotate(columns, work.extended_tau[:], width, series, 1, 2)
-        rotate(at, work.tau[:], q, series, 1, 2)
-        numeric = numeric_variance(q, work, rows, marks, series[1], count)
-        multiply(series[1], series[0], 0, count)
-        long_run(series[1:2], freedom, work.covariance[:])
-        out.std[j] = math.sqrt(work.covariance[0, 0] + change * change + numeric)
-
-
-@inner
-def add_direction(factors, tau, size, direction):
-    """Turn a column (q,) into the unit one that it adds to the `size` columns of a factor, in the factor's rotation.
-
-    Returns how much of its length that is, 0 if it adds nothing.
-    """
-    q = direction.shape[0]
-    apply_q_transposed(factors, tau, size, direction)
-    share = math.sqrt(dot(direction, direction, size, q))
-    for i in range(size):
-        direction[i] = 0.0
-    if not ACTIVE_TOLERANCE < share < np.inf:
-        return 0.0
-    divide(direction, share, size, q)
-    return share
-
-
-@inner
-def solve_absent(q, work, y, residual, size, rows):
-    """Residual (count,) of the `size` active terms in the factor's rotation, out; whether there is one.
-
-    Leaves their factor in work.sparse.  y (count,), rows  in  as of `solve_extended`
-    """
-    count, sparse = y.shape[0], work.sparse
-    if size == q or rows <= size + 1 or solve_active(q, work.mt[:], y[:q], work.active[:], sparse.trial[:],
-                                                         sparse) > 0:
-        return False
-    for i in range(count):
-        residual[i] = y[i] if i >= q else (sparse.right[i] if i >= size else 0.0)
-    apply_q(sparse.columns[:size * q].reshape((size, q)), sparse.tau[:], size, residual[:q])
-    return True
-
-
-@inner
-def report_absent(plan, work, out, at, residual, extended, size, known, freedom):
-    """95 % limit of every term that is not active, as if it alone were added; a6 and k1 get their standard deviation.
-
-    at (q, count)  in  the window's factor;  residual (count,), size, known  in  of `solve_absent`;  freedom  rows less
-    terms;  extended  scratch
-    A term adds one direction d to the active ones (Frisch & Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its
-    coefficient is d'y over what of the column lies along d, and d'y d what the residual loses.
-    inf: the window cannot tell it from the active ones.
-    """
-    q, count = at.shape
-    direction, sparse = work.direction[:q], work.sparse
-    factors = sparse.columns[:size * q].reshape((size, q))
-    influences = extended[:(q - size) * count].reshape((q - size, count))
-    lost, length, places = sparse.lost, sparse.length, work.extended_order
-    reported = 0
+        largest += abs(work.xi[j]) * work.sparse.norms[j]
     for j in range(q):
         if work.active[j]:
-            continue
-        out.absent[j] = np.inf
-        for i in range(q):
-            direction[i] = work.mt[j, i]
-        scale_columns(direction.reshape((1, q)), work.length[:])
-        share = add_direction(factors, sparse.tau[:], size, direction) if known else 0.0
-        if share == 0.0:
-            continue
-        length[j] = share * work.length[0]
-        lost[j] = dot(direction, sparse.right[:], size, q)
-        apply_q(factors, sparse.tau[:], size, direction)
-        for i in range(count):
-            influences[reported, i] = direction[i] if i < q else 0.0
-        places[reported] = j
-        reported += 1
-    rotate(at, work.tau[:], q, influences, 0, reported)  # in time
-    for k in range(reported):
-        j = places[k]
-        weigh(influences[k], residual, lost[j], 0, count)
-        long_run(influences[k:k + 1], freedom, work.covariance[:])
-        std = math.sqrt(work.covariance[0, 0]) / length[j]
-        out.absent[j] = abs(lost[j] / length[j]) + INTERVAL * std
-        for p in range(PAIR):
-            if j == plan[TERM_A6 + p]:
-                out.number[O_A6_STD + p] = std
+            influence, off = series[2 + j], 0.0
+            for r in range(count):
+                off += influence[r] * rows[ERROR, marks[KEPT, r]]
+            rounding = EPS * largest
+            work.numeric[j] = off * off + rounding * rounding * dot(influence, influence, 0, count)
+            multiply(influence, series[0], 0, count)
+    above = below = 0.0
+    for p in range(PAIR):
+        j = plan[TERM_A6 + p]
+        if j >= 0 and work.active[j]:
+            more, less = autoregression(series[2 + j])
+            above, below = above + more, below + less
+    lags = bandwidth(above, below, count)  # of a6 and k1 together
+    for j in range(q):
+        if work.active[j]:
+            together = j == plan[TERM_A6] or j == plan[TERM_A6 + 1]
+            v = series[2 + j]
+            variance = long_run(v, v, lags, freedom, True) if together else own_variance(v, freedom)
+            out.std[j] = math.sqrt(variance + work.change[j] * work.change[j] + work.numeric[j])
+    for p in range(PAIR):
+        if plan[TERM_A6 + p] >= 0:
+            out.number[O_A6_STD + p] = out.std[plan[TERM_A6 + p]]
+    product = out.number[O_A6_STD] * out.number[O_A6_STD + 1]
+    if product > 0.0:  # both are active
+        a, b = plan[TERM_A6], plan[TERM_A6 + 1]
+        shared = long_run(series[2 + b], series[2 + a], lags, freedom, False) + work.change[a] * work.change[b]
+        out.number[O_CORRELATION] = min(max(shared / product, -1.0), 1.0)
+
+
+@inner
+def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
+    """Standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the others, a6 and k1 with
+    their standard deviation; inf: the window cannot tell a term from the active ones.
+
+    at (q + EQUATIONS + PAIR, count)  in  the window's factor, in its coordinates targets and drifts (lost);
+    series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
+    """
+    q, count, size = codes.shape[0], at.shape[1], 0
+    y, drift = at[q + ATTITUDE], at[q + EQUATIONS:].reshape((PAIR * count,))
+    for j in range(q):
+        size += int(work.active[j] == 1)
+    known, drifts = free > size + 1, factor_drifts(plan, q, size, work, drift, count, free)
+    fill_series(q, size, work, y, drift, series, drifts, known)
+    turn_back(at, q, size, work, drift, series, drifts)
+    if size > 0:
+        if plan[INTEGRAL] == 1:
+            integral_error(codes, work, rows, marks, n, work.xi, plan[HELD])
+        report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
+    for j in range(q):
+        if not work.active[j]:
+            out.absent[j] = np.inf
+            if known and work.length[j] > 0.0:
+                weigh(series[2 + j], series[1], work.lost[j], 0, count)
+                std = math.sqrt(own_variance(series[2 + j], free - size - 1)) / work.length[j]
+                out.absent[j] = abs(work.lost[j] / work.length[j]) + INTERVAL * std
+                for p in range(PAIR):
+                    if j == plan[TERM_A6 + p]:
+                        out.number[O_A6_STD + p] = std

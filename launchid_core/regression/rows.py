@@ -7,7 +7,7 @@
 import numpy as np
 
 from ..algebra.derivative import differentiate
-from ..algebra.lanes import standard
+from ..algebra.lanes import U, standard, total
 from ..algebra.library import N_VARIABLES, TAU, library_column
 from ..algebra.linsolve import EPS
 from ..gate.ring import ATTACK, BETA, GAMMA, THETA, THETA_DDOT, THETA_DOT, T
@@ -285,11 +285,8 @@ def centre_segments(columns, marks, count):
             continue
         pieces += 1
         for j in range(columns.shape[0]):
-            mean = 0.0
+            mean = total(columns[j], first, end) / (end - first)
             for r in range(first, end):
-                mean += columns[j, r]
-            mean /= end - first
-            for r in range(first, end):
-                columns[j, r] -= mean
+                columns[j, U(r)] -= mean
         first = end
     return pieces

@@ -9,18 +9,16 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from launchid_core import parse_term, term_name
 
 from ..errors import UsageError, did_you_mean
 from . import actuator, controller, environment, plant, sensor
-from .table import CENTRE, CODE, N_COLUMNS, P0, PLACES, TERM, Cause, Effect, Parameter, Table
+from .table import CENTRE, Cause, Changes, Effect, Parameter
 
-CATALOGUE: dict[str, Cause] = {
-    cause.name: cause for place in (plant, environment, actuator, sensor, controller) for cause in place.EFFECTS}
-_CODE = {cause.name: code for place in (plant, environment, actuator, sensor, controller)
-         for code, cause in enumerate(place.EFFECTS)}
+_PLACES: dict[str, Any] = {"plant": plant, "environment": environment, "actuator": actuator, "sensor": sensor,
+                           "controller": controller}
+CATALOGUE: dict[str, Cause] = {cause.name: cause for place in _PLACES.values() for cause in place.EFFECTS}
+_ORDER = {name: k for k, name in enumerate(CATALOGUE)}
 
 RADIANS_PER_STEP = 0.5  # Runge-Kutta 4 loses 0.02 % of an oscillation's amplitude a radian at this frequency times step
 
@@ -122,34 +120,20 @@ def from_table(table: object) -> Effect:
     return effect(name, **{str(key): value for key, value in table.items() if key != "name"})
 
 
-def _sorting(effect: Effect) -> tuple[int, tuple[str, ...]]:
-    return _CODE[effect.name], tuple(map(repr, effect.values))
+def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Changes:
+    """What the effects change, whatever their order.
 
-
-def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Table:
-    """The effects as the compiled step reads them, in an order of their own.
-
-    effects  any order, any number of each
+    effects  any number of each
     step     [s] of integration; UsageError if it does not resolve an effect's frequency
     centre   [s] of the flight, or of the log: a `middle` that is not given; NaN: nobody needs it
     """
-    ordered = sorted(effects, key=_sorting)
-    rows = {place: [_row(effect, step, centre) for effect in ordered if CATALOGUE[effect.name].where == place]
-            for place in PLACES}
-    return Table(*(np.array(rows[place], dtype=np.float64).reshape(-1, N_COLUMNS) for place in PLACES))
-
-
-def _row(effect: Effect, step: float, centre: float) -> np.ndarray:
-    """One effect as a row (N_COLUMNS,), its states at rest."""
-    row = np.zeros(N_COLUMNS)
-    row[CODE] = _CODE[effect.name]
-    for k, (parameter, value) in enumerate(zip(CATALOGUE[effect.name].parameters, effect.values, strict=True)):
-        if isinstance(value, str):
-            code = parse_term(value)
-            row[TERM:TERM + len(code)] = code
-            continue
-        if parameter.name == "frequency" and not value * step <= RADIANS_PER_STEP:
-            raise UsageError(f"effect {effect.name}: frequency = {value!r}: expected at most "
+    changes = Changes()
+    for each in sorted(effects, key=lambda each: (_ORDER[each.name], tuple(map(repr, each.values)))):
+        cause = CATALOGUE[each.name]
+        given: dict[str, Any] = {parameter.name: centre if value == CENTRE and parameter.default == CENTRE else value
+                                 for parameter, value in zip(cause.parameters, each.values, strict=True)}
+        if "frequency" in given and not given["frequency"] * step <= RADIANS_PER_STEP:
+            raise UsageError(f"effect {each.name}: frequency = {given['frequency']!r}: expected at most "
                              f"{RADIANS_PER_STEP / step:g} rad/s, what the simulation's step of {step:g} s resolves")
-        row[P0 + k] = centre if value == CENTRE and parameter.default == CENTRE else value
-    return row
+        _PLACES[cause.where].change(changes, each.name, given)
+    return changes

@@ -5,14 +5,13 @@ is issued (and logged) is the mean over the period of the command computed `dela
 earlier: a whole number of periods shifts it, a part of one mixes two neighbours.
 Before the first the command was 0.
 
-To add an effect: its kernel, its branch below, its row in EFFECTS.
+To add an effect: its row in EFFECTS, its branch in `change`.
 """
 
-from ..vehicle.kernels import asked, kernel
-from .actuator import LONGEST_DELAY
-from .table import CODE, P0, P1, P2, Cause, Parameter
+from collections.abc import Mapping
 
-CONTROLLER_MISMATCH = 0
+from .actuator import LONGEST_DELAY
+from .table import Cause, Changes, Parameter
 
 EFFECTS = (
     Cause("controller_mismatch", "controller", (
@@ -22,32 +21,10 @@ EFFECTS = (
 )
 
 
-# ---- the physics
-
-
-@kernel
-def mismatched_gains(kp_scale, kd_scale, kp, kd):
-    """(kp_scale kp, kd_scale kd [s]): the gains on board are not those of the simulation."""
-    return kp_scale * kp, kd_scale * kd
-
-
-# ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
-
-
-@asked
-def gains(fx, kp, kd):
-    """The gains on board of the nominal's kp and kd [s]."""
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == CONTROLLER_MISMATCH:
-            kp, kd = mismatched_gains(fx[e, P0], fx[e, P1], kp, kd)
-    return kp, kd
-
-
-@asked
-def latency(fx):
-    """Computing time [s] between measuring and issuing."""
-    delay = 0.0
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == CONTROLLER_MISMATCH:
-            delay += fx[e, P2]
-    return delay
+def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
+    """Add the effect of this name, with these values, to what the flight's effects change."""
+    match name:
+        case "controller_mismatch":  # gains on board that are not those of the simulation
+            of.kp_scale *= p["kp_scale"]
+            of.kd_scale *= p["kd_scale"]
+            of.computing_time += p["delay"]

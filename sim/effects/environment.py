@@ -10,15 +10,16 @@ and does not drift it.
 `turbulence` and `wind_walk` are chance, not functions of time: their rows stand here,
 `sim.disturbance_draws` draws them with the nominal's [wind], by the same law.
 
-To add an effect: its kernel, its branch below, its row in EFFECTS.
+To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 import math
+from collections.abc import Mapping
 
 from ..vehicle.kernels import inner, kernel
-from .table import CODE, P0, P1, P2, Cause, Parameter
+from .table import Cause, Changes, Parameter
 
-GUST, STEADY_WIND, PERIODIC_DISTURBANCE, TURBULENCE, WIND_WALK = range(5)
+GUST, SINE, JUMP = range(3)  # kinds of what the time decides; the last is the plant's `moment_step`
 
 EFFECTS = (
     Cause("gust", "environment", (
@@ -37,7 +38,19 @@ EFFECTS = (
 )
 
 
-# ---- the physics
+def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
+    """Add the effect of this name, with these values, to what the flight's effects change."""
+    match name:
+        case "gust":
+            of.timed.append((GUST, p["angle"], p["time"], p["duration"]))
+        case "steady_wind":
+            of.steady_wind += p["angle"]
+        case "periodic_disturbance":
+            of.timed.append((SINE, p["amplitude"], p["frequency"], p["phase"]))
+        case "turbulence":
+            of.turbulences.append((p["level"], p["time_constant"]))
+        case "wind_walk":
+            of.walks.append((p["level"], 0.0))
 
 
 @kernel
@@ -47,37 +60,25 @@ def gust_angle(angle, time, duration, t):
     return angle * (0.5 * (1.0 - math.cos(2.0 * math.pi * share))) if 0.0 < share < 1.0 else 0.0
 
 
-@kernel
-def periodic_disturbance(amplitude, frequency, phase, t):
-    """amplitude sin(frequency t + phase) [rad/s^2]: machinery, a structural tone, a swinging cable of a stand."""
-    return amplitude * math.sin(frequency * t + phase)
-
-
-# ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
-
-
 @inner
-def acceleration(fx, a6, t):
-    """Sum of the environment's moments [rad/s^2] at t [s]."""
-    total = 0.0
-    for e in range(fx.shape[0]):
-        code = fx[e, CODE]
-        if code == GUST:
-            total += a6 * gust_angle(fx[e, P0], fx[e, P1], fx[e, P2], t)
-        elif code == STEADY_WIND:
-            total += a6 * fx[e, P0]
-        elif code == PERIODIC_DISTURBANCE:
-            total += periodic_disturbance(fx[e, P0], fx[e, P1], fx[e, P2], t)
-    return total
+def air(v, timed, a6, t):
+    """(moments of wind and of periodic disturbances, moments that begin in flight [rad/s^2], wind [rad]) at t [s].
 
-
-@inner
-def wind(fx, t):
-    """Sum of the winds [rad] at t [s], the same angles as in `acceleration`; -0.0 where there is none."""
-    total = -0.0
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == GUST:
-            total += gust_angle(fx[e, P0], fx[e, P1], fx[e, P2], t)
-        elif fx[e, CODE] == STEADY_WIND:
-            total += fx[e, P0]
-    return total
+    Periodic: machinery, a structural tone, a swinging cable of a stand.  Begun in flight: an engine out, off the axis;
+    a fin or a fairing that is gone.
+    """
+    moment, begun, wind = 0.0, -0.0, -0.0
+    if timed is not None:
+        for each in timed:
+            if each.kind == GUST:
+                angle = gust_angle(each.amount, each.first, each.second, t)
+                moment += a6 * angle
+                wind += angle
+            elif each.kind == JUMP and t > each.first:
+                begun += each.amount
+    moment += a6 * v.steady_wind
+    if timed is not None:
+        for each in timed:
+            if each.kind == SINE:
+                moment += each.amount * math.sin(each.first * t + each.second)
+    return moment, begun, wind + v.steady_wind

@@ -9,18 +9,16 @@ the `ideal` suite as well: its sensors are free of noise, not of these.
 Assumption: `bending` moves the place where attitude and rate are measured, so it
 comes before these.
 
-To add an effect: its kernel, its branch below, its row in EFFECTS.
+To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 import math
+from collections.abc import Mapping
 
-import numpy as np
-
-from ..vehicle.kernels import asked, inner, kernel
+from ..vehicle.kernels import inner
 from .actuator import LONGEST_DELAY
-from .table import CODE, P0, Cause, Parameter
-
-ATTITUDE_DELAY, ATTITUDE_BIAS, GYRO_DELAY, GYRO_SCALE, GYRO_BIAS, NOZZLE_SENSOR_BIAS = range(6)
+from .plant import deflection
+from .table import Cause, Changes, Parameter
 
 ATTITUDE, RATE = range(2)  # rows of the history
 
@@ -34,93 +32,52 @@ EFFECTS = (
 )
 
 
-# ---- the physics
+def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
+    """Add the effect of this name, with these values, to what the flight's effects change."""
+    match name:
+        case "attitude_delay":
+            of.attitude_delay += p["delay"]
+        case "attitude_bias":  # mounting of the attitude reference
+            of.attitude_bias += p["angle"]
+        case "gyro_delay":
+            of.gyro_delay += p["delay"]
+        case "gyro_scale":
+            of.gyro_scale *= p["scale"]
+        case "gyro_bias":  # drift of the gyro
+            of.gyro_bias += p["rate"]
+        case "nozzle_sensor_bias":  # null of the nozzle's sensor
+            of.nozzle_sensor_bias += p["angle"]
 
 
-@kernel
-def past(history, row, i, delay, step):
-    """Value `delay` [s] before step i, linear between steps; `history` (2, steps) in, its row filled up to i."""
+@inner
+def remember(v, modes, history, i):
+    """Keep attitude and rate of step i where the sensors sit; history (2, steps), or (2, 0): no sensor is late."""
+    if history is not None:
+        if history.shape[1] > 0:
+            eta, eta_dot = deflection(modes)
+            history[ATTITUDE, i], history[RATE, i] = v.theta + eta, v.theta_dot + eta_dot
+
+
+@inner
+def past(history, i, delay, step):
+    """Value `delay` [s] before step i, linear between steps; history (steps,) in, filled up to i."""
     position = i - delay / step
     if position <= 0.0:
-        return history[row, 0]
+        return history[0]
     k = math.floor(position)
     share = position - k
-    early = history[row, k]
-    return early if share == 0.0 else (1.0 - share) * early + share * history[row, k + 1]
-
-
-@kernel
-def biased(bias, value):
-    """value + bias: mounting of the attitude reference, drift of the gyro, null of the nozzle's sensor."""
-    return value + bias
-
-
-@kernel
-def scaled(scale, value):
-    """scale value: the gyro's scale factor."""
-    return scale * value
-
-
-def nulls(fx: np.ndarray) -> tuple[float, float, float]:
-    """The readings of attitude [rad], gyro [rad/s] and nozzle sensor [rad] at a true value of 0: their biases."""
-    attitude, rate, angle = (float(fx[fx[:, CODE] == code, P0].sum())
-                             for code in (ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_SENSOR_BIAS))
-    return attitude, rate, angle
-
-
-# ---- the place: fx (n, N_COLUMNS) inout, its rows of the table
+    early = history[k]
+    return early if share == 0.0 else (1.0 - share) * early + share * history[k + 1]
 
 
 @inner
-def latency(fx, code):
-    """Sum of the delays [s] of one kind: ATTITUDE_DELAY or GYRO_DELAY."""
-    delay = 0.0
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == code:
-            delay += fx[e, P0]
-    return delay
-
-
-@asked
-def rate_scale(fx):
-    """The gyro's reading at 1 rad/s: the product of its scale factors."""
-    scale = 1.0
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == GYRO_SCALE:
-            scale *= fx[e, P0]
-    return scale
-
-
-@inner
-def attitude(fx, history, i, step, theta):
-    """z_theta [rad] at step i of the true attitude there; history (2, steps) of the true values."""
-    delay = latency(fx, ATTITUDE_DELAY)
-    if delay > 0.0:
-        theta = past(history, ATTITUDE, i, delay, step)
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == ATTITUDE_BIAS:
-            theta = biased(fx[e, P0], theta)
-    return theta
-
-
-@inner
-def gyro(fx, history, i, step, theta_dot):
-    """z_theta_dot [rad/s] at step i of the true rate there; history (2, steps) of the true values."""
-    delay = latency(fx, GYRO_DELAY)
-    if delay > 0.0:
-        theta_dot = past(history, RATE, i, delay, step)
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == GYRO_SCALE:
-            theta_dot = scaled(fx[e, P0], theta_dot)
-        elif fx[e, CODE] == GYRO_BIAS:
-            theta_dot = biased(fx[e, P0], theta_dot)
-    return theta_dot
-
-
-@inner
-def nozzle(fx, beta):
-    """z_beta [rad] of the true nozzle angle."""
-    for e in range(fx.shape[0]):
-        if fx[e, CODE] == NOZZLE_SENSOR_BIAS:
-            beta = biased(fx[e, P0], beta)
-    return beta
+def read(v, modes, history, i):
+    """What attitude sensor [rad] and gyro [rad/s] show at step i, without noise."""
+    eta, eta_dot = deflection(modes)
+    theta, theta_dot = v.theta + eta, v.theta_dot + eta_dot
+    if history is not None:
+        if v.attitude_delay > 0.0:
+            theta = past(history[ATTITUDE], i, v.attitude_delay, v.step)
+        if v.gyro_delay > 0.0:
+            theta_dot = past(history[RATE], i, v.gyro_delay, v.step)
+    return theta + v.attitude_bias, v.gyro_scale * theta_dot + v.gyro_bias

@@ -1,24 +1,27 @@
-"""The types of an effect: its description, one instance of it, and the packed table that kernels read.
+"""The types of an effect: its description, one instance of it, and what the effects of a flight change.
 
-A `Cause` describes (the contract's table, section 4), an `Effect` is a cause with
-its values, and `Table` is what the compiled step runs: one array a place, its rows
-sorted by effect, then by value, so that the order in which effects are given changes
-no bit.
+A `Cause` describes (the contract's table, section 4), an `Effect` is a cause with its values.  To the compiled step
+most effects are numbers, whose neutral values change no bit of a flight; those that remember something, and those that
+there may be many of, are rows.
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
-PLACES = ("plant", "environment", "actuator", "sensor", "controller")
 
-# columns of a row: which effect of its place, its parameters in the cause's order, the code of its library term,
-# its states (slosh, bending: value and rate; backlash: play; bandwidth, wash-out: lag), and scratch of Runge-Kutta
-# (states at the step's start, weighted slopes)
-(CODE, P0, P1, P2, TERM, _, _, _, _, _, MEMORY, MEMORY_DOT, START, START_DOT, TOTAL, TOTAL_DOT) = range(16)
-N_COLUMNS = 16
+def record(*numbers: str, counts: tuple[str, ...] = ()) -> np.dtype:
+    """A record of these numbers and integers: attributes in compiled code, and in Python where it is debugged."""
+    return np.dtype((np.record, [(name, np.float64) for name in numbers] + [(name, np.int64) for name in counts]))
+
+
+# an oscillator x'' = -drag x' - stiffness x + ..., with the scratch of Runge-Kutta: its state when the step began, its
+# weighted slopes
+MODE = record("bends", "stiffness", "drag", "gain", "x", "x_dot", "start", "start_dot", "total", "total_dot")
+TERM = record("coefficient", "theta", "theta_dot", "beta", "function", "argument")  # exponents; of which of the three
+TIMED = record("kind", "amount", "first", "second")  # what the time decides
+INPUT = record("kind", "value", "x")               # what remembers between command and servo
 
 LARGEST = 1.0e12   # of a parameter in its unit: beyond it sums of doubles lose what they are added to
 CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
@@ -84,16 +87,42 @@ class Effect:
     values: tuple[float | str, ...]
 
 
-class Table(NamedTuple):
-    """Effects as arrays (n, N_COLUMNS), one a place, one row an effect."""
+@dataclass
+class Changes:
+    """What the effects of a flight change; of several of one kind sums, products, or rows."""
 
-    plant: np.ndarray
-    environment: np.ndarray
-    actuator: np.ndarray
-    sensor: np.ndarray
-    controller: np.ndarray
-
-
-def empty_table() -> Table:
-    """No effect anywhere."""
-    return Table(*(np.zeros((0, N_COLUMNS)) for _ in PLACES))
+    parameters: list[tuple[str, dict[str, float]]] = field(default_factory=list)  # name and values, of those on a6, k1
+    modes: list[tuple[float, ...]] = field(default_factory=list)
+    terms: list[tuple[float, ...]] = field(default_factory=list)
+    timed: list[tuple[float, ...]] = field(default_factory=list)
+    inputs: list[tuple[float, ...]] = field(default_factory=list)
+    bandwidths: list[tuple[float, float]] = field(default_factory=list)   # (scale, share of the lag) of the servo
+    walks: list[tuple[float, float]] = field(default_factory=list)        # (level [rad/sqrt(s)], start [rad])
+    turbulences: list[tuple[float, float]] = field(default_factory=list)  # (level [rad], time constant [s])
+    # plant
+    aero_damping: float = 0.0          # 1/s
+    aero_cubic: float = 0.0            # 1/rad^2
+    friction: float = 0.0              # rad/s^2
+    thrust_misalignment: float = -0.0  # rad
+    nozzle_inertia: float = 0.0
+    z_alpha: float = -0.0              # 1/s
+    z_beta: float = -0.0               # 1/s
+    # environment
+    steady_wind: float = -0.0          # rad
+    # actuator
+    actuator_delay: float = 0.0        # s
+    actuator_gain: float = 1.0
+    actuator_bias: float = -0.0        # rad
+    rate_limit: float = math.inf       # rad/s
+    rate_reach: float = math.inf       # rad/s, of the demanded rate
+    # sensor
+    attitude_delay: float = 0.0        # s
+    attitude_bias: float = -0.0        # rad
+    gyro_delay: float = 0.0            # s
+    gyro_scale: float = 1.0
+    gyro_bias: float = -0.0            # rad/s
+    nozzle_sensor_bias: float = -0.0   # rad
+    # controller
+    kp_scale: float = 1.0
+    kd_scale: float = 1.0
+    computing_time: float = 0.0        # s

@@ -10,42 +10,82 @@ weights what drives its stages such that the vehicle's rate and angle are then t
 
 import math
 
-from ..effects.actuator import limited_acceleration, limited_rate
-from .kernels import kernel
+from ..effects.table import record
+from .controller import limited
+from .kernels import asked, inner
 
 FIRST_ORDER_DAMPING = 0.5
 RESOLVED = 0.3   # rad a step, of the fastest pole: Runge-Kutta 4 is then exact to (sh)^4/120 = 7e-5 of what it moves
 MOST_PARTS = 16  # of a step, of a stiff servo at its rate limit: that begins and ends within such a part, unseen
+# of the last step of a stiff servo: the part [s] of it that was integrated at once, and what follows of that
+FREE = record("part", "xx", "xr", "rx", "rr")
 
 
-@kernel
-def nozzle_acceleration(frequency, damping, command, beta, beta_dot):
-    """beta_ddot [rad/s^2] = w^2 (command - beta) - 2 zeta w beta_dot."""
-    return frequency * frequency * (command - beta) - 2.0 * damping * frequency * beta_dot
+@inner
+def lag_rate(v, u, beta):
+    """beta' [rad/s] of a first-order servo under the command u [rad]; where that jumps, it jumps."""
+    return limited(v.rate_limit, v.frequency * (u - beta))
 
 
-@kernel
-def servo_slopes(frequency, damping, rate, reach, command, beta, beta_dot):
-    """(beta' [rad/s], beta_dot' [rad/s^2]) of the servo behind its rate limit; reach: of the demanded rate
-    (both [rad/s], inf: none)."""
-    beta_ddot = nozzle_acceleration(frequency, damping, command, beta, beta_dot)
-    return limited_rate(rate, beta_dot), limited_acceleration(reach, beta_dot, beta_ddot)
+@inner
+def servo_flow(v, u, beta, beta_dot):
+    """(beta' [rad/s], beta_dot' [rad/s^2], the nozzle's own acceleration [rad/s^2]) under the command u [rad].
+
+    Second order: beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, none that drives the rate further beyond its reach;
+    first order: beta' = w (u - beta), with no rate to wind up.  Both move within +-rate [rad/s], at which the valve is
+    full open and the nozzle does not accelerate.
+    """
+    w, rate = v.frequency, v.rate_limit
+    if v.first_order != 0:
+        moved = lag_rate(v, u, beta)
+        return moved, 0.0, -w * moved if abs(moved) < rate else 0.0
+    beta_ddot = w * w * (u - beta) - 2.0 * v.damping * w * beta_dot
+    if abs(beta_dot) >= v.rate_reach and beta_dot * beta_ddot > 0.0:
+        beta_ddot = 0.0
+    return limited(rate, beta_dot), beta_ddot, beta_ddot if abs(beta_dot) <= rate else 0.0
 
 
-@kernel
-def lag_slopes(frequency, rate, command, beta):
-    """(beta' [rad/s], 0) of a first-order servo: w (command - beta) within +-rate [rad/s]; no rate to wind up."""
-    return limited_rate(rate, frequency * (command - beta)), 0.0
+@inner
+def nozzle_stages(v, free, stages, u, h):
+    """Move the nozzle over a step of h [s] under the command u [rad]; stages (4,) STAGE out: as the vehicle sees it."""
+    if free is not None:
+        if v.pole * h > RESOLVED:
+            stiff_stages(v, free[0], stages, u, h)
+            return
+    beta, beta_dot, beta_sum, beta_dot_sum = v.beta, v.beta_dot, -0.0, -0.0
+    for s in range(4):
+        slope, slope_dot, beta_ddot = servo_flow(v, u, beta, beta_dot)
+        stages[s].beta, stages[s].beta_ddot = beta, beta_ddot
+        weight, on = 1.0 if s == 0 or s == 3 else 2.0, 0.5 * h if s < 2 else h
+        beta_sum += weight * slope
+        beta_dot_sum += weight * slope_dot
+        beta, beta_dot = v.beta + on * slope, v.beta_dot + on * slope_dot
+    v.beta += h / 6.0 * beta_sum
+    v.beta_dot = limited(v.rate_reach, v.beta_dot + h / 6.0 * beta_dot_sum)
 
 
-@kernel
-def fastest_pole(frequency, damping):
+@inner
+def stiff_stages(v, free, stages, u, h):
+    """The same of a stiff servo: exact, and the stages are of the lines that the motion of the nozzle and of its rate
+    are to the vehicle; the jolt of a command that jumps is in them."""
+    beta, rate = v.beta, limited(v.rate_limit, v.beta_dot)
+    once, twice = servo_motion(v, free, h, u)
+    after = servo_flow(v, u, v.beta, v.beta_dot)[0]
+    first, middle, last = as_line(h, once, twice)
+    swing, swung, still = as_line(h, after - rate, v.beta - beta - h * rate)
+    for s in range(4):
+        stages[s].beta, stages[s].beta_ddot = middle, swung
+    stages[0].beta, stages[0].beta_ddot = first, swing
+    stages[3].beta, stages[3].beta_ddot = last, still
+
+
+def fastest_pole(frequency: float, damping: float) -> float:
     """[rad/s] size of the fastest root of s^2 + 2 zeta w s + w^2; of a servo of first order 1/T."""
     return frequency * (damping + math.sqrt(damping * damping - 1.0)) if damping > 1.0 else frequency
 
 
-@kernel
-def free_servo(frequency, damping, is_lag, h):
+@asked
+def free_servo(frequency, damping, pole, is_lag, h):
     """exp of the servo's generator over h [s]: (beta - u, beta_dot) at the end are ((xx, xr), (rx, rr)) times those at
     the start; a servo of first order has no rate of its own to remember."""
     if is_lag:
@@ -57,34 +97,33 @@ def free_servo(frequency, damping, is_lag, h):
         xr = left * math.sin(turn * h) / turn
         return left * math.cos(turn * h) + decay * xr, xr, -frequency * frequency * xr, \
             left * math.cos(turn * h) - decay * xr
-    fast = fastest_pole(frequency, damping)
-    slow = frequency * frequency / fast
-    left, apart = math.exp(-slow * h), fast - slow
+    slow = frequency * frequency / pole
+    left, apart = math.exp(-slow * h), pole - slow
     xr = left * (-math.expm1(-apart * h) / apart if apart > 0.0 else h)
-    return left + slow * xr, xr, -frequency * frequency * xr, left - fast * xr
+    return left + slow * xr, xr, -frequency * frequency * xr, left - pole * xr
 
 
-@kernel
-def parts_of(pole, rate, h):
-    """Parts of a step h [s] in which a stiff servo is integrated: one, or as many as its limit's begin and end need."""
-    return 1 if rate == math.inf else math.ceil(min(max(pole * h / RESOLVED, 1.0), MOST_PARTS))
+@inner
+def servo_motion(v, free, h, u):
+    """Move the nozzle over h [s] of a held command u [rad]; the integral [rad s] of beta and its double integral
+    [rad s^2] over h.
 
-
-@kernel
-def servo_motion(frequency, damping, is_lag, rate, reach, free, parts, h, command, beta, beta_dot):
-    """(beta [rad], beta_dot [rad/s]) after h [s] of a held command [rad], and the integral [rad s] of beta and its
-    double integral [rad s^2] over h.
-
-    Exact without a rate limit, whatever the servo's poles; with one in parts of h, each exact or moved at the limit.
-    rate, reach   as of `servo_slopes`;  free (4,)  `free_servo` over a part
-    The integrals are those of the servo's equation, inertia x'' + drag x' + spring x = 0 of x = beta - u.
+    Exact without a rate limit, whatever the servo's poles; with one in parts of h, as many as its begin and end need,
+    each exact or moved at the limit.  The integrals are those of the servo's equation, inertia x'' + drag x' +
+    spring x = 0 of x = beta - u.
     """
-    part, xx, xr, rx, rr = h / parts, free[0], free[1], free[2], free[3]
-    inertia, drag, spring = (0.0, 1.0, frequency) if is_lag else (1.0, 2.0 * damping * frequency, frequency * frequency)
-    off, once, twice = beta - command, 0.0, 0.0
+    w, rate, parts = v.frequency, v.rate_limit, 1
+    if rate < math.inf:
+        parts = math.ceil(min(max(v.pole * h / RESOLVED, 1.0), MOST_PARTS))
+    part = h / parts
+    if free.part != part:
+        free.part = part
+        free.xx, free.xr, free.rx, free.rr = free_servo(w, v.damping, v.pole, v.first_order != 0, part)
+    inertia, drag, spring = (0.0, 1.0, w) if v.first_order != 0 else (1.0, 2.0 * v.damping * w, w * w)
+    off, beta_dot, once, twice = v.beta - u, v.beta_dot, 0.0, 0.0
     for _ in range(parts):
-        after = rx * off + rr * beta_dot
-        moved = (xx - 1.0) * off + xr * beta_dot
+        after = free.rx * off + free.rr * beta_dot
+        moved = (free.xx - 1.0) * off + free.xr * beta_dot
         if abs(moved) > rate * part:
             moved = math.copysign(rate * part, moved)
             after = math.copysign(max(abs(after), rate), moved)
@@ -95,11 +134,12 @@ def servo_motion(frequency, damping, is_lag, rate, reach, free, parts, h, comman
         twice += once * part + second
         once += first
         off += moved
-        beta_dot = limited_rate(reach, after)
-    return command + off, beta_dot, command * h + once, 0.5 * command * h * h + twice
+        beta_dot = limited(v.rate_reach, after)
+    v.beta, v.beta_dot = u + off, beta_dot
+    return u * h + once, 0.5 * u * h * h + twice
 
 
-@kernel
+@asked
 def as_line(h, once, twice):
     """(start, middle, end) of the line whose integral and double integral over h [s] these are."""
     middle = once / h
@@ -107,7 +147,7 @@ def as_line(h, once, twice):
     return middle - lean, middle, middle + lean
 
 
-@kernel
+@inner
 def delayed_command(commands, tick, age, step, period, delay):
     """Mean of the command over a step, seen `delay` later.  Assumption: step <= period.
 
@@ -120,7 +160,8 @@ def delayed_command(commands, tick, age, step, period, delay):
         return commands[tick]
     start = tick * period + age - delay
     first = math.floor(start / period + 1e-9)
-    share = min(max(((first + 1) * period - start) / step, 0.0), 1.0)
+    share = ((first + 1) * period - start) / step
+    share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
     early = commands[first] if first >= 0 else 0.0
     if share == 1.0:
         return early

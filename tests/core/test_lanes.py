@@ -15,7 +15,8 @@ CASES = {  # loop -> its call
     "scale": (lambda f, y, x, s, c, i, j: f(y, s, i, j)), "weigh": (lambda f, y, x, s, c, i, j: f(y, x, s, i, j)),
     "multiply": (lambda f, y, x, s, c, i, j: f(y, x, i, j)), "divide": (lambda f, y, x, s, c, i, j: f(y, s, i, j)),
     "standard": (lambda f, y, x, s, c, i, j: f(y, x, c, s, i, j)),
-    "dot_by_place": (lambda f, y, x, s, c, i, j: f(y, x, i, j)),
+    "total": (lambda f, y, x, s, c, i, j: f(x, i, j)), "add_squares": (lambda f, y, x, s, c, i, j: f(y, x, i, j)),
+    "four_dots": (lambda f, y, x, s, c, i, j: f(y, x, y, x, x, i, j)),
     "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}
 
 
@@ -54,10 +55,9 @@ def test_a_compiled_loop_has_the_bits_of_the_loop_as_written(name):
                     assert answers[0] == answers[1], (length, start)
 
 
-@pytest.mark.parametrize("name", ["reflect", "reflect_sized"])
-def test_columns_reflected_together_have_the_bits_of_one_after_the_other(name):
+def test_columns_reflected_together_have_the_bits_of_the_loop_as_written():
     rng = np.random.default_rng(2)
-    compiled, written = called(name), getattr(WRITTEN, name)
+    compiled, written = called("reflect"), WRITTEN.reflect
     with np.errstate(all="ignore"):
         for columns in range(12):
             for length in (1, 2, 3, 5, 6, 7, 8, 9, 23):
@@ -69,19 +69,34 @@ def test_columns_reflected_together_have_the_bits_of_one_after_the_other(name):
                         at[rng.integers(0, columns), rng.integers(0, length)] = rng.choice(ODD)
                     answers = []
                     for loop in (compiled, written):
-                        matrix, squares = at.copy(), np.full(columns, 7.0)
-                        more = (squares,) if name == "reflect_sized" else ()
-                        loop(v, 0.7, matrix, first, columns, start, length, *more)
-                        answers.append((bits(matrix), bits(squares)))
+                        matrix = at.copy()
+                        loop(v, 0.7, matrix, first, columns, start, length)
+                        answers.append(bits(matrix))
                     assert answers[0] == answers[1], (columns, length, first, start)
 
 
-@pytest.mark.parametrize("name", ["dot", "dot_by_place"])
+def test_a_rotation_turns_two_rows_so_that_one_element_is_nothing():
+    rng = np.random.default_rng(3)
+    compiled = called("turn")
+    for length in range(1, 20):
+        a, b = rng.normal(size=(2, length))
+        pivot, given = int(rng.integers(0, length)), np.array((a, b))
+        compiled(a, b, pivot, length)
+        assert abs(b[pivot]) < 1e-15 and math.isclose(a[pivot], math.hypot(*given[:, pivot]), rel_tol=1e-15)
+        assert np.allclose(np.array((a, b)).T @ np.array((a, b)), given.T @ given, rtol=0.0, atol=1e-14)
+    a, b = np.array([0.0, 3.0]), np.array([0.0, 4.0])
+    compiled(a, b, 0, 2)   # no direction: nothing turns
+    assert a.tolist() == [0.0, 3.0] and b.tolist() == [0.0, 4.0]
+
+
+@pytest.mark.parametrize("name", ["dot", "four_dots"])
 def test_a_sum_of_products_is_the_sum_of_products(name):
     """Each product once, wherever the column begins and ends: of integers the sum is exact in any order."""
     rng = np.random.default_rng(4)
     compiled = called(name)
     for start in range(9):
         for stop in range(start, 27):
-            a, b = rng.integers(-99, 99, (2, 30)).astype(float)
-            assert compiled(a, b, start, stop) == math.fsum(a[start:stop] * b[start:stop]), (start, stop)
+            a, *columns = rng.integers(-99, 99, (5, 30)).astype(float)
+            wanted = [math.fsum(a[start:stop] * column[start:stop]) for column in columns]
+            found = compiled(a, *columns[:1 if name == "dot" else 4], start, stop)
+            assert np.atleast_1d(found).tolist() == wanted[:np.size(found)], (start, stop)

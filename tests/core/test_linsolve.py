@@ -11,11 +11,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
 
-from launchid_core.algebra import lanes, linsolve
+from launchid_core.algebra import lanes, linsolve, sparse
 from launchid_core.algebra.linsolve import EPS
 
-apply_q_transposed, dot, invert_triangle, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
-    linsolve.apply_q_transposed, lanes.dot, linsolve.invert_triangle, linsolve.pivot_ratio, linsolve.qr_factor,
+apply_q_transposed, dot, invert, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
+    linsolve.apply_q_transposed, lanes.dot, sparse.invert, linsolve.pivot_ratio, linsolve.qr_factor,
     linsolve.scale_columns, linsolve.solve_triangle))
 
 RANK_TOLERANCE = 1.0e-12
@@ -131,6 +131,19 @@ def test_q_transposed_times_the_permuted_matrix_is_r(problem):
         assert np.all(np.abs(column[n:]) <= 8 * (n + 1) * EPS * size)
 
 
+@given(problems(), st.integers(1, 3))
+def test_columns_behind_those_that_are_factored_turn_along(problem, more):
+    original, y = problem
+    behind = np.outer(np.arange(1.0, more + 1), y)
+    at, order, tau, rank = factor(original)
+    whole, along, again = np.vstack((original, behind)), np.zeros(len(original), np.int64), np.zeros(len(original))
+    assert qr_factor(whole, along, again, RANK_TOLERANCE) == rank and np.array_equal(along, order)
+    assert np.allclose(whole[:len(original)], at, rtol=1e-12, atol=1e-12 * np.max(np.abs(original)))
+    for row, column in zip(whole[len(original):], behind, strict=True):
+        apply_q_transposed(at, tau, rank, column)
+        assert np.allclose(row, column, rtol=0.0, atol=1e-13 * np.linalg.norm(column))
+
+
 @given(problems())
 def test_pivots_fall_and_their_ratio_bounds_the_condition_from_below(problem):
     at, _ = problem
@@ -190,15 +203,15 @@ def test_agrees_with_rationals_on_integer_matrices(data):
 
 @given(st.data())
 def test_inverse_of_an_integer_triangle_is_exact(data):
-    """A triangle with 1 or -1 on its diagonal has an integer inverse; entries below the diagonal are never read."""
+    """A triangle with 1 or -1 on its diagonal has an integer inverse."""
     n = data.draw(st.integers(1, 5))
-    at = np.full((n, n + 2), np.nan)
+    rows = np.zeros((n, 4 * n))
     for j in range(n):
-        at[j, :j] = data.draw(st.lists(st.integers(-9, 9), min_size=j, max_size=j))
-        at[j, j] = data.draw(st.sampled_from((-1, 1)))
-    inverse = np.full((n, n), np.nan)
-    invert_triangle(at, n, inverse)
-    assert np.array_equal(triangle(at, n) @ inverse, np.eye(n))
+        rows[:j, j] = data.draw(st.lists(st.integers(-9, 9), min_size=j, max_size=j))
+        rows[j, j] = data.draw(st.sampled_from((-1, 1)))
+    invert(n, n, np.arange(n), rows)
+    inverse = rows[:, n:2 * n].T
+    assert np.array_equal(rows[:, :n] @ inverse, np.eye(n))
     assert np.array_equal(inverse, np.triu(inverse))
 
 
@@ -209,9 +222,11 @@ def test_inverse_times_triangle_is_the_identity(problem):
     at, _, _, rank = factor(at)
     n = len(at)
     assume(rank == n)
-    inverse = np.zeros((n, n))
-    invert_triangle(at, n, inverse)
     r = triangle(at, n)
+    rows = np.zeros((n, 4 * n))
+    rows[:, :n] = r
+    invert(n, n, np.arange(n), rows)
+    inverse = rows[:, n:2 * n].T
     assert np.all(np.abs(r @ inverse - np.eye(n)) <= 4 * n * EPS * (np.abs(r) @ np.abs(inverse)))
 
 

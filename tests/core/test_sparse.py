@@ -21,8 +21,7 @@ from launchid_core.algebra.sparse import (
 )
 from launchid_core.order.table import SPARSE, WHOLE
 
-covariance_entry, invert_active, factor_whole, solve_active = map(compiled, (
-    sparse.covariance_entry, sparse.invert_active, sparse.factor_whole, sparse.solve_active))
+factor_whole, refit = map(compiled, (sparse.factor_whole, sparse.refit))
 solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(compiled, (
     sparse.solve_stls, sparse.solve_ssr, sparse.solve_own, sparse.solve_lasso, sparse.solve_sr3))
 
@@ -40,16 +39,16 @@ def solve_reduced(solver, mt, y, threshold, own=0.0):
     q = y.size
     xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), scratch(SPARSE, q)
     whole = scratch(WHOLE, q)
-    factor_whole(q, mt, whole)
+    factor_whole(q, mt, whole, work.columns)
     threshold, own, out = float(threshold), float(own), (xi, active, work)
     if solver == SR3:
         passes = solve_sr3(q, mt, whole, y, threshold, own, *out)
     elif solver == LASSO:
-        passes = solve_lasso(q, mt, y, threshold, own, *out)
+        passes = solve_lasso(q, mt, whole, y, threshold, own, *out)
     elif own > 0.0:
-        passes = solve_own(q, mt, y, own, *out)
+        passes = solve_own(q, whole, y, own, *out)
     else:
-        passes = (solve_ssr if solver == SSR else solve_stls)(q, mt, whole, y, threshold, *out)
+        passes = (solve_ssr if solver == SSR else solve_stls)(q, whole, y, threshold, *out)
     return passes, *out
 
 
@@ -224,20 +223,37 @@ def test_ssr_is_the_plain_algorithm(problem):
 
 @pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
 @given(problem=tall_problems())
-def test_covariance_is_the_inverse_gram_matrix_of_the_active_columns(solver, problem):
-    """The covariance is from the factor of a solve with these columns; the Gram matrix is harmless at these
-    conditions."""
+def test_the_factor_of_the_active_terms_is_that_of_their_columns(solver, problem):
+    """R'R is their Gram matrix, of unit columns, which is harmless at these conditions; beside it its inverse, the
+    orthonormal basis and Q'y, turned alike.  Terms that left keep their length."""
     a, y, threshold = problem
-    _, xi, active, work = solve(solver, a, y, threshold)
+    _, _, active, work = solve(solver, a, y, threshold)
+    m, z = np.linalg.qr(a)[1], np.linalg.qr(a)[0].T @ y
+    q, n = len(m), int(np.sum(active))
+    rows, order = work.rows.reshape(q, 4 * q), work.order
+    r, inverse, basis = rows[:, :q], rows[:n, q:2 * q], rows[:, 2 * q:3 * q]
+    assert sorted(order[:n]) == np.flatnonzero(active).tolist() and sorted(order) == list(range(q))
+    units = m / np.linalg.norm(m, axis=0)
+    assert np.allclose(r.T @ r, units.T @ units, rtol=0.0, atol=1e-13)
+    assert np.allclose(np.tril(r[:n][:, order[:n]], -1), 0.0, rtol=0.0, atol=1e-13)
+    assert np.allclose(r[n:][:, order[:n]], 0.0, rtol=0.0, atol=1e-13)
+    assert np.allclose(r[:n][:, order[:n]] @ inverse[:, order[:n]].T, np.eye(n), rtol=0.0, atol=1e-11)
+    assert np.allclose(basis @ units, r, rtol=0.0, atol=1e-13)
+    assert np.allclose(basis @ z, rows[:, 3 * q], rtol=0.0, atol=1e-13 * (1.0 + np.linalg.norm(z)))
+
+
+@given(problem=tall_problems(), data=st.data())
+def test_terms_leave_in_any_order(problem, data):
+    """Least squares on what is left is that of a factorisation anew (Golub & Van Loan, 6.5.2)."""
+    a, y, _ = problem
+    kept = np.array(data.draw(st.lists(st.booleans(), min_size=a.shape[1], max_size=a.shape[1])))
     q, r = np.linalg.qr(a)
-    assert solve_active(len(r), r.T.copy(), q.T @ y, active, xi.copy(), work) == 0
-    size = int(np.sum(active))
-    invert_active(len(r), work, size)
-    kept = a[:, active]
-    norms = np.linalg.norm(kept, axis=0)
-    wanted = np.linalg.inv((kept / norms).T @ (kept / norms))
-    found = np.array([covariance_entry(size, work, i, j) for i in range(size) for j in range(size)]).reshape(size, size)
-    assert np.allclose(found * np.outer(norms, norms), wanted, rtol=1e-9, atol=1e-10)
+    xi, work, whole = np.full(len(r), np.nan), scratch(SPARSE, len(r)), scratch(WHOLE, len(r))
+    factor_whole(len(r), r.T.copy(), whole, work.columns)
+    assert refit(len(r), whole, q.T @ y, xi, kept, work)
+    wanted = np.zeros(len(r))
+    wanted[kept] = tall_least_squares(a[:, kept], y) if kept.any() else 0.0
+    assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
 
 
 # ---------------------------------------------------------------- degenerate cases

@@ -18,7 +18,8 @@ from sim.errors import InputError
 from sim.flight import SUITES, Flight, fly, fly_whole
 from sim.nominal import Guidance, Multisine, Nominal, Section, load_nominal, write_nominal
 from sim.nominal.control import tustin
-from sim.vehicle.controller import N_SECTION, filtered
+from sim.vehicle.controller import filtered
+from sim.vehicle.record import SECTION
 
 PERIOD = 0.01
 RUNGE_KUTTA = 1e-9  # rad: its error over 0.01 rad at a time constant of 20 steps, 20^-4/120/e
@@ -159,8 +160,7 @@ def test_filters_are_scipy_s(sections):
     expected = x
     for section in sections:
         expected = lfilter(section.b, section.a, expected)
-    rows = np.zeros((len(sections), N_SECTION))
-    rows[:, :3], rows[:, 3:5] = [section.b for section in sections], [section.a[1:] for section in sections]
+    rows = np.array([(*section.b, *section.a[1:], 0.0, 0.0) for section in sections], SECTION)
     assert np.allclose([compiled(filtered)(rows, value) for value in x], expected, rtol=0.0, atol=1e-13)
 
 

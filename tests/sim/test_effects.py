@@ -18,10 +18,12 @@ from launchid_core.algebra.library import term_codes
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
 from sim.effects import actuator as fx_actuator
 from sim.effects.actuator import slowed
-from sim.effects.plant import missing_term
+from sim.effects.plant import acceleration
+from sim.effects.table import TERM
 from sim.errors import InputError, UsageError
 from sim.flight import SUITES, Flight, fly, fly_whole, parameters
 from sim.nominal import BUILT_IN, Multisine, Nominal, Profile, built_in, load_nominal, write_nominal
+from sim.vehicle.record import FLIGHT
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
 REQUIRED = {"time": 2.0, "frequency": 20.0, "duration": 3.0, "term": "theta^3", "z_alpha": 0.0, "z_beta": 0.0}
@@ -227,11 +229,13 @@ def test_two_bending_modes_add_up():
 @pytest.mark.parametrize("name", [*LIBRARIES["quadratic+sin"], "theta^3*cos(beta)", "sign(theta_dot)*beta^5"])
 def test_missing_term_is_the_library_s_term(name):
     code, row = term_codes((name,))[0], np.zeros(1)
-    table = pack([effect("missing_term", term=name, coefficient=-2.5)], 0.001)
+    terms = np.array(pack([effect("missing_term", term=name, coefficient=-2.5)], 0.001).terms, TERM)
+    plain = np.zeros(1, FLIGHT)[0]
     for state in np.random.default_rng(0).uniform(-1, 1, (20, 3)):
         raw = np.array([*state, 0.0])
         compiled(library.library_column)(code, raw.reshape(4, 1), raw[code[5]:code[5] + 1], 1, row)
-        assert missing_term(-2.5, table.plant, 0, *state) == pytest.approx(-2.5 * row[0], rel=1e-15)
+        moment = compiled(acceleration)(plain, None, terms, 0.0, 0.0, 0.0, *state)
+        assert moment == pytest.approx(-2.5 * row[0], rel=1e-15)
 
 
 # ---- actuator

@@ -4,6 +4,9 @@ import copy
 import dataclasses
 import itertools
 import math
+import os
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -14,14 +17,16 @@ from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 
+from sim.effects import Changes
 from sim.errors import InputError, UsageError
 from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal, read_profile
-from sim.vehicle import step as st
 from sim.vehicle.actuator import delayed_command
-from sim.vehicle.controller import limited, pd_law, pseudo_derivative
-from sim.vehicle.sensors import measure
+from sim.vehicle.controller import limited, pseudo_derivative
+from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
+from sim.vehicle.step import measure, runge_kutta_4
 
+ROOT = Path(__file__).resolve().parents[2]
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
 
@@ -42,20 +47,24 @@ def columns(flight: Flight) -> dict[str, np.ndarray]:
 # ---- integration
 
 
-def fly_open_loop(steps: int, duration: float = 0.4, frequency: float = 20.0) -> np.ndarray:
+def vehicle_at(h: float, a6: np.ndarray, k1: np.ndarray, **state: float) -> Vehicle:
+    """A vehicle in a state, in steps of h [s], without commands; of a6 and k1 at every half step."""
+    made = assembled({"step": h, "frequency": 20.0, "damping": 0.7}, Changes(), np.zeros(1, TICK), np.zeros(1, NOISE),
+                     a6, k1, np.zeros(1), np.zeros(0, SECTION), wind=None, drift=None)
+    for name, value in state.items():
+        made.flight[name] = value
+    return made
+
+
+def fly_open_loop(steps: int, duration: float = 0.4) -> np.ndarray:
     """State after `duration` of a varying plant under a constant command, in this many steps."""
     h = duration / steps
     half = np.arange(2 * steps + 1) * (0.5 * h)
-    constant = np.zeros(st.N_CONSTANTS)
-    constant[st.STEP], constant[st.FREQUENCY], constant[st.DAMPING] = h, frequency, 0.7
-    state = np.zeros(st.N_STATE)
-    state[:4] = 0.1, -0.2, 0.05, 0.3
-    one = np.zeros(1)
-    vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), 2.0 + np.sin(9.0 * half),
-                         -7.0 + np.cos(7.0 * half), one, one, one, one, one, one, one)
+    vehicle = vehicle_at(h, 2.0 + np.sin(9.0 * half), -7.0 + np.cos(7.0 * half), theta=0.1, theta_dot=-0.2, beta=0.05,
+                         beta_dot=0.3)
     for i in range(steps):
-        compiled(st.runge_kutta_4)(vehicle, i, 1, 0.04, 0.1)
-    return state[:4].copy()
+        compiled(runge_kutta_4)(vehicle, i, 1, 0.04, 0.1)
+    return np.array(vehicle.flight[["theta", "theta_dot", "beta", "beta_dot"]][0].tolist())
 
 
 def test_runge_kutta_is_of_fourth_order():
@@ -68,18 +77,12 @@ def test_runge_kutta_is_of_fourth_order():
 def test_runge_kutta_on_a_constant_plant_is_the_exponential():
     """theta alone, k1 = 0: theta = c cosh + s sinh."""
     h, steps, a6 = 0.001, 500, 2.0
-    constant = np.zeros(st.N_CONSTANTS)
-    constant[st.STEP] = h
-    state = np.zeros(st.N_STATE)
-    state[:2] = 0.1, 0.3
-    one = np.zeros(1)
-    vehicle = st.Vehicle(constant, state, np.zeros(st.N_COUNTERS, np.int64), np.full(2 * steps + 1, a6),
-                         np.zeros(2 * steps + 1), one, one, one, one, one, one, one)
+    vehicle = vehicle_at(h, np.full(2 * steps + 1, a6), np.zeros(2 * steps + 1), theta=0.1, theta_dot=0.3)
     for i in range(steps):
-        compiled(st.runge_kutta_4)(vehicle, i, 1, 0.0, 0.0)
-    root, t = math.sqrt(a6), h * steps
-    assert state[0] == pytest.approx(0.1 * math.cosh(root * t) + 0.3 / root * math.sinh(root * t), rel=1e-12)
-    assert state[1] == pytest.approx(0.1 * root * math.sinh(root * t) + 0.3 * math.cosh(root * t), rel=1e-12)
+        compiled(runge_kutta_4)(vehicle, i, 1, 0.0, 0.0)
+    root, t, (state,) = math.sqrt(a6), h * steps, vehicle.flight
+    assert state.theta == pytest.approx(0.1 * math.cosh(root * t) + 0.3 / root * math.sinh(root * t), rel=1e-12)
+    assert state.theta_dot == pytest.approx(0.1 * root * math.sinh(root * t) + 0.3 * math.cosh(root * t), rel=1e-12)
 
 
 def test_logged_acceleration_is_the_equation_of_motion():
@@ -92,6 +95,47 @@ def test_logged_rates_are_the_derivatives_of_the_logged_states():
     h = flight.period
     assert np.allclose((flight.theta[2:] - flight.theta[:-2]) / (2 * h), flight.theta_dot[1:-1], atol=2e-6)
     assert np.allclose((flight.theta_dot[2:] - flight.theta_dot[:-2]) / (2 * h), flight.theta_ddot[1:-1], atol=2e-3)
+
+
+FLIGHTS = """
+import dataclasses, hashlib, math
+from sim.effects import from_text
+from sim.flight import fly_whole
+from sim.nominal import load_nominal
+from sim.sections import Section
+
+nominal = load_nominal("constant")
+nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=0.4))
+effects = [from_text(text) for text in (
+    "aero_damping:coefficient=0.05", "aero_cubic:coefficient=3", "friction:coefficient=0.002",
+    "thrust_misalignment:angle=0.003", "slosh:coupling=0.1,frequency=3", "bending:gain=0.05,frequency=20",
+    "missing_term:term=theta*sin(beta),coefficient=5", "moment_step:acceleration=0.01,time=0.1",
+    "nozzle_inertia:coefficient=-0.02", "lateral_drift:z_alpha=0.05,z_beta=0.02", "gust:angle=0.02,time=0,duration=0.3",
+    "steady_wind:angle=0.01", "periodic_disturbance:amplitude=0.01,frequency=2", "actuator_delay:delay=0.013",
+    "actuator_gain:scale=0.9", "actuator_bias:angle=0.002", "actuator_backlash:half_width=0.002",
+    "actuator_bandwidth:scale=0.7,lag=0.5", "actuator_rate_limit:rate=0.3,wind_up=0.1", "input_washout:time_constant=5",
+    "attitude_delay:delay=0.01", "attitude_bias:angle=0.005", "gyro_delay:delay=0.0234", "gyro_scale:scale=1.05",
+    "gyro_bias:rate=0.002", "nozzle_sensor_bias:angle=0.002", "controller_mismatch:kp_scale=1.1,delay=0.013")]
+servos = ({}, {"natural_frequency": 900.0, "damping_ratio": 1.5},
+          {"natural_frequency": math.nan, "damping_ratio": math.nan, "time_constant": 0.02})
+laws = ({}, {"law": "rate", "ki": 1.0, "kd": 0.0, "derivative_time_constant": 0.0,
+             "filters": (Section((0.5, 0.2, -0.1), (1.0, -0.6, 0.2)),)})
+for servo, law in ((servos[0], laws[0]), (servos[1], laws[0]), (servos[2], laws[1])):
+    flown = dataclasses.replace(nominal, actuator=dataclasses.replace(nominal.actuator, **servo),
+                                controller=dataclasses.replace(nominal.controller, **law))
+    for added in ((), effects):
+        flight = fly_whole(flown, 1, "ideal", effects=added)
+        print(hashlib.sha256(b"".join(x.tobytes() for x in (
+            flight.theta, flight.theta_dot, flight.beta, flight.theta_ddot, flight.beta_cmd, flight.true_gamma,
+            flight.wind))).hexdigest())
+"""
+
+
+def test_compiled_steps_are_those_of_plain_python_bit_for_bit():
+    """Every effect at once and none, servos that a step resolves, stiff, and of first order, both laws, filters."""
+    said = [subprocess.run([sys.executable, "-c", FLIGHTS], env={**os.environ, "NUMBA_DISABLE_JIT": jit}, text=True,
+                           capture_output=True, check=True, cwd=ROOT).stdout.split() for jit in ("0", "1")]
+    assert said[0] == said[1] and len(set(said[0])) == 6
 
 
 # ---- the log
@@ -180,14 +224,14 @@ def test_unknown_suite_is_refused():
 
 @given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1), step=hs.floats(1e-6, 0.5))
 def test_quantised_value_is_the_nearest_multiple(truth, error, step):
-    value = measure(truth, error, step)
+    value = compiled(measure)(truth, error, step)
     assert abs(value / step - round(value / step)) < 1e-9
     assert abs(value - (truth + error)) <= 0.5 * step * (1 + 1e-9)
 
 
 @given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1))
 def test_step_zero_is_no_quantisation(truth, error):
-    assert measure(truth, error, 0.0) == truth + error
+    assert compiled(measure)(truth, error, 0.0) == truth + error
 
 
 def test_quantised_flight_shows_multiples_only():
@@ -239,17 +283,15 @@ def test_reference_is_the_guidance_table():
     assert np.abs(flight.theta - flight.theta_ref).max() < 0.1
 
 
-@given(kp=hs.floats(-5, 5), kd=hs.floats(-5, 5), error=hs.floats(-1, 1), derivative=hs.floats(-5, 5))
-def test_pd_command_is_within_its_limit(kp, kd, error, derivative):
-    free = kp * error + kd * derivative
-    command = limited(0.12, pd_law(kp, kd, error, derivative))
-    assert command == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
+@given(free=hs.floats(-5, 5))
+def test_command_is_within_its_limit(free):
+    assert compiled(limited)(0.12, free) == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
 
 
 def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():
     derivative = 0.0
     for k in range(1, 400):
-        derivative = pseudo_derivative(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
+        derivative = compiled(pseudo_derivative)(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
     assert derivative == pytest.approx(0.3, rel=1e-12)
 
 
@@ -264,16 +306,17 @@ def test_delayed_command_is_the_mean_of_the_held_command_over_the_step(seed, tic
     first = tick * period + phase * step - delay
     overlap = [max(0.0, min(first + step, (k + 1) * period) - max(first, k * period)) for k in range(20)]
     expected = float(np.dot(commands, overlap)) / step
-    assert delayed_command(commands, tick, phase * step, step, period, delay) == pytest.approx(expected, abs=1e-9)
+    made = compiled(delayed_command)(commands, tick, phase * step, step, period, delay)
+    assert made == pytest.approx(expected, abs=1e-9)
 
 
 def test_no_delay_is_the_command_itself():
     commands = np.array([1.0, 2.0, 3.0])
-    assert delayed_command(commands, 1, 0.009, 0.001, 0.01, 0.0) == 2.0
+    assert compiled(delayed_command)(commands, 1, 0.009, 0.001, 0.01, 0.0) == 2.0
 
 
 def test_command_before_the_first_was_zero():
-    assert delayed_command(np.array([1.0, 2.0]), 1, 0.0, 0.001, 0.01, 0.05) == 0.0
+    assert compiled(delayed_command)(np.array([1.0, 2.0]), 1, 0.0, 0.001, 0.01, 0.05) == 0.0
 
 
 @pytest.mark.parametrize("delay", [0.01, 0.03, 0.035, 0.002])

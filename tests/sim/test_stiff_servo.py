@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from compiled import compiled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -19,14 +20,13 @@ from sim.effects import effect, from_text
 from sim.flight import fly_whole
 from sim.vehicle.actuator import (
     FIRST_ORDER_DAMPING,
+    FREE,
     RESOLVED,
     as_line,
     fastest_pole,
-    free_servo,
-    parts_of,
     servo_motion,
-    servo_slopes,
 )
+from sim.vehicle.record import FLIGHT
 
 NONE = math.inf  # rad/s, of a rate limit
 POLES = st.floats(math.log(5.0), math.log(1.0e4)).map(math.exp)  # rad/s
@@ -50,10 +50,15 @@ SERVOS = st.one_of(POLES.map(first_order), st.builds(second_order, POLES, POLES)
 
 
 def moved(frequency, damping, is_lag, h, start, rate=NONE):
-    """`servo_motion` from start: command [rad], beta [rad], beta_dot [rad/s]."""
-    parts = parts_of(fastest_pole(frequency, damping), rate, h)
-    free = np.array(free_servo(frequency, damping, is_lag, h / parts))
-    return servo_motion(frequency, damping, is_lag, rate, rate, free, parts, h, *start)
+    """(beta, beta_dot, integral, double integral) after `servo_motion` from start: command, beta [rad], beta_dot."""
+    command, beta, beta_dot = start
+    own = np.zeros(1, FLIGHT)[0]
+    for name, value in (("frequency", frequency), ("damping", damping), ("pole", fastest_pole(frequency, damping)),
+                        ("first_order", is_lag), ("rate_limit", rate), ("rate_reach", rate), ("beta", beta),
+                        ("beta_dot", beta_dot)):
+        setattr(own, name, value)
+    integrals = compiled(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
+    return own.beta, own.beta_dot, *integrals
 
 
 @given(w=POLES, zeta=st.one_of(DAMPINGS, st.just(1.0), st.floats(1.0, 30.0)), is_lag=st.booleans(),
@@ -91,13 +96,18 @@ def test_a_line_has_the_integrals_that_it_was_drawn_for(values, h):
 def test_a_rate_limit_is_that_of_small_steps(w, zeta, rate):
     """The nozzle moves over ten steps of 2.5 ms, from rest to 0.05 rad: apart by what it moves in a part of a step,
     where it begins and where it ends."""
+    def slopes(beta, beta_dot):
+        beta_ddot = w * w * (0.05 - beta) - 2.0 * zeta * w * beta_dot
+        held = abs(beta_dot) >= rate and beta_dot * beta_ddot > 0.0
+        return np.array([min(max(beta_dot, -rate), rate), 0.0 if held else beta_ddot])
+
     h, parts = 0.0025, 2000
     ours, state = (0.0, 0.0), np.zeros(2)
     for _ in range(10):
         ours = moved(w, zeta, False, h, (0.05, *ours), rate)[:2]
         for _ in range(parts):
-            middle = state + 0.5 * h / parts * np.array(servo_slopes(w, zeta, rate, rate, 0.05, *state))
-            state = state + h / parts * np.array(servo_slopes(w, zeta, rate, rate, 0.05, *middle))
+            middle = state + 0.5 * h / parts * slopes(*state)
+            state = state + h / parts * slopes(*middle)
             state[1] = np.clip(state[1], -rate, rate)
         assert abs(ours[0] - state[0]) < 0.1 * rate * h + 1e-4 * 0.05
 

@@ -10,11 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects import controller as controller_effects
 from sim.errors import InputError
 from sim.flight import excitation, packed, sections
 from sim.nominal import Nominal
-from sim.vehicle.controller import filtered, limited, pd_law, pseudo_derivative
+from sim.vehicle.controller import filtered, limited, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
 from ...log.log import Log
@@ -170,7 +169,8 @@ def _answered(draft: Record) -> Record:
 def of_noise(r: Record) -> float:
     """The command [rad] that the controller makes at once of the attitude's noise."""
     kp, kd, tau, period, _ = controller_gains(r.nominal)
-    kp, kd = controller_effects.gains(packed(r.nominal).controller, kp, kd)
+    changes = packed(r.nominal)
+    kp, kd = changes.kp_scale * kp, changes.kd_scale * kd
     return float(abs(kp + kd / (tau + period))) * noise_std(r)
 
 
@@ -245,22 +245,20 @@ def _phase(command: np.ndarray, held: int) -> int:
 
 
 @kernel
-def run_controller(gains, fx, filters, error, excitation, commands, derivative):
+def run_controller(gains, filters, error, excitation, commands, derivative):
     """The nominal's PD over errors (ticks,) [rad]; first tick: e_previous = e(0), d = 0, filters at rest.
 
     gains (5,)            in   kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]
-    fx (n, N_COLUMNS)     in   controller effects
-    filters (s, N_SECTION)  inout  of the controller
+    filters (s,) SECTION  inout  of the controller
     error, excitation (ticks,) [rad] in
     commands, derivative (ticks,) out  before the computing time
     """
-    kp, kd = controller_effects.gains(fx, gains[0], gains[1])
     d, before = 0.0, error[0]
     for k in range(len(error)):
         d = pseudo_derivative(gains[2], gains[3], error[k], before, d)
         before = error[k]
         derivative[k] = d
-        commands[k] = limited(gains[4], filtered(filters, pd_law(kp, kd, error[k], d)) + excitation[k])
+        commands[k] = limited(gains[4], filtered(filters, gains[0] * error[k] + gains[1] * d) + excitation[k])
 
 
 def controller_gains(nominal: Nominal) -> np.ndarray:
@@ -313,6 +311,7 @@ def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
     commands, derivative = np.empty_like(error), np.empty_like(error)
     gains = controller_gains(r.nominal)
     test = excitation(r.nominal, first + len(error), gains[3])[first:]
-    fx = packed(r.nominal).controller
-    run_controller(gains, fx, sections(r.nominal), error, test, commands, derivative)
-    return later(commands, controller_effects.latency(fx) / gains[3])
+    changes = packed(r.nominal)
+    gains[0], gains[1] = changes.kp_scale * gains[0], changes.kd_scale * gains[1]
+    run_controller(gains, sections(r.nominal), error, test, commands, derivative)
+    return later(commands, changes.computing_time / gains[3])

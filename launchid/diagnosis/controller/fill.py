@@ -9,9 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.effects import controller as controller_effects
 from sim.flight import excitation, packed
-from sim.vehicle.controller import pseudo_derivative
 
 from ..data.record import THETA, Record
 from .command import controller_gains, in_doubt
@@ -33,9 +31,15 @@ class OnBoard(NamedTuple):
 def on_board(record: Record) -> OnBoard:
     """The nominal's controller with the effects that the nominal has."""
     kp, kd, tau, period, limit = (float(x) for x in controller_gains(record.nominal))
-    fx = packed(record.nominal).controller
-    kp, kd = controller_effects.gains(fx, kp, kd)
-    return OnBoard(float(kp), float(kd), tau, period, limit, round(controller_effects.latency(fx) / period))
+    changes = packed(record.nominal)
+    return OnBoard(changes.kp_scale * kp, changes.kd_scale * kd, tau, period, limit,
+                   round(changes.computing_time / period))
+
+
+def pseudo_derivative(tau: float, period: float, error: np.ndarray, before: np.ndarray,
+                      derivative: np.ndarray) -> np.ndarray:
+    """The controller's (`vehicle.controller`), of arrays."""
+    return np.asarray((tau * derivative + error - before) / (tau + period))
 
 
 def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.flight import packed
+from sim.effects import CATALOGUE
 
 from ..data.record import BETA, Record
 from .check import check_controller
@@ -59,7 +59,7 @@ def with_commands(record: Record, follower: Follower) -> tuple[Record, Controlle
         if not _confirms(follower.seen(made), follower.seen(believed)):
             return believed, replace(checked, kind=NONE if is_believed(record, seen) else UNKNOWN)
     told = checked is not None and checked.kind != NONE
-    if told or len(packed(record.nominal).controller):  # the nominal's are what some log told
+    if told or any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects):  # what some log told
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects import controller as effects
 from sim.flight import excitation, packed
 
 from ...sums import combined, least_squares, products
@@ -38,10 +37,10 @@ def check_rate(record: Record) -> ControllerCheck | None:
     if fair.sum() < FEWEST:
         return None
     error = np.where(np.isfinite(error), error, 0.0)
-    fx = packed(record.nominal).controller
-    kp, ki = effects.gains(fx, own.kp, 0.0)[0] * error, own.ki * own.period * np.cumsum(error)
+    changes = packed(record.nominal)
+    kp, ki = changes.kp_scale * own.kp * error, own.ki * own.period * np.cumsum(error)
     test = excitation(record.nominal, record.first_step // record.tick + len(error), own.period)[-len(error):]
-    early = effects.latency(fx) / own.period
+    early = changes.computing_time / own.period
 
     def apart(x: np.ndarray) -> np.ndarray:
         """x (n, columns) in the fair rows, less each stretch's mean."""

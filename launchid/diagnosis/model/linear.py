@@ -1,17 +1,11 @@
-"""The linear part of a model, read off the simulator's own functions by unit steps of its states."""
+"""The linear part of a model, of the simulator's own numbers."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from sim.effects import actuator, plant
-from sim.effects.plant import AERO_DAMPING, BENDING, NOZZLE_INERTIA, SLOSH
-from sim.effects.table import CODE, MEMORY, MEMORY_DOT, N_COLUMNS, P1
-from sim.vehicle import step as st
-from sim.vehicle.actuator import nozzle_acceleration
-from sim.vehicle.kernels import kernel
-from sim.vehicle.plant import angular_acceleration
+from sim.vehicle.record import Vehicle
 
 from .predictor import N_RIGID
 
@@ -19,32 +13,25 @@ SAME_MODE = 0.4   # of a log frequency: a mode that moved further in a fit is an
 
 
 class Mode(NamedTuple):
-    """An oscillator of the plant: which effect, at which frequency [rad/s]."""
+    """An oscillator of the plant: whether it bends, or sloshes, at which frequency [rad/s]."""
 
-    code: float
+    bends: float
     frequency: float
 
 
 Modes = tuple[Mode, ...]
 
 
-def modes_of(v: st.Vehicle) -> tuple[Modes, np.ndarray]:
-    """The vehicle's oscillators in their order, and for each row of its plant effects where its value stands among the
-    states (-1: it has none)."""
-    slots = np.full(len(v.plant), -1, np.int64)
-    found: list[Mode] = []
-    for e in range(len(v.plant)):
-        if v.plant[e, CODE] in (SLOSH, BENDING):
-            slots[e] = N_RIGID + 2 * len(found)
-            found.append(Mode(float(v.plant[e, CODE]), float(v.plant[e, P1])))
-    return tuple(found), slots
+def modes_of(v: Vehicle) -> Modes:
+    """The vehicle's oscillators in their order."""
+    return tuple(Mode(float(mode.bends), math.sqrt(mode.stiffness)) for mode in v.modes)
 
 
 def matched(known: Modes, modes: Modes) -> list[int]:
     """The place of the value of each of `modes` among the states of a filter made for `known`, -1: not there."""
     free, slots = list(range(len(known))), []
     for mode in modes:
-        near = [(abs(math.log(known[k].frequency / mode.frequency)), k) for k in free if known[k].code == mode.code]
+        near = [(abs(math.log(known[k].frequency / mode.frequency)), k) for k in free if known[k].bends == mode.bends]
         distance, k = min(near, default=(math.inf, -1))
         if distance < SAME_MODE:
             free.remove(k)
@@ -54,61 +41,38 @@ def matched(known: Modes, modes: Modes) -> list[int]:
     return slots
 
 
-def slots_of(v: st.Vehicle, known: Modes) -> np.ndarray:
-    """The place of the mode of each row of the vehicle's plant effects in gains made for `known`."""
-    modes, own = modes_of(v)
-    slots = np.full(len(v.plant), -1, np.int64)
-    slots[own >= 0] = matched(known, modes)
-    return slots
+def slots_of(v: Vehicle, known: Modes) -> np.ndarray:
+    """The place of each mode of the vehicle in gains made for `known`, -1: not there."""
+    return np.array(matched(known, modes_of(v)), np.int64)
 
 
-@kernel
-def slopes(fx, slots, a6, k1, w, zeta, lag, x, dx):
-    """dx (m,) out = derivative of the state x (m,); fx (rows, columns) scratch: linear effects; lag: a servo of first
-    order, its time constant 1/w."""
-    for e in range(len(slots)):
-        if slots[e] >= 0:
-            fx[e, MEMORY], fx[e, MEMORY_DOT] = x[slots[e]], x[slots[e] + 1]
-    dx[:] = 0.0
-    dx[0] = x[1]
-    if lag:
-        dx[2] = w * (x[4] - x[2])
-        swing = -w * dx[2]
+def state_matrices(v: Vehicle, a6: np.ndarray, k1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """a (b, m, m): x' = a x of theta, theta_dot, beta, beta_dot, command, acceleration, modes, with a6, k1 (b,); and
+    c (3, m): what the sensors see.  Linear effects only: damping, modes, the nozzle's inertia."""
+    own, modes = v.flight[0], v.modes
+    m, w = N_RIGID + 2 * len(modes), own.frequency
+    a, c = np.zeros((len(a6), m, m)), np.zeros((3, m))
+    c[0, 0] = c[1, 1] = c[2, 2] = 1.0
+    a[:, 0, 1] = 1.0
+    swing = np.zeros(m)  # beta_ddot
+    if own.first_order:
+        a[:, 2, 2], a[:, 2, 4] = -w, w
+        swing[2], swing[4] = w * w, -w * w
     else:
-        dx[2] = x[3]
-        dx[3] = swing = nozzle_acceleration(w, zeta, x[4], x[2], x[3])
-    dx[1] = (angular_acceleration(a6, k1, x[0], x[2], x[5])
-             + plant.acceleration(fx, a6, k1, x[0], x[0], x[1], x[2]) + plant.reaction(fx, swing))
-    for e in range(len(slots)):
-        if slots[e] >= 0:
-            dx[slots[e]] = x[slots[e] + 1]
-            dx[slots[e] + 1] = plant.mode_acceleration(fx, e, dx[1], x[2])
-
-
-@kernel
-def state_matrix(moments, servo, slots, a6, k1, frequency, damping, lag, a, c):
-    """a (m, m) out: x' = a x of theta, theta_dot, beta, beta_dot, command, acceleration, modes; c (3, m) out: what the
-    sensors see.
-
-    moments (rows, columns), servo (rows, columns)   in   the plant's and the actuator's effects
-    """
-    m = len(a)
-    linear, where = np.zeros((len(moments), N_COLUMNS)), np.full(len(moments), -1, np.int64)
-    count = 0
-    for e in range(len(moments)):
-        code = moments[e, CODE]
-        if code in (SLOSH, BENDING, AERO_DAMPING, NOZZLE_INERTIA):
-            linear[count] = moments[e]
-            where[count] = slots[e]
-            count += 1
-    fx, at = linear[:count], where[:count]
-    w = actuator.servo(servo, frequency, damping)[0]
-    x, dx = np.zeros(m), np.zeros(m)
-    c[:, :] = 0.0
-    for j in range(m):
-        x[:] = 0.0
-        x[j] = 1.0
-        slopes(fx, at, a6, k1, w, damping, lag, x, dx)
-        a[:, j] = dx
-        eta, eta_dot = plant.deflection(fx)
-        c[0, j], c[1, j], c[2, j] = x[0] + eta, x[1] + eta_dot, x[2]
+        swing[2], swing[3], swing[4] = -w * w, -2.0 * own.damping * w, w * w
+        a[:, 2, 3], a[:, 3] = 1.0, swing
+    a[:, 1, 0], a[:, 1, 1], a[:, 1, 2], a[:, 1, 5] = a6, -own.aero_damping, k1, 1.0
+    places = range(N_RIGID, m, 2)
+    for k, mode in zip(places, modes, strict=True):
+        a[:, 1, k] = 0.0 if mode.bends else mode.gain
+    a[:, 1] += own.nozzle_inertia * swing
+    for k, mode in zip(places, modes, strict=True):
+        a[:, k, k + 1] = 1.0
+        if mode.bends:
+            a[:, k + 1, 2] = mode.stiffness * mode.gain
+            c[0, k] = c[1, k + 1] = 1.0
+        else:
+            a[:, k + 1] = -a[:, 1]
+        a[:, k + 1, k] -= mode.stiffness
+        a[:, k + 1, k + 1] -= mode.drag
+    return a, c

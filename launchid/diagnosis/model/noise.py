@@ -12,17 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.effects.plant import SLOSH
-from sim.effects.sensor import rate_scale
 from sim.sections import Sensors
-from sim.vehicle import step as st
 
 from ..data.record import BETA, CHANNELS, THETA, THETA_DOT, Record
 from ..data.world import ATTITUDE, GYRO, NOZZLE, NOZZLE_SENSOR, WIND
 from .ahead import horizon_variances
 from .lanes import LANES, likelihoods
 from .likelihood import likelihood, whiten
-from .linear import Modes, matched, modes_of, state_matrix
+from .linear import Modes, matched, modes_of, state_matrices
 from .point import Point, begins_at_rest, path_slope, vehicle
 from .predictor import N_RIGID, made_good
 
@@ -106,18 +103,14 @@ def dynamics(record: Record, point: Point) -> Dynamics:
     """The model at a point, linear: its a6, k1, servo, damping and modes."""
     n, period = record.rows, record.period
     v = vehicle(record, point)
-    modes, slots = modes_of(v)
+    modes = modes_of(v)
     size = max(1, round(STILL / period))
     constant = np.ptp(v.a6) == 0.0 and np.ptp(v.k1) == 0.0
     block = np.zeros(n, np.int64) if constant else np.arange(n) // size
     middle = np.minimum(np.unique(block) * size + size // 2, n - 1)
     half = np.minimum(2 * (record.first_step + record.every * middle), len(v.a6) - 1)
     m, held, ticks = N_RIGID + 2 * len(modes), record.held > 1, record.every // record.tick // record.fine
-    a, c = np.zeros((len(half), m, m)), np.zeros((3, m))
-    frequency = v.constant[st.FREQUENCY]
-    for b, at in enumerate(half):
-        state_matrix(v.plant, v.actuator, slots, v.a6[at], v.k1[at], frequency, v.constant[st.DAMPING],
-                     bool(v.constant[st.FIRST_ORDER]), a[b], c)
+    a, c = state_matrices(v, v.a6[half], v.k1[half])
     f, part = exponential(a * period), exponential(a * (period / ticks))
     entry = f[:, :, 4:6].copy()
     entry[:, 4:6] = 0.0
@@ -128,7 +121,7 @@ def dynamics(record: Record, point: Point) -> Dynamics:
             q[2] = q[0]
         f[:, 4:6, :] = f[:, :, 4:6] = 0.0
     resets = (np.arange(n) - record.held_phase) % record.held == 0 if held else np.zeros(n, bool)
-    scale = rate_scale(v.sensor)
+    scale = float(v.flight[0].gyro_scale)
     c[THETA_DOT] *= scale
     kept = slice(0, m if held or modes else 4)
     f, entry, c = f[:, kept, kept].copy(), entry[:, kept].copy(), c[:, kept].copy()
@@ -367,7 +360,7 @@ def carried_over(of: Filter, modes: Modes, world: int) -> np.ndarray:
         slot = N_RIGID + 2 * k
         if known[k] >= 0:
             gains[:, slot:slot + 2] = of.gains[:, known[k]:known[k] + 2]
-        elif mode.code == SLOSH:
+        elif not mode.bends:
             gains[:, slot + 1] = -of.gains[:, 1]
     return gains
 

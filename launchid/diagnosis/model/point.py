@@ -7,16 +7,16 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.effects import Effect, actuator, plant, sensor
-from sim.effects.table import CODE, MEMORY, P0, Table
+from sim.effects import Effect, plant
+from sim.effects.actuator import WASHOUT
 from sim.flight import packed
 from sim.sections import AT_REST
-from sim.vehicle import step as st
+from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
 
 from ..data.record import BETA, THETA, THETA_DOT, Record
 from ..data.used import SINE
 from .linear import Modes, slots_of
-from .predictor import AT_ONCE, follow, horizon_errors, tick_attitudes
+from .predictor import follow, horizon_errors, tick_attitudes
 
 DEVIATIONS = 5
 FASTEST = 0.65  # of the servo's lag: a timing that is off leaves so much of it
@@ -39,7 +39,7 @@ def begins_at_rest(record: Record) -> bool:
     return record.nominal.diagnosis.begins == AT_REST and record.first_step == 0 and record.shift == 0.0
 
 
-def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st.Vehicle:
+def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> Vehicle:
     """The simulator's vehicle at the log's first row, on the log's commands, without noise.
 
     extra  (ticks,) [rad/s^2] a further acceleration, None: none
@@ -49,52 +49,41 @@ def vehicle(record: Record, point: Point, extra: np.ndarray | None = None) -> st
     if nominal.terms and a6_middle != 0.0:  # a body that swings has its stiffness there
         terms = tuple((term, value * (1.0 + a6_middle) if term == SINE else value) for term, value in nominal.terms)
         nominal = replace(nominal, terms=terms)
-    table = packed(nominal, point.effects, record.centre)
+    changes = packed(nominal, point.effects, record.centre)
     a6 = record.a6 * (1.0 + a6_middle + a6_slope * record.tau)
     k1 = record.k1 * (1.0 + k1_middle + k1_slope * record.tau)
-    if len(table.plant) > 0 and plant.change_parameters(table.plant):
-        half = np.arange(len(a6)) * (0.5 * record.step)
-        plant.parameters_over_time(table.plant, half, a6, k1)
+    half = np.arange(len(a6)) * (0.5 * record.step)
+    a6, k1 = plant.parameters(changes, half, a6, k1)
     servo = record.actuator
-    frequency = servo.frequency / max(1.0 + later / servo.lag, FASTEST)
-    constant = np.zeros(st.N_CONSTANTS)
-    constant[[st.STEP, st.PERIOD, st.FREQUENCY, st.DAMPING, st.DELAY, st.FIRST_ORDER]] = (
-        record.step, record.tick * record.step, frequency, servo.damping_ratio, servo.delay, servo.is_first_order)
-    constant[st.LIMIT], constant[st.LOST_ANGLE] = math.inf, record.farthest
-    counter = np.zeros(st.N_COUNTERS + 1, np.int64)
-    counter[[st.AT, st.CONTROL_EVERY, st.LOG_EVERY, AT_ONCE]] = (
-        record.first_step, record.tick, record.every, record.at_once)
-    state = np.zeros(st.N_STATE)
-    nulls = sensor.nulls(table.sensor)  # a bias is in the first row as in all: the vehicle is not where it seems to be
-    state[st.THETA] = _first(record.z[:, THETA]) - nulls[0]
-    state[st.THETA_DOT] = _first(record.z[:, THETA_DOT]) - nulls[1]
-    if begins_at_rest(record):
-        state[st.THETA] = state[st.THETA_DOT] = 0.0
-    state[st.BETA] = _first(record.z[:, BETA]) - nulls[2] if np.isfinite(record.z[:, BETA]).any() \
+    ticks = np.zeros(len(record.commands), TICK)
+    if extra is not None:
+        ticks["acceleration"] = extra
+    drift = record.nominal.drift if not record.path_is_known else None
+    made = assembled(
+        {"step": record.step, "period": record.tick * record.step, "damping": servo.damping_ratio,
+         "frequency": servo.frequency / max(1.0 + later / servo.lag, FASTEST), "first_order": servo.is_first_order,
+         "delay": servo.delay, "limit": math.inf, "lost_angle": record.farthest, "at": record.first_step,
+         "control_every": record.tick, "log_every": record.every, "at_once": record.at_once},
+        changes, ticks, np.zeros(0, NOISE), a6, k1, record.commands, np.zeros(0, SECTION),
+        wind=record.wind if len(record.wind) else None,
+        drift=None if drift is None else np.ascontiguousarray(drift.at(half + record.shift)), is_plain=False)
+    state = made.flight[0]  # a bias is in the first row as in all: the vehicle is not where it seems to be
+    if not begins_at_rest(record):
+        state.theta = _first(record.z[:, THETA]) - changes.attitude_bias
+        state.theta_dot = _first(record.z[:, THETA_DOT]) - changes.gyro_bias
+    state.beta = _first(record.z[:, BETA]) - changes.nozzle_sensor_bias if np.isfinite(record.z[:, BETA]).any() \
         else record.commands[0]
     if not begins_at_rest(record):
-        _settle(table, state[st.BETA])
-    late = len(table.sensor) > 0
-    drift = record.nominal.drift if not record.path_is_known else None
-    drifting = np.zeros((2, 0))
-    if drift is not None:
-        drifting = np.ascontiguousarray(drift.at(np.arange(len(a6)) * (0.5 * record.step) + record.shift))
-    history = np.zeros((2, record.first_step + record.rows * record.every + 1 if late else 0))
-    none = np.zeros(0)
-    return st.Vehicle(constant, state, counter, a6, k1, none, none,
-                      np.zeros(len(record.commands)) if extra is None else extra, none, none, none, record.commands,
-                      none, none, history, *table, record.wind, drifting)
+        _settle(made, state.beta)
+    return made
 
 
-def _settle(table: Table, beta: float) -> None:
+def _settle(v: Vehicle, beta: float) -> None:
     """Effects that remember, inout, as a nozzle that has long stood at beta [rad] leaves them: a log need not begin
     where the flight does.  An input that washes out begins to do so with the log: it would hold no angle for long."""
-    for row in table.plant:
-        if row[CODE] == plant.BENDING:
-            row[MEMORY] = row[P0] * beta
-    for row in table.actuator:
-        if row[CODE] in (actuator.ACTUATOR_BACKLASH, actuator.ACTUATOR_BANDWIDTH):
-            row[MEMORY] = beta
+    bends = v.modes["bends"] != 0.0
+    v.modes["x"][bends] = v.modes["gain"][bends] * beta
+    v.inputs["x"][v.inputs["kind"] != WASHOUT] = beta
 
 
 def _first(values: np.ndarray) -> float:
@@ -113,13 +102,13 @@ class Gains(Protocol):
     def modes(self) -> Modes: ...
 
 
-def path_slope(v: st.Vehicle) -> float:
+def path_slope(v: Vehicle) -> float:
     """z_alpha [1/s] of the vehicle's flight path, its mean over the log."""
     own = float(np.mean(v.drift[0])) if v.drift.shape[1] else 0.0
-    return own + float(np.sum(v.plant[v.plant[:, CODE] == plant.LATERAL_DRIFT, P0]))
+    return own + float(v.flight[0].z_alpha)
 
 
-def world_of(record: Record, v: st.Vehicle) -> np.ndarray:
+def world_of(record: Record, v: Vehicle) -> np.ndarray:
     """(states, 2) of the world about this vehicle (`World.table`)."""
     return record.world.table(record.period, path_slope(v))
 

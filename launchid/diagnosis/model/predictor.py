@@ -14,32 +14,13 @@ import math
 import numpy as np
 
 from sim.effects import actuator, plant, sensor
-from sim.effects.plant import SLOSH
-from sim.effects.table import CODE, MEMORY, MEMORY_DOT
 from sim.vehicle.actuator import delayed_command
 from sim.vehicle.kernels import apart, asked, inner, kernel
-from sim.vehicle.step import (
-    BETA,
-    BETA_DOT,
-    DAMPING,
-    DELAY,
-    FREQUENCY,
-    LOST_ANGLE,
-    N_COUNTERS,
-    PERIOD,
-    STEP,
-    THETA,
-    THETA_DOT,
-    attitude,
-    gyro,
-    remember,
-    runge_kutta_4,
-)
+from sim.vehicle.step import runge_kutta_4
 
 from ..data.world import ATTITUDE, GYRO, MOMENT, NOZZLE, NOZZLE_SENSOR, WIND
 from .likelihood import N_CHANNELS
 
-AT_ONCE = N_COUNTERS  # of the vehicle's counters, behind the simulator's
 N_RIGID = 6         # theta, theta_dot, beta, beta_dot, held command noise [rad], held acceleration [rad/s^2]
 WHOLE = 1.0e-6      # of a step: nearer to its end a command begins there
 DEAF = 0.1          # least scale factor of a gyro that is made good: of one that shows less, noise would be the rate
@@ -48,9 +29,9 @@ DEAF = 0.1          # least scale factor of a gyro that is made good: of one tha
 @inner
 def expected(v, i, world, air, row):
     """The sensors' readings at step i without noise: row (3,) out."""
-    row[0] = attitude(v, i)
-    row[1] = gyro(v, i)
-    row[2] = sensor.nozzle(v.sensor, v.state[BETA])
+    x = v.flight[0]
+    row[0], row[1] = sensor.read(x, v.modes, v.history, i)
+    row[2] = x.beta + x.nozzle_sensor_bias
     for a in range(len(air)):
         if world[a, 0] == ATTITUDE:
             row[0] += air[a]
@@ -81,27 +62,28 @@ def push(v, i, world, air, a6):
 @inner
 def shift_state(v, slots, held, air, k, gains, row):
     """Add gains[k] (6 + 2 modes + air's, 3) times row (3,) to the state; unmeasured channels are 0 in row."""
-    x = v.state
+    x = v.flight[0]
     first = gains.shape[1] - len(air)
     for a in range(len(air)):
         for c in range(N_CHANNELS):
             air[a] += gains[k, first + a, c] * row[c]
     rate = 0.0
     for c in range(N_CHANNELS):
-        x[THETA] += gains[k, 0, c] * row[c]
+        x.theta += gains[k, 0, c] * row[c]
         rate += gains[k, 1, c] * row[c]
-        x[BETA] += gains[k, 2, c] * row[c]
-        x[BETA_DOT] += gains[k, 3, c] * row[c]
+        x.beta += gains[k, 2, c] * row[c]
+        x.beta_dot += gains[k, 3, c] * row[c]
         held[0] += gains[k, 4, c] * row[c]
         held[1] += gains[k, 5, c] * row[c]
-    x[THETA_DOT] += rate
-    for e in range(v.plant.shape[0]):
+    x.theta_dot += rate
+    for e in range(len(slots)):
+        mode = v.modes[e]
         if slots[e] >= 0:
             for c in range(N_CHANNELS):
-                v.plant[e, MEMORY] += gains[k, slots[e], c] * row[c]
-                v.plant[e, MEMORY_DOT] += gains[k, slots[e] + 1, c] * row[c]
-        elif v.plant[e, CODE] == SLOSH:
-            v.plant[e, MEMORY_DOT] -= rate
+                mode.x += gains[k, slots[e], c] * row[c]
+                mode.x_dot += gains[k, slots[e] + 1, c] * row[c]
+        elif mode.bends == 0.0:
+            mode.x_dot -= rate
 
 
 @asked
@@ -113,8 +95,9 @@ def made_good(scale):
 @inner
 def shift_past(v, i, angle, rate):
     """Move what late sensors have still to show at step i by what the state there was moved."""
-    delay = max(sensor.latency(v.sensor, sensor.ATTITUDE_DELAY), sensor.latency(v.sensor, sensor.GYRO_DELAY))
-    for j in range(max(0, i - math.ceil(delay / v.constant[STEP])), i + 1):
+    x = v.flight[0]
+    delay = max(x.attitude_delay, x.gyro_delay)
+    for j in range(max(0, i - math.ceil(delay / x.step)), i + 1):
         v.history[sensor.ATTITUDE, j] += angle
         v.history[sensor.RATE, j] += rate
 
@@ -122,29 +105,29 @@ def shift_past(v, i, angle, rate):
 @inner
 def correct_row(v, slots, held, world, air, i, k, z, gains, row):
     """Correct the state at row k, step i; row (3,) out: the innovations, 0 where not measured."""
-    if v.history.shape[1] > 0:
-        remember(v, i)
-        if k == 0:  # before the log the vehicle stood as at its first row
-            for j in range(i):
-                v.history[0, j], v.history[1, j] = v.history[0, i], v.history[1, i]
+    x = v.flight[0]
+    sensor.remember(x, v.modes, v.history, i)
+    if v.history.shape[1] > 0 and k == 0:  # before the log the vehicle stood as at its first row
+        for j in range(i):
+            v.history[0, j], v.history[1, j] = v.history[0, i], v.history[1, i]
     expected(v, i, world, air, row)
     for c in range(N_CHANNELS):
         row[c] = 0.0 if np.isnan(z[k, c]) else z[k, c] - row[c]
-    rate, before, before_dot = row[1], v.state[THETA], v.state[THETA_DOT]
-    row[1] = rate / made_good(sensor.rate_scale(v.sensor))
+    rate, before, before_dot = row[1], x.theta, x.theta_dot
+    row[1] = rate / made_good(x.gyro_scale)
     shift_state(v, slots, held, air, k, gains, row)
     row[1] = rate
     if v.history.shape[1] > 0:
-        shift_past(v, i, v.state[THETA] - before, v.state[THETA_DOT] - before_dot)
+        shift_past(v, i, x.theta - before, x.theta_dot - before_dot)
 
 
 @inner
 def remember_between(v, i, n):
     """Fill the sensors' past for the steps that were passed over, on a line from step i to where the state is."""
-    eta, eta_dot = plant.deflection(v.plant)
+    x, (eta, eta_dot) = v.flight[0], plant.deflection(v.modes)
     for k in range(1, n):
         share = k / n
-        for row, value in ((sensor.ATTITUDE, v.state[THETA] + eta), (sensor.RATE, v.state[THETA_DOT] + eta_dot)):
+        for row, value in ((sensor.ATTITUDE, x.theta + eta), (sensor.RATE, x.theta_dot + eta_dot)):
             v.history[row, i + k] = (1.0 - share) * v.history[row, i] + share * value
 
 
@@ -162,26 +145,23 @@ def before_late(n, phase, late):
 def advance_row(v, held, pushed, first, last, begin):
     """Integrate from step `first` to `last`, `pushed` [rad/s^2] by the world; `begin` is the step of commands[0].
 
-    As many steps at once as counter[AT_ONCE] allows, within one command; one where a late command begins: the mean
+    As many steps at once as `at_once` allows, within one command; one where a late command begins: the mean
     over more would be half of it at first, which a servo answers otherwise.
     """
-    c = v.constant
-    tick_steps, most = v.counter[1], v.counter[AT_ONCE]
-    delay = c[DELAY] + actuator.latency(v.actuator)
-    remembers = v.history.shape[1] > 0
+    x = v.flight[0]
+    tick_steps, most = x.control_every, x.at_once
     i = first
     while i < last:
-        if remembers:
-            remember(v, i)
+        sensor.remember(x, v.modes, v.history, i)
         tick = (i - begin) // tick_steps
         phase = (i - begin) - tick * tick_steps
         n = min(most, last - i, tick_steps - phase)
-        if delay > 0.0:
-            n = before_late(n, phase, delay / c[STEP] % tick_steps)
-        u = delayed_command(v.commands, tick, phase * c[STEP], n * c[STEP], c[PERIOD], delay) + held[0]
-        u = actuator.command(v.actuator, c[FREQUENCY], c[DAMPING], n * c[STEP], u)
-        runge_kutta_4(v, i, n, u, v.acceleration[tick] + held[1] + pushed)
-        if remembers:
+        if x.delay > 0.0:
+            n = before_late(n, phase, x.delay / x.step % tick_steps)
+        u = delayed_command(v.commands, tick, phase * x.step, n * x.step, x.period, x.delay) + held[0]
+        u = actuator.servo_input(x, v.inputs, n * x.step, u)
+        runge_kutta_4(v, i, n, u, v.ticks[tick].acceleration + held[1] + pushed)
+        if v.history.shape[1] > 0:
             remember_between(v, i, n)
         i += n
 
@@ -202,8 +182,8 @@ def advance_apart(v, held, pushed, first, last, begin):
 def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations, states):
     """Innovations of a log under a vehicle.  Returns False if the model ran away.
 
-    v                        inout  at the first row; counter[CONTROL_EVERY] steps a command
-    slots (plant's rows,)    in     where in the gains each mode's value stands, -1: it has none there
+    v                        inout  at the first row; control_every steps a command
+    slots (modes,)           in     where in the gains each mode's value stands, -1: it has none there
     world (w, 2)             in     the world's states: where they enter, what is left of them after a row
     a6 (2 steps + 1,)        in     as `push`
     at (n,)                  in     steps from the first row to each
@@ -213,7 +193,8 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
     innovations (n, 3)       out    measured less predicted, NaN where not measured
     states (n, 4)            out    theta, theta_dot, beta, beta_dot after the correction
     """
-    begin = v.counter[0]
+    x = v.flight[0]
+    begin = x.at
     held, air, row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS)
     for k in range(len(z)):
         i = begin + at[k]
@@ -222,12 +203,11 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
         correct_row(v, slots, held, world, air, i, k, z, gains, row)
         for c in range(N_CHANNELS):
             innovations[k, c] = math.nan if np.isnan(z[k, c]) else row[c]
-        if not abs(v.state[THETA]) < v.constant[LOST_ANGLE]:
+        if not abs(x.theta) < x.lost_angle:
             innovations[k:] = math.nan
             states[k:] = math.nan
             return False
-        for j in range(4):
-            states[k, j] = v.state[j]
+        states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x.theta, x.theta_dot, x.beta, x.beta_dot
         if k + 1 < len(z):
             advance_row(v, held, push(v, i, world, air, a6), i, begin + at[k + 1], begin)
             air *= world[:, 1]
@@ -237,7 +217,8 @@ def follow(v, slots, world, a6, at, z, gains, held_rows, held_phase, innovations
 @kernel
 def tick_attitudes(v, slots, world, a6, at, z, gains, attitudes):
     """The readings of the attitude sensor at every tick of the commands: attitudes (ticks,) out [rad]."""
-    begin, tick = v.counter[0], v.counter[1]
+    x = v.flight[0]
+    begin, tick = x.at, x.control_every
     held, air, row = np.zeros(2), np.zeros(len(world)), np.zeros(N_CHANNELS)
     k, pushed, here = 0, 0.0, begin + at[0]
     for j in range(len(attitudes)):
@@ -252,9 +233,8 @@ def tick_attitudes(v, slots, world, a6, at, z, gains, attitudes):
             k += 1
         advance_apart(v, held, pushed, here, i, begin)
         here = max(here, i)
-        if v.history.shape[1] > 0:
-            remember(v, i)
-        attitudes[j] = attitude(v, i)
+        sensor.remember(x, v.modes, v.history, i)
+        attitudes[j] = sensor.read(x, v.modes, v.history, i)[0]
 
 
 @kernel
@@ -266,17 +246,18 @@ def horizon_errors(v, slots, world, a6, at, z, gains, held_rows, held_phase, spa
     ahead (h,)       in    horizons in rows, increasing
     errors (s, h, 3) out   measured less predicted of start s, NaN where not measured or beyond the log
     """
-    begin, n = v.counter[0], len(z)
-    held, ahead_held, row, kept = np.zeros(2), np.zeros(2), np.zeros(N_CHANNELS), np.zeros(len(v.state))
+    x = v.flight[0]
+    begin, n = x.at, len(z)
+    held, ahead_held, row = np.zeros(2), np.zeros(2), np.zeros(N_CHANNELS)
     air, ahead_air = np.zeros(len(world)), np.zeros(len(world))
-    moments, servo = np.zeros_like(v.plant), np.zeros_like(v.actuator)
+    flight, modes, inputs = v.flight.copy(), v.modes.copy(), v.inputs.copy()
     for k in range(n):
         i = begin + at[k]
         if held_rows == 1 or (k - held_phase) % held_rows == 0:
             held[0], held[1] = 0.0, 0.0
         correct_apart(v, slots, held, world, air, i, k, z, gains, row)
         if k % spacing == 0 and k // spacing < len(errors):
-            kept[:], moments[:, :], servo[:, :] = v.state, v.plant, v.actuator
+            flight[:], modes[:], inputs[:] = v.flight, v.modes, v.inputs
             reached, ahead_air[:], ahead_held[:] = k, air, held
             for b in range(len(ahead)):
                 if k + ahead[b] >= n:
@@ -289,12 +270,11 @@ def horizon_errors(v, slots, world, a6, at, z, gains, held_rows, held_phase, spa
                     advance_apart(v, ahead_held, pushed, begin + at[reached], begin + at[reached + 1], begin)
                     ahead_air *= world[:, 1]
                     reached += 1
-                if v.history.shape[1] > 0:
-                    remember(v, begin + at[reached])
+                sensor.remember(x, v.modes, v.history, begin + at[reached])
                 expected(v, begin + at[reached], world, ahead_air, row)
                 for c in range(N_CHANNELS):
                     errors[k // spacing, b, c] = z[reached, c] - row[c]
-            v.state[:], v.plant[:, :], v.actuator[:, :] = kept, moments, servo
+            v.flight[:], v.modes[:], v.inputs[:] = flight, modes, inputs
         if k + 1 < n:
             advance_apart(v, held, push(v, i, world, air, a6), i, begin + at[k + 1], begin)
             air *= world[:, 1]

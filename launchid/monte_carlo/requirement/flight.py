@@ -16,9 +16,9 @@ import numpy as np
 from sim.disturbance_draws import drawn_offsets
 from sim.flight import dispersion, prepare
 from sim.nominal import Nominal
-from sim.vehicle import step as st
-from sim.vehicle.kernels import kernel
-from sim.vehicle.plant import angle_of_attack
+from sim.vehicle.kernels import apart
+from sim.vehicle.record import ROW
+from sim.vehicle.step import advance
 
 from ..campaign import drawn_delta
 from ..journal import Row
@@ -29,9 +29,6 @@ METRICS = {
 JUDGED = ("lost", "end", *METRICS)
 OFFSET = "offset_"  # begins the names of what was drawn
 BLOCK = 500  # rows at a time: 64 kB, which stay near the processor
-THETA_REF, TRUE_THETA, TRUE_THETA_DOT, TRUE_BETA, TRUE_BETA_DOT, TRUE_GAMMA, WIND = (
-    st.COLUMNS.index(name) for name in ("theta_ref", "true_theta", "true_theta_dot", "true_beta", "true_beta_dot",
-                                        "true_gamma", "wind"))
 
 
 class FlightJob(NamedTuple):
@@ -81,31 +78,32 @@ class Flyer:
         factors = (1.0, 1.0) if nominal.uncertainty is None else dispersion(nominal, job.delta_a6, job.delta_k1)
         vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
         peaks = np.zeros(len(METRICS))
-        fly_for_peaks(vehicle, steps, np.zeros((BLOCK, len(st.COLUMNS))), peaks)
+        fly_for_peaks(vehicle, steps, np.zeros(BLOCK, ROW), peaks)
         offsets = {f"{OFFSET}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
-        return {"lost": int(vehicle.counter[st.LOST]), "end": int(vehicle.counter[st.AT]) * simulation.step,
+        state = vehicle.flight[0]
+        return {"lost": int(state.lost), "end": int(state.at) * simulation.step,
                 **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}
 
 
-@kernel
-def fly_for_peaks(v, steps, rows, peaks):
+@apart
+def fly_for_peaks(vehicle, steps, rows, peaks):
     """Fly `steps` steps, each a row of the log, and keep the largest magnitudes of the truth.
 
-    v                          inout    logs every step
-    steps                      in       how many, all that the flight has
-    rows  (r, len(st.COLUMNS)) scratch  some of the log at a time
-    peaks (5,)                 inout    [rad, rad/s, rad, rad, rad/s] as METRICS, 0 at first
+    vehicle      inout    logs every step
+    steps        in       how many, all that the flight has
+    rows (r,)    scratch  some of the log at a time
+    peaks (5,)   inout    [rad, rad/s, rad, rad, rad/s] as METRICS, 0 at first
     """
-    for start in range(0, steps, rows.shape[0]):
-        v.counter[st.ROWS] = 0
-        st.advance(v, min(rows.shape[0], steps - start), rows)
-        for k in range(v.counter[st.ROWS]):
+    state = vehicle.flight[0]
+    for start in range(0, steps, len(rows)):
+        state.rows = 0
+        advance(vehicle, min(len(rows), steps - start), rows)
+        for k in range(state.rows):
             row = rows[k]
-            alpha = angle_of_attack(row[TRUE_THETA], row[TRUE_GAMMA], row[WIND])
-            peaks[0] = max(peaks[0], abs(row[TRUE_THETA] - row[THETA_REF]))
-            peaks[1] = max(peaks[1], abs(row[TRUE_THETA_DOT]))
-            peaks[2] = max(peaks[2], abs(alpha))
-            peaks[3] = max(peaks[3], abs(row[TRUE_BETA]))
-            peaks[4] = max(peaks[4], abs(row[TRUE_BETA_DOT]))
-        if v.counter[st.LOST] != 0:
+            peaks[0] = max(peaks[0], abs(row.true_theta - row.theta_ref))
+            peaks[1] = max(peaks[1], abs(row.true_theta_dot))
+            peaks[2] = max(peaks[2], abs(row.true_theta - row.true_gamma + row.wind))
+            peaks[3] = max(peaks[3], abs(row.true_beta))
+            peaks[4] = max(peaks[4], abs(row.true_beta_dot))
+        if state.lost != 0:
             return

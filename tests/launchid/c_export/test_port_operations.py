@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ported import filtered, regression
 
-from benchmarks.port_operations import COUNTED, CXX, FORMULAS, KERNELS, kernel_operations, operations, value
+from benchmarks.port_operations import AT_MOST, COUNTED, CXX, FORMULAS, KERNELS, kernel_operations, operations, value
 from sim.flight import fly
 from sim.nominal import load_nominal
 
@@ -23,7 +23,11 @@ BETWEEN = (39, 8, 7, 0, 0)  # loads, sums, products, quotients, roots of a sampl
 def test_a_kernel_does_what_its_formulas_say(formulation):
     for name, counted in kernel_operations(formulation, CONFIGS[formulation], SIZES).items():
         for (m, q), row in zip(SIZES, counted[:, STATED].tolist(), strict=True):
-            assert [value(formula, m, q) for formula in FORMULAS[name]] == row, (name, m, q)
+            said = [value(formula, m, q) for formula in FORMULAS[name]]
+            if name in AT_MOST:
+                assert all(0.6 * most <= found <= most for most, found in zip(said, row, strict=True)), (name, m, q)
+            else:
+                assert said == row, (name, m, q)
 
 
 @pytest.mark.parametrize("name", FORMULAS)

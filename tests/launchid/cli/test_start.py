@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 import launchid_core
-from launchid.cli.announcement import Announcement
 from launchid.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -161,47 +160,3 @@ def test_every_public_name_is_found_and_no_other():
         assert getattr(launchid_core, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'wings'"):
         _ = launchid_core.wings
-
-
-KERNELS = """
-from launchid_core import compiled
-
-@compiled()
-def first(x):
-    return x + 1.0
-
-@compiled()
-def second(x):
-    return x + 2.0
-"""
-RUN = """
-from launchid_core import compile_listeners
-from launchid.cli.announcement import Announcement
-compile_listeners += [Announcement()] * {said}
-import toy
-print(toy.first(1.0) + toy.second(1.0))
-"""
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled")
-def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
-    (tmp_path / "toy.py").write_text(KERNELS)
-    variables = {"LAUNCHID_CACHE": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    cold, warm = (python("-c", RUN.format(said=1), **variables) for _ in range(2))
-    silent = python("-c", RUN.format(said=0), **{**variables, "LAUNCHID_CACHE": str(tmp_path / "another")})
-    assert cold.stdout == warm.stdout == silent.stdout == "5.0\n"
-    assert cold.stderr.startswith("launchid: compiling") and len(cold.stderr.splitlines()) == 1
-    assert warm.stderr == silent.stderr == ""
-
-
-def test_forked_workers_say_it_once_together(capsys):
-    announce = Announcement()
-    if not hasattr(os, "fork"):
-        pytest.skip("no fork here")
-    child = os.fork()
-    if child == 0:
-        announce.said[0] = 1
-        os._exit(0)
-    os.waitpid(child, 0)
-    announce("sim.flight", "advance")
-    assert capsys.readouterr().err == ""

@@ -37,8 +37,6 @@ from launchid.diagnosis.search.foresight import spans
 from launchid.diagnosis.search.profile import TOLD_APART, as_simulated, profile
 from launchid.diagnosis.search.selection import FURTHER, THRESHOLD, Ranked, Selection, Weather, select_from
 from sim.effects import effect
-from sim.effects.sensor import rate_scale
-from sim.effects.table import N_COLUMNS
 from sim.nominal import Wind
 
 TIMING = 4   # of the deviations
@@ -101,7 +99,6 @@ def test_innovations_are_refiltered_from_what_the_scaled_gyro_made_of_them(recor
 
 def test_a_gyro_that_shows_next_to_nothing_corrects_next_to_nothing():
     assert [made_good(x) for x in (1.0, -0.5, 0.01, -0.01, 0.0)] == [1.0, -0.5, DEAF, -DEAF, DEAF]
-    assert rate_scale(np.zeros((0, N_COLUMNS))) == 1.0
 
 
 # ---- sensors that are late

@@ -11,7 +11,6 @@ from launchid.diagnosis.data.used import thinned
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.point import FASTEST, Point, innovations, vehicle
 from sim.effects import effect
-from sim.vehicle.step import FREQUENCY
 
 EFFECTS = ((), (effect("actuator_backlash", half_width=0.002),), (effect("actuator_delay", delay=0.013),),
            (effect("gyro_delay", delay=0.013),), (effect("gust", angle=0.05, time=2.0, duration=1.0),),
@@ -34,7 +33,7 @@ def record():
 
 
 def frequency(record, later):
-    return vehicle(record, Point(deviations=(0.0, 0.0, 0.0, 0.0, later))).constant[FREQUENCY]
+    return vehicle(record, Point(deviations=(0.0, 0.0, 0.0, 0.0, later))).flight[0].frequency
 
 
 def test_a_quarter_of_a_row_at_most_is_integrated_at_once_whatever_the_servo(record):

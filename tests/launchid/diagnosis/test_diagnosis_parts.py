@@ -18,9 +18,6 @@ from launchid.diagnosis.model.point import Point, vehicle
 from launchid.diagnosis.verdict import FEWEST_ROWS, diagnose
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
-from sim.effects.actuator import ACTUATOR_BACKLASH
-from sim.effects.plant import BENDING
-from sim.effects.table import CODE, MEMORY
 from sim.flight import fly_whole
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
@@ -85,9 +82,7 @@ def test_what_remembers_begins_as_the_nozzle_stands():
     point = Point(tuple(from_text(text) for text in ("bending:gain=0.01,frequency=20,damping_ratio=0.01",
                                                      "actuator_backlash:half_width=0.001")))
     made = vehicle(of, point)
-    (mode,), (play,) = (table[table[:, CODE] == code] for table, code in
-                        ((made.plant, BENDING), (made.actuator, ACTUATOR_BACKLASH)))
-    assert mode[MEMORY] == pytest.approx(0.01 * stands) and play[MEMORY] == pytest.approx(stands)
+    assert made.modes["x"] == pytest.approx([0.01 * stands]) and made.inputs["x"] == pytest.approx([stands])
 
 
 @pytest.mark.parametrize("begin", [12.0, pytest.param(0.0, marks=pytest.mark.campaign)])

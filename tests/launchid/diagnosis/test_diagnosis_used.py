@@ -136,5 +136,5 @@ def test_the_tolerance_of_a6_is_of_a_sine_s_coefficient_too():
     truly = dataclasses.replace(believed, nominal=dataclasses.replace(
         believed.nominal, terms=(("sin(theta)", 2.04), ("theta^3", 1.0))), a6=1.02 * believed.a6)
     deviating, other = (vehicle(r, Point((), (by, 0.0, 0.0, 0.0, 0.0))) for r, by in ((believed, 0.02), (truly, 0.0)))
-    assert np.allclose(deviating.plant, other.plant, rtol=1e-14, atol=0.0)
-    assert not np.allclose(deviating.plant, vehicle(believed, Point()).plant, rtol=1e-3, atol=0.0)
+    sizes = [each.terms["coefficient"] for each in (deviating, other, vehicle(believed, Point()))]
+    assert sizes[0] == pytest.approx(sizes[1], rel=1e-14) and sizes[0] != pytest.approx(sizes[2], rel=1e-3)

@@ -26,7 +26,8 @@ from sim.flight import fly_whole, parameters
 from sim.nominal import load_nominal
 
 PERIOD = 0.01
-bandwidth, long_run = compiled(residual.bandwidth), compiled(residual.long_run)
+autoregression, bandwidth, long_run, own_variance = map(compiled, (
+    residual.autoregression, residual.bandwidth, residual.long_run, residual.own_variance))
 
 
 def numpy_lags(scores: np.ndarray) -> int:
@@ -87,23 +88,20 @@ def of(rows: int, **choices) -> Config:
 def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
     rng = np.random.default_rng(7)
     scores = np.stack([autoregressive(rng, rho, 200), autoregressive(rng, 0.3, 200)])
-    covariance = np.empty((2, 2))
-    long_run(scores, 190, covariance)
-    assert bandwidth(scores) == numpy_lags(scores)
-    assert np.allclose(covariance, numpy_long_run(scores, numpy_lags(scores)) * 200 / 190, rtol=1e-12)
+    above, below = np.sum([autoregression(v) for v in scores], axis=0)
+    lags = bandwidth(above, below, 200)
+    assert lags == numpy_lags(scores)
+    covariance = [[long_run(v, w, lags, 190, v is w) for w in scores] for v in scores]
+    assert np.allclose(covariance, numpy_long_run(scores, lags) * 200 / 190, rtol=1e-12)
 
 
 def test_long_run_of_four_numbers_by_hand():
     """1, 2, 3, 4: rho = (2 + 6 + 12)/(1 + 4 + 9) > 0.97, so L = n/2 = 2; 30 + 2*(2/3*20 + 1/3*11) = 64."""
-    covariance = np.empty((1, 1))
-    long_run(np.array([[1.0, 2.0, 3.0, 4.0]]), 4, covariance)
-    assert covariance[0, 0] == pytest.approx(64.0, rel=1e-14)
+    assert own_variance(np.array([1.0, 2.0, 3.0, 4.0]), 4) == pytest.approx(64.0, rel=1e-14)
 
 
 def test_a_series_of_zeros_has_no_lags_and_no_variance():
-    covariance = np.empty((1, 1))
-    long_run(np.zeros((1, 9)), 8, covariance)
-    assert bandwidth(np.zeros((1, 9))) == 0 and covariance[0, 0] == 0.0
+    assert bandwidth(*autoregression(np.zeros(9)), 9) == 0 and own_variance(np.zeros(9), 8) == 0.0
 
 
 def test_standard_deviations_are_those_of_the_solution_with_drifts_and_what_it_moves():

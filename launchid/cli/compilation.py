@@ -1,0 +1,92 @@
+"""What a command does while it compiles: says so, counts, and lets a second process help where a core is idle."""
+
+import atexit
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from launchid_core import compile_listeners
+
+from .terminal import say
+
+OFTEN = 10.0  # s between two lines
+HELPED = {"launchid_core.order": "filtered", "launchid_core.regression": "integral"}  # formulations worth a process
+HELPER = "import sys; from launchid.cli.compilation import help_from_the_end; help_from_the_end(sys.argv[1])"
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def has_idle_core() -> bool:
+    """Whether a core is left beside this process' own."""
+    return cores() > 1 and (not hasattr(os, "getloadavg") or os.getloadavg()[0] < cores() - 1)
+
+
+class Compilation:
+    """What is said and done when kernels are compiled, in this process or in one forked from it."""
+
+    def __init__(self) -> None:
+        self.said = mmap.mmap(-1, 1)  # shared with forked workers
+        self.process, self.helper = os.getpid(), False
+        self.kernels, self.begun = 0, time.monotonic()
+        self.last = self.begun
+
+    def __call__(self, module: str, name: str) -> None:
+        """Note that a kernel is compiled."""
+        now = time.monotonic()
+        if not self.said[0]:
+            self.said[0] = 1
+            self.begun = self.last = now
+            say("launchid: compiling, once for this version on this machine (all at once: launchid warm) ...")
+        if os.getpid() != self.process:
+            return
+        if now - self.last >= OFTEN:
+            self.last = now
+            say(f"launchid: {self.kernels} kernels compiled in {now - self.begun:.0f} s ...")
+        self.kernels += 1
+        formulation = HELPED.get(".".join(module.split(".")[:2]))
+        if formulation and not self.helper:
+            self.helper = True
+            if has_idle_core():
+                helper = subprocess.Popen([sys.executable, "-c", HELPER, formulation], stdin=subprocess.DEVNULL,
+                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                atexit.register(helper.kill)  # nothing that it has compiled is lost
+
+
+def announce() -> None:
+    """Announce compilations on stderr from now on, and share them."""
+    compile_listeners.append(Compilation())
+
+
+def compile_formulation(formulation: str, backwards: bool = False, **choices: Any) -> bool:
+    """Compile what an estimator of the formulation needs, if it can be kept on disk; return whether it can."""
+    from launchid_core import Config, precompile
+    from sim.nominal import load_nominal
+
+    from ..onboard import onboard_model
+    model = onboard_model(load_nominal("constant")) if formulation == "filtered" else None
+    return precompile(Config(formulation=formulation, model=model, **choices), backwards)
+
+
+def end_with_parent() -> None:
+    """End this process, when it next compiles a kernel, if the one that started it has ended."""
+    parent = os.getppid()
+
+    def look(module: str, name: str) -> None:
+        if os.getppid() != parent:
+            os._exit(0)
+
+    compile_listeners.append(look)
+
+
+def help_from_the_end(formulation: str) -> None:
+    """Compile the entries of a formulation from the last on, until all are there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent()
+    compile_formulation(formulation, backwards=True)

@@ -1,0 +1,172 @@
+"""What the command does while it compiles: one line, a count, a second process; and `launchid warm`."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numba
+import pytest
+from every import every
+
+from launchid.cli.compilation import HELPER, Compilation
+from launchid.cli.main import main
+from launchid.commands.warm import compile_parts
+from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError
+
+ROOT = Path(__file__).resolve().parents[3]
+COMPILED = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+FORKED = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+KERNELS = """
+from launchid_core import compiled
+
+@compiled()
+def first(x):
+    return x + 1.0
+
+@compiled()
+def second(x):
+    return x + 2.0
+"""
+RUN = """
+from launchid_core import compile_listeners
+from launchid.cli.compilation import Compilation
+compile_listeners += [Compilation()] * {said}
+import toy
+print(toy.first(1.0) + toy.second(1.0))
+"""
+
+
+def environment(**variables: object) -> dict[str, str]:
+    return {**os.environ, "NUMBA_CACHE_DIR": "", **{name: str(value) for name, value in variables.items()}}
+
+
+def python(*words: object, **variables: object) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, *map(str, words)], cwd=ROOT, capture_output=True, text=True, timeout=300,
+                          check=False, env=environment(**variables))
+
+
+# ---- what is said
+
+
+@COMPILED
+def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
+    (tmp_path / "toy.py").write_text(KERNELS)
+    variables = {"LAUNCHID_CACHE": tmp_path / "cache", "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    cold, warm = (python("-c", RUN.format(said=1), **variables) for _ in range(2))
+    silent = python("-c", RUN.format(said=0), **{**variables, "LAUNCHID_CACHE": tmp_path / "another"})
+    assert cold.stdout == warm.stdout == silent.stdout == "5.0\n"
+    assert cold.stderr.startswith("launchid: compiling") and len(cold.stderr.splitlines()) == 1
+    assert warm.stderr == silent.stderr == ""
+
+
+@FORKED
+def test_forked_workers_say_it_once_together(capsys):
+    announce = Compilation()
+    child = os.fork()
+    if child == 0:
+        announce.said[0] = 1
+        os._exit(0)
+    os.waitpid(child, 0)
+    announce("sim.flight", "advance")
+    assert capsys.readouterr().err == ""
+
+
+def test_what_lasts_is_counted_every_ten_seconds(capsys, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    compilation = Compilation()
+    for clock[0] in (100.0, 104.0, 109.9, 110.5, 115.0, 121.0):
+        compilation("sim.vehicle.step", "advance")
+    _, first, second = capsys.readouterr().err.splitlines()
+    assert "3 kernels compiled in 10 s" in first and "5 kernels compiled in 21 s" in second
+
+
+# ---- the second process
+
+
+@every(("cores", "load", "module", "helped"), [
+    (2, 0.9, "launchid_core.order.onboard", ["filtered"]), (2, 1.1, "launchid_core.order.onboard", []),
+    (1, 0.0, "launchid_core.order.onboard", []), (4, 2.5, "launchid_core.regression.regression", ["integral"]),
+    (2, 0.0, "sim.vehicle.step", [])])
+def test_a_second_process_helps_with_much_work_where_a_core_is_idle(cores, load, module, helped, monkeypatch):
+    started: list[str] = []
+
+    class Process:
+        def __init__(self, words: list[str], **streams: int) -> None:
+            started.append(words[-1])
+
+        def kill(self) -> None:
+            """Nothing runs."""
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)), raising=False)
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0), raising=False)
+    monkeypatch.setattr(subprocess, "Popen", Process)
+    compilation = Compilation()
+    for _ in range(3):
+        compilation(module, "a_kernel")
+    assert started == helped
+
+
+@COMPILED
+@pytest.mark.skipif(os.name != "posix", reason="a parent that has gone is POSIX's")
+def test_the_second_process_ends_with_the_first_and_its_work_is_kept(tmp_path):
+    """Its output is a pipe that closes when it ends; the whole formulation would be some hundred kernels."""
+    first = ("import subprocess, sys, time; from pathlib import Path\n"
+             f"subprocess.Popen([sys.executable, '-c', {HELPER!r}, 'integral'])\n"
+             f"while not list(Path({str(tmp_path)!r}).rglob('*.nbc')): time.sleep(0.01)")
+    done = python("-c", first, LAUNCHID_CACHE=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert 1 <= len(list(tmp_path.rglob("*.nbc"))) < 20
+
+
+# ---- launchid warm
+
+
+def test_parts_run_beside_one_another_and_one_that_fails_is_named():
+    assert compile_parts(["effects", "effects"]) >= 0
+    with pytest.raises(InputError, match=r"launchid identify none\.csv: ended with status 3"):
+        compile_parts(["effects", "identify none.csv"])
+
+
+def test_where_nothing_can_be_kept_warm_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = python("-m", "launchid", "warm", LAUNCHID_CACHE=tmp_path / "file")
+    assert done.returncode == 3 and done.stdout == ""
+    assert done.stderr.splitlines() == [f"launchid: {tmp_path / 'file'}: it cannot be written, is full, or others may "
+                                        "write to it"]
+
+
+@COMPILED
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+def test_an_interrupt_ends_all_processes_of_warm_and_loses_nothing(tmp_path):
+    process = subprocess.Popen([sys.executable, "-m", "launchid", "warm"], cwd=ROOT, start_new_session=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env=environment(LAUNCHID_CACHE=tmp_path))
+    while len(list(tmp_path.rglob("*.nbc"))) < 3 and process.poll() is None:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)  # the ends of its pipes are in every process
+    assert (process.returncode, out, err.splitlines()[-1]) == (INTERRUPTED_STATUS, "", INTERRUPTED)
+    assert "Traceback" not in err
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+    assert len(list(tmp_path.rglob("*.nbc"))) >= 3
+
+
+@pytest.mark.campaign
+@COMPILED
+def test_what_is_warm_compiles_nothing_in_two_commands(tmp_path):
+    variables = {"LAUNCHID_CACHE": tmp_path / "cache"}
+    assert python("-m", "launchid", "warm", **variables).returncode == 0
+    log = tmp_path / "log.csv"
+    for words in (["simulate", "constant", "--out", log], ["identify", log, "constant"], ["identify", log]):
+        done = python("-m", "launchid", *words, **variables)
+        assert done.returncode == 0 and "compiling" not in done.stderr
+
+
+def test_warm_has_no_words(capsys):
+    assert main(["warm", "now"]) == 2
+    assert "unrecognized arguments: now" in capsys.readouterr().err
