@@ -4,7 +4,7 @@ import numpy as np
 
 from sim.vehicle.kernels import kernel
 
-from .step import FIRST_ORDER, N_STATES, add_noise, combine, fill, multiply, part, transition
+from .step import FIRST_ORDER, N_STATES, add_noise, combine, fill, multiply, transition
 from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
 
 N_CHANNELS = 3     # theta, theta_dot, beta
@@ -14,7 +14,7 @@ DELAY = 8          # its place among them: it is in the command alone, and so in
 DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
 
 
-@part
+@kernel
 def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
     """Time update of dp (p, n, n), the derivatives of the covariance p (n, n) for relative a6, k1 and servo.
 
@@ -38,7 +38,7 @@ def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
         combine(1.0, dp[m], 1.0, new.T)
 
 
-@part
+@kernel
 def switch_command(s, x, jump, f, slopes, value, frequency, damping):
     """Add what the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
     to the state x (n,) and the sensitivities s (n, 9).
@@ -52,7 +52,7 @@ def switch_command(s, x, jump, f, slopes, value, frequency, damping):
         s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
 
 
-@part
+@kernel
 def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
     """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
     beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
@@ -89,7 +89,7 @@ def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
     combine(1.0, p, 0.5, new_p.T)
 
 
-@part
+@kernel
 def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
     """Measurement update of dp (p, n, n), the gain's derivatives into s, and what the variance tells."""
     n = len(gain)
@@ -108,7 +108,7 @@ def correct_slopes(s, dp, channel, partner, gain, variance, innovation, informat
             information[4 + i, 4 + j] += 0.5 * share[i] * share[j]
 
 
-@part
+@kernel
 def correct(x, p, s, dp, channel, partner, z, r, information, score):
     """Scalar measurement update; adds the innovation's information about the unknowns, and its score (unknowns,).
 
@@ -137,7 +137,7 @@ def correct(x, p, s, dp, channel, partner, z, r, information, score):
             p[i, j] -= gain[i] * column[j]
 
 
-@part
+@kernel
 def start_window(world, row, x, p, s, dp):
     """The sensitivities afresh and, of a window that knows nothing of the data before it, the filter too."""
     s[:, :] = 0.0

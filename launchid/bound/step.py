@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from launchid_core import compiled
 from sim.vehicle import actuator
 from sim.vehicle.kernels import kernel
 
@@ -15,13 +14,12 @@ N_AUGMENTED = 6    # and the held command and acceleration
 TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
 RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
 A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
-part = compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # what kernels alone call
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
-fastest_pole = part(actuator.fastest_pole)
+fastest_pole = kernel(actuator.fastest_pole)
 
 
-@part
+@kernel
 def generator_slope(which, frequency, damping, term, out):
     """Add dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
 
@@ -84,7 +82,7 @@ def transition(a6, k1, frequency, damping, h, f, slopes):
         combine(0.0, f, 1.0, new)
 
 
-@part
+@kernel
 def combine(kept, to, by, a):
     """to <- kept to + by a, matrices: a sum of arrays costs numba half a second to compile, each."""
     for i in range(to.shape[0]):
@@ -92,7 +90,7 @@ def combine(kept, to, by, a):
             to[i, j] = kept * to[i, j] + by * a[i, j]
 
 
-@part
+@kernel
 def multiply(a, b, out, kept):
     """out <- kept out + a b (n, n), written out: numba's needs scipy, which an installation need not have."""
     for i in range(len(a)):
@@ -104,7 +102,7 @@ def multiply(a, b, out, kept):
                     out[i, j] += a[i, k] * b[k, j]
 
 
-@part
+@kernel
 def push_of(role, a6, k1, mean, levels_known):
     """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
     a6 and k1."""
@@ -117,7 +115,7 @@ def push_of(role, a6, k1, mean, levels_known):
     return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
 
 
-@part
+@kernel
 def fill(world, f, slopes, value, h, row, full, moved, air):
     """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
 
@@ -159,7 +157,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
                     full[c, N_STATES + k] = h * z_beta
 
 
-@part
+@kernel
 def add_noise(world, f, a6, h, row, q, dq):
     """Add the process noise of a step to q (n, n), its derivative for relative a6 to dq (n, n).
 
