@@ -111,14 +111,17 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "a comment first": (b"# a log\n" + GOOD, header("t' is missing (found '# a log')")),
     "no header": (ROWS, header("t' is missing (found '0.00,0.000,1.000')")),
     "semicolons": (GOOD.replace(b",", b";"),
-                   "line 1: semicolons where commas should be (found 't;theta;beta'); "
+                   "line 1: semicolons where commas should be (found 't;theta;beta'); a map (--map) reads them; "
                    "expected a header with t, theta, beta"),
     "semicolons and decimal commas": (
         GOOD.replace(b",", b";").replace(b".", b","),
-        "line 1: semicolons where commas should be (found 't;theta;beta'); expected a header with t, theta, beta"),
-    "tabs": (GOOD.replace(b",", b"\t"), "line 1: tabs where commas should be (found 't\\ttheta\\tbeta'); "
+        "line 1: semicolons where commas should be (found 't;theta;beta'); a map (--map) reads them; "
+        "expected a header with t, theta, beta"),
+    "tabs": (GOOD.replace(b",", b"\t"),
+             "line 1: tabs where commas should be (found 't\\ttheta\\tbeta'); a map (--map) reads them; "
                                         "expected a header with t, theta, beta"),
-    "bars": (GOOD.replace(b",", b"|"), "line 1: bars where commas should be (found 't|theta|beta'); "
+    "bars": (GOOD.replace(b",", b"|"),
+             "line 1: bars where commas should be (found 't|theta|beta'); a map (--map) reads them; "
                                        "expected a header with t, theta, beta"),
     "spaces": (GOOD.replace(b",", b" "), header("t' is missing (found 't theta beta')")),
     "no t": (b"theta,beta\n0,1\n",
@@ -226,7 +229,7 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "no row with all three": (HEAD + b"0,nan,1\n0.1,1,nan\nnan,1,1\n", NO_ROW),
     "one row": (HEAD + b"0,1,2\n", NO_STEP),
     "a clock that stands still": (HEAD + b"1,1,2\n" * 50, NO_STEP),
-    "a clock that runs backwards": (HEAD + b"3,1,2\n2,1,2\n1,1,2\n", NO_STEP),
+    "a clock that runs backwards": (HEAD + b"3,1,2\n2,1,2\n1,1,2\n", "column t: t runs backward: sort the rows by t"),
     "a clock in microseconds": (
         HEAD + b"".join(b"%d,%.3f,%.3f\n" % (20_000 * k, math.sin(k / 9), math.cos(k / 5)) for k in range(100)),
         "column t: sample_period=20000.0: expected a number from 1e-06 to 10000; the log's step of 2e+04 looks like "

@@ -10,14 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from launchid_core import EDGES, Estimate, Level
-
 from sim.canvas import UNIT, panels
 from sim.errors import UsageError
 from sim.flight import Flight
-from ..log.log import Log
 from sim.nominal import Nominal
-from ..test_input import Plan
 from sim.shown import with_std
+
+from ..log.log import Log
+from ..test_input import Plan
 from .residuals import APART, INCREMENT, Predicted, Residuals
 
 INTERVAL = 1.96     # standard deviations: 95 %

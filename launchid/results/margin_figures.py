@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..log.log import Log
 from sim.nominal import Nominal
+
+from ..log.log import Log
 from ..robustness.flight_margins import UNITS, WORDS, Judged, WindowMargins, declared_servo, required_of
 from ..robustness.loops import Loops, loops, plants_of
 from ..robustness.margin_spread import NAMES, ellipsoid

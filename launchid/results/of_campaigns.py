@@ -6,12 +6,14 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..argument_checks import integer, several
-from ..log.check import profile_note
 from sim.errors import UsageError
 from sim.files import as_path, write_text
-from ..monte_carlo.journal import Row
 from sim.nominal import Nominal
+from sim.result import Columns
+
+from ..argument_checks import integer, several
+from ..log.check import profile_note
+from ..monte_carlo.journal import Row
 from ..monte_carlo.requirement.executor import executor_of
 from ..monte_carlo.requirement.folder import Flights, fly
 from ..monte_carlo.requirement.folder import merge as merged
@@ -20,7 +22,6 @@ from ..monte_carlo.requirement.identity import Definition
 from ..monte_carlo.requirement.order_statistics import Planned
 from ..monte_carlo.requirement.sequential import Sequential
 from ..monte_carlo.requirement.verdict import judged, said
-from sim.result import Columns
 from .answer import Answer, flat
 
 if TYPE_CHECKING:

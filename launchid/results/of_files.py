@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim.errors import InputError, one_line
+from sim.result import Columns
+
 from ..convert.columns import converted
 from ..convert.mapping import Map
 from ..convert.readers import read_channels
-from sim.errors import InputError, one_line
 from ..log.log import REQUIRED, Log, write_columns
-from sim.result import Columns
 from .answer import Answer
 
 if TYPE_CHECKING:

@@ -8,25 +8,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from launchid_core import Change, Config, Estimate
+from sim.errors import InputError, UsageError
+from sim.nominal import Nominal, rewrite_nominal
+from sim.result import Columns, drawn
 
 from ..argument_checks import integer, real, word
-from ..log.check import data_warnings, faults, foreign, ideal_note, profile_note, warned
+from ..cli.options import WITHIN
 from ..diagnosis.judge.diagnosis import Diagnosis
 from ..diagnosis.report.answer import report as diagnosis_report
 from ..diagnosis.report.words import lines as diagnosis_lines
 from ..diagnosis.verdict import diagnose as examine
-from sim.errors import InputError, UsageError
 from ..identification.windows import identified, log_config, report_of, servo_note, table
+from ..log.check import data_warnings, faults, foreign, ideal_note, profile_note, warned
 from ..log.log import Log
-from sim.nominal import Nominal, rewrite_nominal
-from sim.result import Columns, drawn
 from ..robustness import greybox, level
-from ..cli.options import WITHIN
 from .answer import Answer, flat
 from .residuals import residuals
 
 if TYPE_CHECKING:
     from sim.result import Figure
+
     from .control_systems import ControlPlant
     from .of_margins import FlightMargins
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from launchid_core import Change, Config, Estimate
-
-from ..log.check import data_warnings
-from ..identification.run import identified
-from ..identification.windows import log_config, next_step, servo_note, why
-from ..log.log import Log
 from sim.nominal import Nominal
 from sim.result import Columns
+
+from ..identification.run import identified
+from ..identification.windows import log_config, next_step, servo_note, why
+from ..log.check import data_warnings
+from ..log.log import Log
 from ..robustness import flight_margins as fm
 from ..robustness.flight_margins import Servo, WindowMargins, declared_servo
 from .answer import Answer, flat

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from launchid_core import Config, Sample
-
-from ..argument_checks import integer, real, several
-from ..onboard import onboard_model
-from ..log.check import profile_note
 from sim.effects import Effect, from_table, from_text, values
 from sim.errors import UsageError
-from ..c_export.kit import exported
-from ..c_export.vectors import flown
 from sim.files import make_folder, write_text
 from sim.flight import Flight, fly_whole
-from ..log.log import Log, flown_log, log_of, write_flight
 from sim.nominal import Nominal, rewrite_nominal
-from ..test_input import Plan
-from ..test_input import plan as planned
 from sim.result import Columns
 from sim.shown import SLOW
+
+from ..argument_checks import integer, real, several
+from ..c_export.kit import exported
+from ..c_export.vectors import flown
+from ..log.check import profile_note
+from ..log.log import Log, flown_log, log_of, write_flight
+from ..onboard import onboard_model
 from ..robustness import level
+from ..test_input import Plan
+from ..test_input import plan as planned
 from .answer import Answer
 
 if TYPE_CHECKING:

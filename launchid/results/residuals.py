@@ -1,7 +1,7 @@
 """The residuals of identified windows on a log, and how far ahead they predict it.
 
-residual    the weak form's (`launchid.identification.weak_form`): the increment of theta_dot over 0.2 s less the integral of the terms,
-            over that time [rad/s^2], in the window that gave the estimate
+residual    the weak form's (`identification.weak_form`): the increment of theta_dot over 0.2 s less the integral of the
+            terms, over that time [rad/s^2], in the window that gave the estimate
 prediction  theta over a horizon, run free from the measured theta and theta_dot with the measured beta, under the
             estimate of its own window and under that of the fitted window before, which has not seen it
 noise       what the sensors' noise alone leaves of both under a model without an error: of the log's own levels, by
@@ -19,14 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from launchid_core import Estimate
+from sim.errors import InputError
+from sim.nominal import Nominal
 
 from ..diagnosis.report.whiteness import Correlation, correlations
-from sim.errors import InputError
 from ..first_nominal.search import noise_variance
 from ..identification.missing_terms import active_terms
-from ..log.log import Log
-from sim.nominal import Nominal
 from ..identification.weak_form import INCREMENT, Rows, column, slope, usable, window_increments
+from ..log.log import Log
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise

@@ -1,5 +1,6 @@
 """The table of one TOML file, its keys and values checked one by one, each by its place."""
 
+import math
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -45,10 +46,10 @@ class Table:
     def number(self, place: str, value: object, above: float | None = None, least: float | None = None) -> float:
         expected = "a number" + (f" above {above:g}" if above is not None else "") + \
             (f" of at least {least:g}" if least is not None else "")
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not -math.inf < value < math.inf:
             raise self.fail(place, value, expected)
         if not -LARGEST < value < LARGEST:
-            raise self.fail(place, value, f"{expected}, below {LARGEST:g} in size")
+            raise self.fail(place, value, expected if isinstance(value, int) else f"{expected}, below {LARGEST:g}")
         if (above is not None and not value > above) or (least is not None and not value >= least):
             raise self.fail(place, value, expected)
         return float(value)

@@ -926,7 +926,7 @@ def told(path: str) -> str:
 @pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: nothing is compiled")
 def test_the_same_without_the_compiler(tmp_path):
     np.save(tmp_path / "samples.npy", np.array(list(windy_flight(2).samples())[600:700]))
-    code = ("import sys; sys.path.insert(0, 'tests')\nfrom tests.test_onboard_wind import told\n"
+    code = ("import sys; sys.path[:0] = ['tests', 'tests/core']\nfrom test_onboard_wind import told\n"
             f"print(told({str(tmp_path / 'samples.npy')!r}))")
     plain = json.loads(subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
                                       check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}).stdout)

@@ -49,9 +49,9 @@ MALFORMED: dict[str, tuple[str | bytes, str]] = {
     # ---- keys
     "an unknown section": (GOOD + "[weather]\nrain = 1\n", f"unknown key 'weather'; expected one of {SECTIONS}"),
     "an unknown key": (GOOD.replace("damping_ratio", "damping"),
-                       f"unknown key 'actuator.damping'; expected one of {ACTUATOR}"),
+                       "unknown key 'actuator.damping'; did you mean damping_ratio?"),
     "a key in another case": (given("vehicle", "A6 = 2.0\nk1 = -7.0"),
-                              "unknown key 'vehicle.A6'; expected one of a6, k1, profile, terms"),
+                              "unknown key 'vehicle.A6'; did you mean a6?"),
     "no sensors": (without("sensors"), "section [sensors] is missing; every nominal needs it"),
     "no k1": (given("vehicle", "a6 = 2.0"), "key 'vehicle.k1' is missing"),
     "a number as a section": ("vehicle = 3\n" + without("vehicle"), "vehicle = 3: expected a section"),

@@ -287,10 +287,10 @@ def test_what_has_no_c_is_refused_by_name(function, kind, said):
 
 
 def _indices(x, n):
-    total = 0.0
+    mean = 0.0
     for i in range(n - 1, -1, -1):
-        total += x[i] / n
-    return total, -7 // 2, n % 3
+        mean += x[i] / n
+    return mean, -7 // 2, n % 3
 
 
 def test_c_of_a_small_kernel():
@@ -298,11 +298,11 @@ def test_c_of_a_small_kernel():
     assert made.source() == """\
 static Results0 _indices(Vector x, int64_t n)
 {
-    double total = 0.0;
+    double mean = 0.0;
     for (int64_t i = n - 1; i > -1; i--) {
-        total += x.p[i] / (double)n;
+        mean += x.p[i] / (double)n;
     }
-    return (Results0){total, quotient(-7, 2), modulo(n, 3)};
+    return (Results0){mean, quotient(-7, 2), modulo(n, 3)};
 }
 """
 

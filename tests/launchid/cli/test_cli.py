@@ -343,7 +343,7 @@ def test_one_absurd_stamp_does_not_stop_the_command(launchid, folder, tmp_path, 
 
 @every("words", [
     [], ["fly"], ["identify"], ["simulate", "constant"], ["identify", "LOG", "--colour", "red"],
-    ["identify", "LOG", "extra"],
+    ["identify", "LOG", "constant", "extra"],
     *(["identify", "LOG", option, value] for option, values in {
         "--formulation": ("weak", "filtered", "measured"), "--solver": ("omp", ""),
         "--library": ("nonsense", "", "theta^9"), "--window": ("soon", "0", "-1", "nan", "inf", "0.02", "1e9"),

@@ -241,7 +241,7 @@ def test_what_is_no_effect_is_said_in_one_line(folder, effects, words):
 @pytest.mark.parametrize(("call", "words"), [
     (lambda log, n: launchid.identify(log, window=None), "window None: expected seconds or 'all'"),
     (lambda log, n: launchid.identify(log, window="x"), "window 'x': expected seconds or 'all'"),
-    (lambda log, n: launchid.identify(log, tracked=True), "tracked needs the formulation filtered"),
+    (lambda log, n: launchid.identify(log, tracked=True), "tracked needs nominal, with which formulation is filtered"),
     (lambda log, n: launchid.diagnose(log, n, bootstrap=-1), "bootstrap -1: expected an integer"),
     (lambda log, n: launchid.fit_lft([log], n, share=2.0), "share 2.0: expected a number between"),
     (lambda log, n: launchid.simulate(n, seed="a"), "seed 'a': expected an integer"),

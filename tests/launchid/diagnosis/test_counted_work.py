@@ -129,8 +129,9 @@ def test_threads_change_no_byte(tmp_path, words, effect):
 
 
 def test_the_command_has_one_thread_before_numpy_reads_how_many():
-    said = "import os, sys; import sim.__main__ as m; assert 'numpy' not in sys.modules; sys.argv[1:] = ['effects'];" \
-           "s = m.command(); assert 'numpy' in sys.modules; assert {os.environ[k] for k in m.THREADS} == {'1'}"
+    said = ("import os, sys; import launchid.__main__ as m; assert 'numpy' not in sys.modules; "
+            "sys.argv[1:] = ['effects']; s = m.command(); assert 'numpy' in sys.modules; "
+            "assert {os.environ[k] for k in m.THREADS} == {'1'}")
     subprocess.run([sys.executable, "-c", said], cwd=ROOT, check=True, capture_output=True, timeout=300,
                    env={**os.environ, "OMP_NUM_THREADS": "7"})
 

@@ -10,7 +10,7 @@ from hidden import draw_spec, fly, hide, write_csv
 from launchid.diagnosis.causes import RECORDS, SOUGHT, Cause
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.judge.extend import extended
-from launchid.diagnosis.model.linear import state_matrix
+from launchid.diagnosis.model.linear import state_matrices
 from launchid.diagnosis.model.nuisance import Problem
 from launchid.diagnosis.model.point import Point, vehicle
 from launchid.diagnosis.search.fit import fit, slopes_at
@@ -18,7 +18,7 @@ from launchid.diagnosis.search.profile import as_simulated
 from launchid.diagnosis.search.scan import scan
 from launchid.log.detect import check
 from launchid.log.log import read_log
-from sim.effects import effect, pack, values
+from sim.effects import effect, values
 from sim.nominal import load_nominal
 
 CERTAIN = {"moment_step", "nozzle_inertia", "control_slope", "lateral_drift"}
@@ -54,11 +54,10 @@ def test_the_search_for_a_moment_begins_at_its_onset(tmp_path, time):
 # ---- nozzle_inertia: in the covariances too
 
 
-def test_the_covariances_know_the_nozzle_s_inertia():
-    plain, heavy, c = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((3, 6))
-    for a, effects in ((plain, []), (heavy, [effect("nozzle_inertia", coefficient=-0.004)])):
-        table = pack(effects, 0.001)
-        state_matrix(table.plant, table.actuator, np.full(len(table.plant), -1), 2.0, -7.0, 50.0, 0.7, False, a, c)
+def test_the_covariances_know_the_nozzle_s_inertia(tmp_path):
+    of = recorded(tmp_path, duration=4.0)
+    plain, heavy = (state_matrices(vehicle(of, Point(effects)), np.array([2.0]), np.array([-7.0]))[0][0]
+                    for effects in ((), (effect("nozzle_inertia", coefficient=-0.004),)))
     assert np.allclose(heavy[1], plain[1] - 0.004 * plain[3], rtol=0, atol=1e-12)
     assert np.array_equal(np.delete(heavy, 1, 0), np.delete(plain, 1, 0)) and np.abs(heavy - plain).max() > 1.0
 

@@ -80,9 +80,11 @@ def test_a_file_that_exists_wins_over_the_name_and_a_folder_does_not(tmp_path, m
 
 
 def test_what_is_neither_file_nor_name_is_told_the_names(capsys):
-    assert main(["identify", "dfki_pendulum"]) == 3
+    assert main(["identify", "nothing_like_it"]) == 3
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and all(name in said for name in measured_logs())
+    assert main(["identify", "dfki_pendulum"]) == 3
+    assert "did you mean dfki_pendulum_d" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", STANDS)

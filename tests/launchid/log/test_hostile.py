@@ -59,7 +59,8 @@ ELSEWHERE = {  # what was seen: file and name of its test, after `test_`
 @every("seen", ELSEWHERE)
 def test_what_was_seen_has_its_test(seen):
     file, name = ELSEWHERE[seen].split()
-    tree = ast.parse((ROOT / "tests" / f"test_{file}.py").read_text(encoding="utf-8"))
+    path, = (ROOT / "tests").rglob(f"test_{file}.py")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
     assert f"test_{name}" in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 

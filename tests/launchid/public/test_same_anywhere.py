@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[3]
 SHORT = (ROOT / "sim" / "data" / "nominal" / "constant.toml").read_text(encoding="utf-8")
 EVERYTHING = """
 import sys
-from sim.__main__ import command
+from launchid.__main__ import command
 folder = sys.argv[1] + "/"
 for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "--seed", "3"],
               ["identify", folder + "log.csv", "--json", folder + "identify.json"],
@@ -23,7 +23,7 @@ for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "
 """
 EACH = """
 import sys
-from sim.__main__ import command
+from launchid.__main__ import command
 for log in sys.argv[1:]:
     sys.argv[1:] = ["identify", log]
     assert command() == 0

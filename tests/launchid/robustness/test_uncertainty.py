@@ -337,7 +337,7 @@ def test_the_figure_is_drawn(launchid, folder, tmp_path):
 
 def test_the_same_without_the_compiler():
     """The kernels are Python: un-jitted they give the same numbers."""
-    code = ("import sys; sys.path.insert(0, 'tests')\nfrom tests.test_uncertainty import Range\n"
+    code = ("import sys; sys.path[:0] = ['tests', 'tests/launchid/robustness']\nfrom test_uncertainty import Range\n"
             "g = Range()\n"
             "print([g.see(*x) for x in ((1.0, 0.2, 0.1), (2.0, 1.5, 0.1), (3.0, 0.5, 0.2))], "
             "g.gauge.probability[0].tolist(), g.gauge.band.tolist())")
