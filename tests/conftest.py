@@ -25,6 +25,9 @@ settings.register_profile("long", max_examples=2000, deadline=None, suppress_hea
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
 
 
+# tests of one room use helpers of another's: every folder of tests is importable, whichever file is run alone
+sys.path += sorted({str(path.parent) for path in Path(__file__).parent.rglob("test_*.py")})
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of `pytest &` in a script; commands that are started inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
