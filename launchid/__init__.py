@@ -16,9 +16,9 @@ when they are first asked for, so that the command answers at once.
 
 from typing import TYPE_CHECKING, Any
 
-from launchid_core.version import VERSION as __version__
-
 if TYPE_CHECKING:
+    from launchid_core import __version__
+
     from .api import (
         DataWarning,
         InputError,
@@ -49,7 +49,9 @@ __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalS
 def __getattr__(name: str) -> Any:
     """Return a public name, imported at its first use."""
     if name in __all__:
+        from launchid_core import __version__
+
         from . import api
-        globals()[name] = getattr(api, name)
+        globals()[name] = __version__ if name == "__version__" else getattr(api, name)
         return globals()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

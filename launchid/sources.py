@@ -69,7 +69,7 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
         return read_file(os.fspath(source), required)
-    if isinstance(source, WithLog) and not isinstance(source, type):
+    if isinstance(source, WithLog) and isinstance(source.log, Log):
         return source.log
     return log_of(source, required=required)
 

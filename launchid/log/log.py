@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
+import sim
 from launchid_core import Sample
 from sim.csv_text import AS_TEXT, rows
 from sim.errors import InputError
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from sim.result import Columns as Table
     from sim.result import Figure
 
-MEASURED = Path(__file__).parent / "data" / "logs"  # that come with the package
+MEASURED = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
 SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time

@@ -37,7 +37,7 @@ PAGES = [README, ROOT / "CHANGELOG.md", *DOCS]
 MOST_LINES = 140
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-TEST = re.compile(r"`(tests/\w+\.py|\.ci/run|benchmarks/\w+\.py)(?:::(\w+))?`")
+TEST = re.compile(r"`(tests/[\w/]+\.py|\.ci/run|benchmarks/\w+\.py)(?:::(\w+))?`")
 
 
 def name_of(path: Path) -> str:
@@ -128,7 +128,7 @@ def test_every_guarantee_has_its_test():
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_files_of_code_exist_by_their_names(page):
-    folders = (ROOT / name for name in ("launchid_core", "sim", "tests", "benchmarks"))
+    folders = (ROOT / name for name in ("launchid_core", "sim", "launchid", "tests", "benchmarks"))
     known = {path.name for folder in folders for path in folder.rglob("*.py")}
     named = {name for code in code_of(page) for name in re.findall(r"\b\w+\.py\b", code)}
     assert named <= known
@@ -149,7 +149,7 @@ def test_benchmarks_have_the_options_they_are_quoted_with(page):
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_selections_of_tests_select_something(page):
     for code in code_of(page):
-        match = re.search(r"(tests/\w+\.py) -k (\w+)", code)
+        match = re.search(r"(tests/[\w/]+\.py) -k (\w+)", code)
         if match:
             assert any(match[2] in function for function in functions_of(ROOT / match[1])), code
 

@@ -99,7 +99,7 @@ class Finder:
             sys.meta_path.remove(self)
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Finder())
-from sim.__main__ import command
+from launchid.__main__ import command
 sys.exit(command())
 """
 
