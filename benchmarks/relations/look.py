@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from launchid.diagnosis.data.record import Record
-from launchid.identification.weak_form import column
+from launchid.weakform.rows import column
 from launchid.sums import square
 
 from .score import BLOCKS, Fitted, Rows, convolved, gain, left_out, rows_of, shortest, weights_of

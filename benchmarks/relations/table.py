@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from launchid.identification.weak_form import column
+from launchid.weakform.rows import column
 from sim.effects import CATALOGUE
 
 from .score import Rows

@@ -9,15 +9,15 @@ import numpy as np
 from sim.errors import InputError
 from sim.nominal import Nominal
 
+from ..log.detect import check
 from ..log.log import Log
+from ..log.turns import unwrapped
+from ..log.vehicle import plant_faults
 from .causes import Hypothesis
 from .controller.command import record
 from .controller.issued import with_commands
-from ..log.detect import check
 from .data.record import THETA_DOT, Record
-from ..log.turns import unwrapped
 from .data.used import shortened, sparser, used
-from ..log.vehicle import plant_faults
 from .data.work import Stopped
 from .judge.diagnosis import Diagnosis
 from .judge.extend import extended

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .log import Log
 from .fault import Fault
+from .log import Log
 from .stamps import usable_rows
 
 OWN, HELD, INTERPOLATED = "own", "held", "interpolated"

@@ -15,9 +15,9 @@ import numpy as np
 
 from sim.nominal import Nominal
 
-from .log import Log
 from ..sums import combined, inner, least_squares, square
 from .fault import Fault
+from .log import Log
 from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means, near, regress
 
 SIGN_LEAST = 0.4     # a ratio of -1 within this and its inverse

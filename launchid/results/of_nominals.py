@@ -10,7 +10,7 @@ import numpy as np
 
 from launchid_core import Config, Sample
 
-from ..argument_checks import integer, real, several
+from ..argument_checks import WINDOW, integer, real, several
 from ..onboard import onboard_model
 from ..log.check import profile_note
 from sim.effects import Effect, from_table, from_text, values
@@ -204,7 +204,7 @@ class Exported(Answer):
             write_text(place / name, [text])
 
 
-def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = None, formulation: str | None = None,
+def export_c(nominal: Nominal, *, window: float = WINDOW, period: float | None = None, formulation: str | None = None,
              float32: bool = False, **choices: Any) -> Exported:
     """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s.
 

@@ -17,8 +17,8 @@ from sim.nominal import Nominal
 from sim.vehicle.controller import filtered, limited, pd_law, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
-from ...log.log import Log
 from ...log.detect import DataCheck
+from ...log.log import Log
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
 from .ticks import (
     SLOWER,

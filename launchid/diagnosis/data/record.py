@@ -21,10 +21,10 @@ from sim.nominal import Nominal
 from sim.sections import Actuator, Controller
 from sim.vehicle.actuator import fastest_pole
 
-from ...log.log import Log
-from ...sums import inner, square
 from ...log.channels import MEASURED as CHANNELS
 from ...log.detect import DataCheck
+from ...log.log import Log
+from ...sums import inner, square
 from .work import Work
 from .world import CALM, World, world_of
 

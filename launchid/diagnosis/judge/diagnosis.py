@@ -5,9 +5,9 @@ from typing import Any
 
 from sim.nominal import Nominal
 
+from ...log.detect import DataCheck
 from ...log.log import Log
 from ..controller.kind import ControllerCheck
-from ...log.detect import DataCheck
 from ..data.record import Record
 from ..data.used import Used
 from ..search.proposal import Proposal

@@ -22,10 +22,10 @@ from sim.files import write_text
 from sim.flight import Flight
 from sim.nominal import Nominal, write_nominal
 
+from ...log.detect import check
 from ...log.log import OPTIONAL, REQUIRED, Log
 from ..causes import SOUGHT
 from ..controller.command import record
-from ...log.detect import check
 from ..data.record import Record
 from ..model.noise import LEVELS, WRONG_NOISE
 from ..search.profile import as_simulated

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
-from launchid.log.stops import end_stops, saturations
 from launchid.log.log import log_of
+from launchid.log.stops import end_stops
 from launchid.results.of_logs import Identification, identify
 
 A6, K1 = 2.0, -6.0
@@ -209,4 +209,3 @@ def test_what_is_no_end_stop(x):
     t = np.arange(0.0, 20.0, ROW)
     theta = x(t, np.random.default_rng(1))
     assert not end_stops(theta).any()
-    assert saturations(log_of({"t": t, "theta": theta, "beta": np.sin(t)})) == {}
