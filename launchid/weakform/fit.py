@@ -19,6 +19,7 @@ BINS = 120            # of neighbouring modes that share a weight while the nois
 SPAN = np.arange(-6.0, 6.01, 0.5)    # decades of the ratios of the noises
 RANK = 1.0e-11        # of a column's square, that is left beside the others
 BANDS = 12            # of the residual's spectrum
+UNTOLD = 20.0         # modes, by which the rest's spectrum is drawn to the noise's
 UNEVEN = 0.01         # p-value below which the rest's own spectrum is its noise
 FEWEST_IN_BAND = 4    # modes
 
@@ -52,7 +53,8 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
     """
     n, q = m.phi.shape
-    s = mixed(m, noise_likelihood(m) if likelihood is None else likelihood)
+    own, scale = noise_likelihood(m)
+    s = mixed(m, own if likelihood is None else likelihood, scale)
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
         xi, covariance = solved(m, s, prior if step else ())
         if covariance is None:
@@ -68,7 +70,8 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
             p = whiteness(squares, many)
             if p is None or p > UNEVEN or step == 2:
                 return fit
-            s = s * np.exp(np.interp(np.log(m.frequency), np.log(frequency), np.log(np.clip(squares, 0.1, None))))
+            told = (many * squares + UNTOLD) / (many + UNTOLD)   # few modes tell little of their own
+            s = s * np.exp(np.interp(np.log(m.frequency), np.log(frequency), np.log(told)))
     raise AssertionError("unreachable")
 
 
@@ -125,21 +128,16 @@ def quadrature(m: Modes, xi: np.ndarray) -> np.ndarray:
     return np.asarray((sums[many:] - sums[:-many]) / many) if len(off) > many else np.full(len(off), np.mean(off**2))
 
 
-def mixed(m: Modes, likelihood: np.ndarray) -> np.ndarray:
-    """Return the relative variance (n,) of each mode at the largest of a likelihood (SPAN, SPAN) of the two ratios."""
-    i, k = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
-    sensor, slow = SPAN[i] + top(likelihood[:, k], int(i)), SPAN[k] + top(likelihood[i], int(k))
-    shapes = parts_of_noise(m)
-    return np.asarray(shapes[0] + 10.0**sensor * shapes[1] + 10.0**slow * shapes[2])
+def mixed(m: Modes, likelihood: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the variance (n,) of each mode, its mean over the ratios by their likelihood (SPAN, SPAN).
 
-
-def top(x: np.ndarray, k: int) -> float:
-    """Return by how much the top of the parabola through three points about k is away from it, in SPAN's units."""
-    if not 0 < k < len(x) - 1:
-        return 0.0
-    bend = x[k - 1] - 2.0 * x[k] + x[k + 1]
-    off = 0.5 * (x[k - 1] - x[k + 1]) / bend if bend < 0.0 else 0.0
-    return float(SPAN[1] - SPAN[0]) * float(np.clip(off, -0.5, 0.5))
+    Of an accumulated noise that a window hardly shows the most likely level is zero, and the mean is not.
+    """
+    weight = np.exp(likelihood - np.max(likelihood))
+    weight = weight / np.sum(weight) * scale
+    ratio = 10.0**SPAN
+    levels = (np.sum(weight), np.sum(ratio[:, None] * weight), np.sum(ratio * weight))
+    return np.asarray(sum(level * shape for level, shape in zip(levels, parts_of_noise(m), strict=True)))
 
 
 def parts_of_noise(m: Modes) -> np.ndarray:
@@ -148,9 +146,9 @@ def parts_of_noise(m: Modes) -> np.ndarray:
     return np.stack([np.ones(len(m.curl)), sensor, 1.0 / m.curl]) * (m.step / np.median(m.step))
 
 
-def noise_likelihood(m: Modes) -> np.ndarray:
+def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     """Return the logarithm of the restricted likelihood (SPAN, SPAN) of the ratios of the sensor's and of the wandering
-    noise to the accumulated one."""
+    noise to the accumulated one, and the variance of that (SPAN, SPAN)."""
     shapes = parts_of_noise(m)
     order = np.argsort(m.curl, kind="stable")
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
@@ -168,9 +166,11 @@ def noise_likelihood(m: Modes) -> np.ndarray:
     scaled = inner / size[:, :, None] / size[:, None, :] + 1e-13 * np.eye(inner.shape[1])
     xi = np.linalg.solve(scaled, (right / size)[:, :, None])[:, :, 0]
     left = np.maximum(yy - np.einsum("gi,gi->g", xi, right / size), 1e-14 * yy + 1e-300)
-    value = -0.5 * ((len(m.y) - m.phi.shape[1]) * np.log(left) + np.einsum("b,gb->g", many, np.log(s))
+    degrees = max(len(m.y) - m.phi.shape[1], 1)
+    value = -0.5 * (degrees * np.log(left) + np.einsum("b,gb->g", many, np.log(s))
                     + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))
-    return np.asarray(value - np.max(value)).reshape(len(SPAN), len(SPAN))
+    square_grid = len(SPAN), len(SPAN)
+    return np.reshape(value - np.max(value), square_grid), np.reshape(left / degrees, square_grid)
 
 
 def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:

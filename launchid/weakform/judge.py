@@ -144,7 +144,7 @@ def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
     made = [(part, m) for part, m in made if len(m.y) >= PER_COEFFICIENT * (len(terms) + 1)]
     if not made:
         return []
-    likelihoods = [noise_likelihood(m) for _, m in made]
+    likelihoods = [noise_likelihood(m)[0] for _, m in made]
     whole = np.sum(likelihoods, axis=0)
     fits = [Piece(part, m, gls(m, whole), own) for (part, m), own in zip(made, likelihoods, strict=True)]
     return [piece for piece in fits if not piece.fit.is_singular]
@@ -222,9 +222,9 @@ def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) ->
     """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE."""
     left = whole = 0.0
     for piece in pieces:
-        m, w = shifted_modes(piece, terms, lead) if lead else term_modes(piece.rows, terms), piece.weight
+        m = shifted_modes(piece, terms, lead) if lead else term_modes(piece.rows, terms)
         slow = m.frequency < WIDE
-        left += square(rest(m.phi * w[:, None], m.y * w)[slow] / w[slow])
+        left += square(rest(m.phi[slow], m.y[slow]))
         whole += square(m.y[slow])
     return max(1.0 - left / whole, 0.0) if whole > 0.0 else 0.0
 

@@ -264,7 +264,8 @@ def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta:
         return rows.gamma
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
-        return np.concatenate([slope(rows.t[a:b], slope(rows.t[a:b], beta[a:b], 1), 1) for a, b in ends])
+        reach = max(1, round(SLOPE / rows.period))   # beta's own noise is not its acceleration
+        return np.concatenate([slope(rows.t[a:b], slope(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
     return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
 
 
