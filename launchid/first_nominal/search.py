@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..sums import combined, inner, square
-from ..weakform.judge import LARGE
+from ..weakform.judge import INCREMENT, LARGE
 from ..weakform.rows import Rows, noise_variance
-from ..weakform.windows import INCREMENT
 from . import filter as fl
 from . import weak
 from .channels import Channels

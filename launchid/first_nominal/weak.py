@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..sums import combined, least_squares, square
+from ..weakform.judge import INCREMENT
 from ..weakform.rows import GAP, Rows, increments, with_noise_levels
-from ..weakform.windows import INCREMENT
 from .channels import Channels
 from .model import command
 

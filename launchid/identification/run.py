@@ -46,5 +46,5 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     is_filtered = config.formulation == "filtered"
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
     if seen.foreign or (not is_filtered and seen.doubtful):
-        judged = replace(judged, estimates=[refused(e) if e.valid else e for e in judged.estimates])
+        judged = replace(judged, estimates=[refused(e) for e in judged.estimates])
     return Identified(seen, config, estimator, estimates, judged, is_weak)

@@ -19,7 +19,7 @@ from sim.shown import servo_lines, slow_hint, with_std
 from ..log.log import Log
 from ..onboard import MODELLED, onboard_model
 from ..running import run
-from ..weakform.judge import Lack
+from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
 from ..weakform.windows import Judged, withdrawn
 from .run import Identified, identified
@@ -29,7 +29,6 @@ __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number
 
 OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
 NO_SERVO: dict[str, Any] = {name: {"value": None, "std": None} for name in SERVO}  # the model is contradicted
-ADVISED = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "restarts of the filter",
                 "LEVEL_CLAMP": "noise-level steps limited (normal at the start)",
@@ -212,7 +211,7 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
         if judged.unchecked:
             said["unchecked"] = judged.unchecked
         if judged.lacks:
-            missing = [lack.what for lack in judged.lacks if lack.what in ADVISED]
+            missing = [lack.what for lack in judged.lacks if lack.what in LIBRARY]
             library = ",".join((*config.terms, *missing))
             said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
     if tracked:

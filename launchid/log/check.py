@@ -123,7 +123,7 @@ def _on_grid(log: Log) -> tuple[Log, list[str]]:
     grid, period, tick = made
     t = log.t.copy()
     t[rows] = grid
-    return replace(log, t=t), [f"stamps are rounded to {tick:.4g} s; rows are {period:.6g} s apart: put on that grid"]
+    return replace(log, t=t), [f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that grid"]
 
 
 def _measured(log: Log, name: str, data: DataCheck) -> np.ndarray:

@@ -62,7 +62,8 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
                                     {name: rate.own for name, rate in rates.items()})
     faults += single
-    masks["alpha"] = np.isfinite(log.alpha) & usable
+    if "alpha" in log.columns:
+        masks["alpha"] = np.isfinite(log.alpha) & usable
     if not any(fault.kind == "order" for fault in faults):
         faults += _between(log, nominal, usable, masks)
     sound = {name: mask.copy() for name, mask in masks.items()}
@@ -95,7 +96,7 @@ def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple
     grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
     columns: Columns = {}
     for name in relations.RELATED if len(grid) >= FEWEST_RELATED else ():
-        good = masks[name][usable]
+        good = masks[name][usable] if name in masks else np.zeros(len(t), bool)
         if 2 * np.count_nonzero(good) > len(t):
             columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
     return grid, columns

@@ -25,7 +25,9 @@ LEAST = 0.1            # of the largest value: nearer to zero no sensor's range 
 ENTRY = 3              # steps before a run
 FAST = 0.1             # of the usual step, the largest of these: what comes to rest is slower
 OVERFLOW = 0.75        # of the whole range, that a number that overflows jumps over
-WITHOUT = 3.0          # times as large as any other step
+WITHOUT = 2.0          # times as large as any other step
+CHOSEN = 3             # rows beside a stop that are left out with it
+LASTS = 3              # rows beyond the end, once at least: else these are spikes
 
 
 def end_stops(x: np.ndarray) -> np.ndarray:
@@ -54,7 +56,8 @@ def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterat
     rows = np.flatnonzero(mask)
     at = rows[end_stops(x[rows])] if len(rows) else rows
     if len(at):
-        mask[at] = False
+        near = np.convolve(np.isin(rows, at), np.ones(2 * CHOSEN + 1), mode="same") > 0.5
+        mask[rows[near]] = False   # of rows beside it noise chose those below it
         ends = " and ".join(f"{value:.4g}" for value in np.unique(x[at]))
         yield Fault("stale", name, float(t[at[0]]), float(t[at[-1]]), len(at),
                     f"{name} is at an end stop of its sensor ({ends}) in {len(at)} rows, first at t = "
@@ -77,7 +80,8 @@ def wrapped_rows(x: np.ndarray) -> np.ndarray:
     level = np.concatenate([[0], np.cumsum(np.where(up, -1, 1))])   # turns of the range to be added
     parts = np.repeat(level, np.diff(np.concatenate([[0], jumps + 1, [len(x)]])))
     values, counts = np.unique(parts, return_counts=True)
-    return np.asarray(parts != values[int(np.argmax(counts))])
+    over = np.asarray(parts != values[int(np.argmax(counts))])
+    return over if np.max(np.diff(runs_of(over), axis=1)) >= LASTS else np.zeros(len(x), bool)
 
 
 def ran_over(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:

@@ -26,7 +26,8 @@ from ..log.check import checked
 from ..log.log import Log
 from sim.nominal import Nominal
 from ..weakform.rows import SLOPE, Rows, column, increments, noise_variance, slope, usable
-from ..weakform.windows import INCREMENT, active_terms
+from ..weakform.judge import INCREMENT
+from ..weakform.windows import active_terms
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..sums import square
+from ..sums import combined, square
 from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, fast_part, term_modes
+from .rows import FAST_THETA, Modes, Rows, fast_part, increments, term_modes
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -38,6 +38,10 @@ WIDE = 15.0          # rad/s: shares are told of changes over 0.2 s and more
 FINE_BANDS = 24      # in which the rest is asked whether it is white
 WHITE = 1.0e-6       # p-value below which the rest is not as white as its noise
 MOST_LACKS = 3
+MOST = 0.5           # of the error of rows left out
+FOLDS = 3            # parts of the log that are left out in turn
+INCREMENT = 0.2      # s, of theta_dot, that a fit is shown to predict: sensor noise is small beside it
+LIBRARY = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
 LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)", "beta^2",
            "beta_ddot")  # terms that an answer may lack, the simpler first
 
@@ -49,7 +53,7 @@ class Lack:
     what     a term; `delay`, `clock`, `placebo`, `interpolated`, `unexplained`, `coefficients`
     before, after   share of the weighted squares that is explained without and with it
     size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
-    std      its standard deviation
+    std      its standard deviation;  is_most  with it half of the error of rows left out is gone
     """
 
     what: str
@@ -57,6 +61,7 @@ class Lack:
     after: float = math.nan
     size: float | None = None
     std: float = math.nan
+    is_most: bool = False
 
     @property
     def shares(self) -> str:
@@ -100,24 +105,22 @@ class Piece:
 class Lead:
     """The time by which beta leads what it causes [s], and its standard deviation.
 
-    is_vain  beta of another time explains nearly as much: of a search for the best shift that is no proof
     grows    [s/s] over the log, where that is sure: two clocks
     """
 
     value: float
     std: float
-    is_vain: bool = False
     grows: float = 0.0
 
     @property
-    def json(self) -> dict[str, float] | None:
-        """The delay as the JSON has it; None where it is not proved."""
-        return None if self.is_vain else {"value": self.value, "std": self.std}
+    def json(self) -> dict[str, float]:
+        """The delay as the JSON has it."""
+        return {"value": self.value, "std": self.std}
 
     @property
     def is_sure(self) -> bool:
         """Whether beta leads or lags."""
-        return abs(self.value) > SHIFT * self.std and not (self.is_vain and self.value < 0.0)
+        return abs(self.value) > SHIFT * self.std
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +158,7 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
     belong to it too."""
     if rows is None:
         return Question(rows, terms, [], None, [], "theta and beta have no two rows together")  # type: ignore[arg-type]
-    stretches = np.diff(rows.bounds)
-    typical = float(np.median(np.repeat(stretches, stretches))) * rows.period
+    typical = rows.stretch
     if typical < min(STRETCH, 0.9 * (rows.t[-1] - rows.t[0])):
         return Question(rows, terms, [], None, [], f"gaps leave stretches of {typical:.2g} s: a shift of beta, and "
                         f"what is slower, cannot be tested; log at least {STRETCH:g} s without a gap")
@@ -171,8 +173,10 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         more = pieces_of(rows, (*terms, term)) if gain > 0.0 and abs(size) > std else []
         if more:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
-    lead = lead_of(pieces, terms, rows)
-    return Question(rows, terms, pieces, lead, lacks_of(pieces, terms, lead, rows), known=known)
+    is_vain = placebo(pieces, terms, rows)   # of a beta that explains nothing no shift is proved
+    lead = None if is_vain else lead_of(pieces, terms, rows)
+    lacks = [Lack("placebo")] if is_vain else []
+    return Question(rows, terms, pieces, lead, lacks + lacks_of(pieces, terms, lead, rows), known=known)
 
 
 # ---- terms
@@ -188,21 +192,33 @@ def pooled(pieces: list[Piece], terms: tuple[str, ...], term: str) -> tuple[floa
 
 
 def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, rows: Rows) -> list[Lack]:
-    """Return what the answer lacks: beta itself (placebo), a shift of beta, then terms, of those that explain about as
-    much the simplest first."""
+    """Return what the answer lacks: a shift of beta, then terms, of those that explain about as much the simplest
+    first."""
     found = []
-    if placebo(pieces, terms, rows):
-        found.append(Lack("placebo"))
     before = explained(pieces, terms)
     if lead is not None and lead.is_sure:
         found.append(Lack("clock", before, before, lead.grows, lead.std) if lead.grows else
                      Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
     total = sum(square(piece.modes.y * piece.weight) for piece in pieces)
-    bent = bool(np.ptp(rows.attack) > LARGE)
+    bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
+             and not (cut and term in ("beta_ddot", FAST_THETA))   # which the ends of stretches spoil
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
                   and np.var(fast_part(rows)) > SEEN**2 * rows.theta_noise))]
+    for _ in range(MOST_LACKS):   # what halves the error of rows left out is a lack, whatever the noise was taken for
+        before = ahead(rows, terms)
+        after = {term: ahead(rows, (*terms, term)) for term in names
+                 if term in (*LIBRARY, "gamma") and term not in terms}
+        better = [term for term, left in after.items() if left < MOST * before and before - left > TOLERANCE**2]
+        if not better:
+            break
+        least_left = min(after[term] for term in better)
+        term = next(term for term in better if after[term] < least_left / SIMPLER)
+        size, std, *_ = pooled(pieces, terms, term)
+        found.append(Lack(term, 1.0 - before, 1.0 - after[term], size, std, is_most=True))
+        terms = (*terms, term)
+    before = explained(pieces, terms)
     for _ in range(MOST_LACKS):
         asked = {term: pooled(pieces, terms, term) for term in names if term not in terms}
         sure = {term: each for term, each in asked.items() if each[2] > max(SURE**2, TOLERANCE**2 * total)
@@ -210,12 +226,30 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
         if not sure:
             break
         best = max(each[2] for each in sure.values())
-        term = next(term for term in sure if sure[term][2] >= SIMPLER * best)
+        term = next(term for term in sure if sure[term][2] >= SIMPLER * best or term == "gamma")
         terms = (*terms, term)
         after = explained(pieces, terms)
         found.append(Lack(term, before, after, *sure[term][:2]))
         before = after
     return found
+
+
+def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
+    """Return the share of the variance of theta_dot's increments over INCREMENT that is not predicted in FOLDS parts of
+    the log, each by the coefficients of the others."""
+    begin, _, y, phi = increments(rows, terms, INCREMENT)
+    if len(y) < FOLDS * PER_COEFFICIENT * (len(terms) + 1):
+        return 1.0
+    fold = np.minimum((FOLDS * (begin - begin[0]) / max(begin[-1] - begin[0], 1e-300)).astype(int), FOLDS - 1)
+    left = 0.0
+    for k in range(FOLDS):
+        out = fold == k
+        if not out.any() or out.all():
+            continue
+        e = y[out] - combined(phi[out], least(phi[~out], y[~out]))
+        left += square(e - e.mean())
+    whole = square(y - y.mean())
+    return min(left / whole, 1.0) if whole > 0.0 else 1.0
 
 
 def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) -> float:
@@ -274,7 +308,7 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
             off = last[0] - first[0]
             if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
                 grows = float(off / (pieces[-third // 2 - 1].rows.t[0] - pieces[third // 2].rows.t[0]))
-    return Lead(*whole, is_vain=False, grows=grows)
+    return Lead(*whole, grows)
 
 
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> bool:
@@ -321,8 +355,11 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
     largest = TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
     found = []
     for lack in lacks:
-        by = np.abs(moved_by(rows, terms, fit, lack, m)) if lack.what not in ("placebo", "clock") else None
-        if by is None or np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
+        if lack.is_most or lack.what in ("placebo", "clock"):
+            found.append(lack)
+            continue
+        by = np.abs(moved_by(rows, terms, fit, lack, m))
+        if np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
             found.append(lack)
     return found
 
@@ -331,8 +368,9 @@ def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:
     """Return (the p-value of the rest being white where the coefficients are from, what it is not)."""
     frequency, squares, many, share = spectrum(fit, m, FINE_BANDS)
     asked = share > TOLERANCE
+    squares = np.maximum(squares, 1.0)   # less noise than was taken widens the deviations, and is no contradiction
     p = whiteness(squares[asked], many[asked])
     if p is None or p >= WHITE:
         return p, None
-    worst = int(np.argmax(np.where(asked, many * (squares - 1.0 - np.log(np.maximum(squares, 1e-12))), 0.0)))
+    worst = int(np.argmax(np.where(asked, many * (squares - 1.0 - np.log(squares)), 0.0)))
     return p, Lack("unexplained", size=float(frequency[worst]), after=float(squares[worst]))

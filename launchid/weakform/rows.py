@@ -33,6 +33,7 @@ ABSURD = 1000.0      # times the log's length: a stamp further from its middle i
 GAP = 1.5            # median steps: no row reaches over a longer one
 SLOPE = 0.05         # s to either side of a rate that is the slope of a column, where a rate is a term
 FEWEST = 4           # rows of a stretch
+BRIEF = 0.02         # s to either side of the slope of beta: a nozzle does nothing faster
 FAST = 1.0           # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
@@ -69,6 +70,12 @@ class Rows:
     def period(self) -> float:
         """Median step [s]."""
         return float(np.median(np.diff(self.t)))
+
+    @property
+    def stretch(self) -> float:
+        """Length [s] of the stretch without a gap that the median row is in."""
+        rows = np.diff(self.bounds)
+        return float(np.median(np.repeat(rows, rows))) * self.period
 
     def cut(self, t_start: float, t_end: float) -> slice:
         """Return the rows of a window."""
@@ -264,7 +271,7 @@ def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta:
         return rows.gamma
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
-        reach = max(1, round(SLOPE / rows.period))   # beta's own noise is not its acceleration
+        reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
         return np.concatenate([slope(rows.t[a:b], slope(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
     return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
 

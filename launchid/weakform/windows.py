@@ -12,13 +12,12 @@ from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
 from .fit import Fit, Prior, gls, least, noise_likelihood
-from .judge import PER_COEFFICIENT, TOLERANCE, Lack, Lead, Question, against, left_over, question
+from .judge import INCREMENT, PER_COEFFICIENT, TOLERANCE, Lack, Lead, Question, against, left_over, question
 from .rows import Modes, Rows, increments, term_modes, usable
 
 POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
 BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
-INCREMENT = 0.2      # s, of theta_dot, which a fit is shown to predict
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
 TWICE = 2.0          # standard deviations of the weak form, within which another formulation agrees with it
