@@ -19,6 +19,7 @@ BINS = 120            # of neighbouring modes that share a weight while the nois
 SPAN = np.arange(-6.0, 6.01, 0.5)    # decades of the ratios of the noises
 RANK = 1.0e-11        # of a column's square, that is left beside the others
 BANDS = 12            # of the residual's spectrum
+SIGNAL = 0.5          # of the columns' products, in every direction, that must be left without the sensors' noise
 UNTOLD = 20.0         # modes, by which the rest's spectrum is drawn to the noise's
 UNEVEN = 0.01         # p-value below which the rest's own spectrum is its noise
 FEWEST_IN_BAND = 4    # modes
@@ -83,7 +84,7 @@ def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.n
     """
     w = m.phi / np.sqrt(s)[:, None]
     gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
-    passed = m.step**2 * (1.0 - 0.25 * m.curl) / s
+    passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
     inner = gram - m.sensor * float(np.sum(passed))
     if not m.has_rate:
         right = right + m.motion * float(np.sum(m.curl * (1.0 - 0.25 * m.curl) / s))
@@ -93,14 +94,16 @@ def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.n
         gram, inner = gram + add, inner + add
         right[k] += value / std**2
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled, whole = inner / np.outer(size, size), gram / np.outer(size, size)
     try:
-        inverse = np.linalg.inv(inner / np.outer(size, size))
-        np.linalg.cholesky(inner / np.outer(size, size))
+        inverse, half = np.linalg.inv(scaled), np.linalg.inv(np.linalg.cholesky(whole))
     except np.linalg.LinAlgError:
+        return np.full(len(right), math.nan), None
+    if np.linalg.eigvalsh(half @ scaled @ half.T)[0] < SIGNAL:
         return np.full(len(right), math.nan), None
     if not np.all(np.isfinite(inverse)) or np.max(np.diag(inverse)) > 1.0 / RANK:
         return np.full(len(right), math.nan), None
-    spread = inverse @ (gram / np.outer(size, size)) @ inverse
+    spread = inverse @ whole @ inverse
     return inverse @ (right / size) / size, spread / np.outer(size, size)
 
 
@@ -152,8 +155,9 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     shapes = parts_of_noise(m)
     order = np.argsort(m.curl, kind="stable")
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
-    size = np.sqrt(np.sum(m.phi**2, axis=0))
-    table = np.column_stack([m.phi / np.where(size > 0.0, size, 1.0), m.y])[order]
+    columns = np.sqrt(np.sum(m.phi**2, axis=0))
+    columns = np.where(columns > 0.0, columns, 1.0)
+    table = np.column_stack([m.phi / columns, m.y])[order]
     bins = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
     many = np.bincount(bins).astype(float)
     grams = np.array([products(part, part) for part in np.split(table, edges[1:-1])])
@@ -165,7 +169,8 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     size = np.sqrt(np.maximum(np.einsum("gii->gi", inner), 1e-300))
     scaled = inner / size[:, :, None] / size[:, None, :] + 1e-13 * np.eye(inner.shape[1])
     xi = np.linalg.solve(scaled, (right / size)[:, :, None])[:, :, 0]
-    left = np.maximum(yy - np.einsum("gi,gi->g", xi, right / size), 1e-14 * yy + 1e-300)
+    left = yy - np.einsum("gi,gi->g", xi, right / size)
+    left = np.maximum(left, 1e-14 * yy + 1e-300)
     degrees = max(len(m.y) - m.phi.shape[1], 1)
     value = -0.5 * (degrees * np.log(left) + np.einsum("b,gb->g", many, np.log(s))
                     + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))

@@ -15,19 +15,20 @@ import numpy as np
 
 from ..sums import combined, square
 from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, fast_part, increments, term_modes
+from .rows import FAST_THETA, Modes, Rows, fast_part, increments, regression, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
 MOST_PIECES = 60     # evenly over a longer log: the work is bounded
 PER_COEFFICIENT = 5  # modes, without which an answer cannot be tested
 STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a shift of beta, is not seen in shorter
-SURE = 4.0           # standard deviations of a term that is there
+SURE = 5.0           # standard deviations of a term that is there
 SHIFT = 3.0          # the same of a shift of beta
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
 SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
 SEEN = 5.0           # times its sensor's noise: less of a fast theta is told from it by chance
+RUNS = 3.0           # times its fast part, that all of theta is where it runs along a flight path
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
@@ -88,6 +89,18 @@ class Piece:
         """Return the weighted squares that columns (n, q) leave."""
         w = self.weight
         return square(rest(phi * w[:, None], self.modes.y * w))
+
+    def with_beta(self, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
+        """Return the columns (n, q) of terms with another beta (rows,)."""
+        rows, phi = self.rows, self.modes.phi.copy()
+        places = [k for k, term in enumerate(terms) if "beta" in term]
+        values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
+        phi[:, places] = regression(rows, values, np.zeros((0, 0)), np.zeros(0)).phi
+        return phi
+
+    def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
+        """Return the columns (n, q) of terms with a beta that acts later [s]."""
+        return self.with_beta(terms, np.interp(self.rows.t - lead, self.rows.t, self.rows.beta))
 
     def of_term(self, terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
         """Return (coefficient over variance, 1 over variance, what others leave of its column, all of its column) of a
@@ -173,10 +186,10 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         more = pieces_of(rows, (*terms, term)) if gain > 0.0 and abs(size) > std else []
         if more:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
-    is_vain = placebo(pieces, terms, rows)   # of a beta that explains nothing no shift is proved
-    lead = None if is_vain else lead_of(pieces, terms, rows)
-    lacks = [Lack("placebo")] if is_vain else []
-    return Question(rows, terms, pieces, lead, lacks + lacks_of(pieces, terms, lead, rows), known=known)
+    if placebo(pieces, terms, rows):   # of a beta that explains nothing no shift and no term beside it is proved
+        return Question(rows, terms, pieces, None, [Lack("placebo")], known=known)
+    lead = lead_of(pieces, terms, rows)
+    return Question(rows, terms, pieces, lead, lacks_of(pieces, terms, lead, rows), known=known)
 
 
 # ---- terms
@@ -196,20 +209,23 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
     first."""
     found = []
     before = explained(pieces, terms)
+    if lead is not None and lead.grows:
+        return [Lack("clock", before, before, lead.grows)]
     if lead is not None and lead.is_sure:
-        found.append(Lack("clock", before, before, lead.grows, lead.std) if lead.grows else
-                     Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
+        found.append(Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
     total = sum(square(piece.modes.y * piece.weight) for piece in pieces)
+    fast = fast_part(rows)   # where theta runs far beside it, a flight path that is missing comes before all else
+    path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
     bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
              and not (cut and term in ("beta_ddot", FAST_THETA))   # which the ends of stretches spoil
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
-                  and np.var(fast_part(rows)) > SEEN**2 * rows.theta_noise))]
+                  and np.var(fast) > SEEN**2 * rows.theta_noise))]
     for _ in range(MOST_LACKS):   # what halves the error of rows left out is a lack, whatever the noise was taken for
         before = ahead(rows, terms)
         after = {term: ahead(rows, (*terms, term)) for term in names
-                 if term in (*LIBRARY, "gamma") and term not in terms}
+                 if term in (*LIBRARY, "gamma", FAST_THETA) and term not in terms}
         better = [term for term, left in after.items() if left < MOST * before and before - left > TOLERANCE**2]
         if not better:
             break
@@ -221,12 +237,13 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
     before = explained(pieces, terms)
     for _ in range(MOST_LACKS):
         asked = {term: pooled(pieces, terms, term) for term in names if term not in terms}
-        sure = {term: each for term, each in asked.items() if each[2] > max(SURE**2, TOLERANCE**2 * total)
+        sure = {term: each for term, each in asked.items()
+                if each[2] > max(SURE**2 * (0.5 if term == path else 1.0), TOLERANCE**2 * total)
                 and (each[3] < ONE_COLUMN or term == "gamma")}
         if not sure:
             break
         best = max(each[2] for each in sure.values())
-        term = next(term for term in sure if sure[term][2] >= SIMPLER * best or term == "gamma")
+        term = next(term for term in sure if sure[term][2] >= SIMPLER * best or term in ("gamma", path))
         terms = (*terms, term)
         after = explained(pieces, terms)
         found.append(Lack(term, before, after, *sure[term][:2]))
@@ -256,20 +273,15 @@ def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) ->
     """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE."""
     left = whole = 0.0
     for piece in pieces:
-        m = shifted_modes(piece, terms, lead) if lead else term_modes(piece.rows, terms)
+        m = piece.modes
         slow = m.frequency < WIDE
-        left += square(rest(m.phi[slow], m.y[slow]))
+        phi = piece.shifted(terms, lead) if lead else term_modes(piece.rows, terms).phi
+        left += square(rest(phi[slow], m.y[slow]))
         whole += square(m.y[slow])
     return max(1.0 - left / whole, 0.0) if whole > 0.0 else 0.0
 
 
 # ---- the input
-
-
-def shifted_modes(piece: Piece, terms: tuple[str, ...], lead: float) -> Modes:
-    """Return the regression of a piece with a beta that acts later [s]."""
-    rows = piece.rows
-    return term_modes(rows, terms, np.interp(rows.t - lead, rows.t, rows.beta))
 
 
 def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | None:
@@ -279,7 +291,7 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
         return None
 
     def left(lead: float, of: list[Piece]) -> float:
-        return sum(piece.unexplained(shifted_modes(piece, terms, lead).phi) for piece in of)
+        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in of)
 
     def best(of: list[Piece]) -> tuple[float, float] | None:
         grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
@@ -287,15 +299,15 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
         k = int(np.argmin(at))
         if not 0 < k < len(grid) - 1:
             return None
-        value, step = float(grid[k]), DELAY_STEP
-        for _ in range(3):
+        value, std = float(grid[k]), None
+        for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
             low, middle, high = (left(value + side * step, of) for side in (-1, 0, 1))
             bend = low - 2.0 * middle + high
-            if not bend > 0.0:
-                return None
+            if not bend > 0.0:   # flatter than the numbers' own error
+                break
             value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
-            step = max(0.25 * step, 0.1 * rows.period)
-        return value, step * math.sqrt(2.0 / bend)
+            std = step * math.sqrt(2.0 / bend)
+        return None if std is None else (value, std)
 
     whole = best(pieces)
     if whole is None:
@@ -328,7 +340,7 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> bool:
         left = 0.0
         for piece in pieces:
             at = rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period)
-            left += piece.unexplained(term_modes(piece.rows, terms, moved[at]).phi)
+            left += piece.unexplained(piece.with_beta(terms, moved[at]))
         most = max(most, without - left)
     return gain - most < max(SURE**2 * (len(terms) - len(others)), BEYOND * gain)
 
@@ -341,7 +353,7 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
     w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
     phi = m.phi * w[:, None]
     if lack.what == "delay":
-        other = term_modes(rows, terms, np.interp(rows.t - size, rows.t, rows.beta)).phi * w[:, None]
+        other = Piece(rows, m, fit, np.zeros(0)).shifted(terms, size) * w[:, None]
         return least(other, m.y * w) - least(phi, m.y * w)
     return size * least(phi, term_modes(rows, (lack.what,)).phi[:, 0] * w)
 

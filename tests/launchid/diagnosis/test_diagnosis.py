@@ -12,7 +12,6 @@ import pytest
 from launchid.cli.main import main
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
 from launchid.diagnosis.judge import threshold
 from launchid.diagnosis.judge.limits import Isolability
 from launchid.diagnosis.model.noise import declared, exponential, first_filter
@@ -20,6 +19,7 @@ from launchid.diagnosis.model.point import Point, innovations
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.report.words import look_alikes, sentence
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole

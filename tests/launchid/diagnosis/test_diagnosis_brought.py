@@ -10,10 +10,10 @@ from test_diagnosis_lost import FEW, NOMINAL, flown, judged
 
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import _is_held
-from launchid.log.detect import check
 from launchid.diagnosis.data.record import _is_printed, on_grid
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from sim.flight import fly_whole
 from sim.nominal import Forecast, Wind
 

@@ -13,11 +13,11 @@ from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.fill import filled, on_board
 from launchid.diagnosis.controller.issued import with_commands
 from launchid.diagnosis.controller.kind import NONE, UNKNOWN
-from launchid.log.detect import check
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.search import selection
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.nominal.control import tustin

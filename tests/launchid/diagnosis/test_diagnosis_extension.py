@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
-from launchid.log.turns import SEAM, unwrapped
 from launchid.diagnosis.judge import gain
 from launchid.diagnosis.judge.closed_loop import closed_loop_errors, flown_along
 from launchid.diagnosis.judge.user_gain import _judged, user_gain
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import Log
+from launchid.log.turns import SEAM, unwrapped
 from launchid_core.gate import ring
 from sim.effects import effect
 from sim.flight import fly_whole

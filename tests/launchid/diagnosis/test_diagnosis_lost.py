@@ -11,11 +11,11 @@ from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import off_by, record
-from launchid.log.detect import check
 from launchid.diagnosis.model.noise import dynamics
 from launchid.diagnosis.model.point import Point
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole

@@ -7,7 +7,6 @@ import pytest
 
 from launchid.diagnosis.causes import RECORDS, Cause
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.nuisance import Problem
 from launchid.diagnosis.model.point import DEVIATIONS
@@ -15,6 +14,7 @@ from launchid.diagnosis.search.fit import fit
 from launchid.diagnosis.search.onsets import pushes, scores, sharpest
 from launchid.diagnosis.search.scan import Projector, response, scan
 from launchid.diagnosis.search.selection import _in_steps
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.effects import from_text
 from sim.flight import fly_whole

@@ -9,7 +9,6 @@ from hidden import draw_spec, fly, hide, write_csv
 
 from launchid.diagnosis.causes import RECORDS, SOUGHT, Cause
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
 from launchid.diagnosis.judge.extend import extended
 from launchid.diagnosis.model.linear import state_matrix
 from launchid.diagnosis.model.nuisance import Problem
@@ -17,6 +16,7 @@ from launchid.diagnosis.model.point import Point, vehicle
 from launchid.diagnosis.search.fit import fit, slopes_at
 from launchid.diagnosis.search.profile import as_simulated
 from launchid.diagnosis.search.scan import scan
+from launchid.log.detect import check
 from launchid.log.log import read_log
 from sim.effects import effect, pack, values
 from sim.nominal import load_nominal

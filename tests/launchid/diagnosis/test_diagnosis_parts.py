@@ -12,10 +12,10 @@ from launchid.diagnosis.causes import RECORDS
 from launchid.diagnosis.controller.check import check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.kind import FILTER, GAIN, NONE
-from launchid.log.detect import check
 from launchid.diagnosis.judge.gain import LONG, long_folds
 from launchid.diagnosis.model.point import Point, vehicle
 from launchid.diagnosis.verdict import FEWEST_ROWS, diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.effects.actuator import ACTUATOR_BACKLASH

@@ -10,8 +10,8 @@ import pytest
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.kind import NONE, UNKNOWN
 from launchid.diagnosis.controller.rates import check_rate
-from launchid.log.detect import check
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import Log
 from sim.effects import effect
 from sim.flight import fly_whole

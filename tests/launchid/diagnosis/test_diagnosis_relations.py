@@ -11,10 +11,10 @@ import pytest
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.log.detect import check
 from launchid.diagnosis.data.record import Record
 from launchid.diagnosis.data.used import used
 from launchid.diagnosis.model.follower import NominalFollower
+from launchid.log.detect import check
 from launchid.log.log import log_of_values
 from sim.effects import effect
 from sim.nominal import load_nominal

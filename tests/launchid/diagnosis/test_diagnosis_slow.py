@@ -12,11 +12,11 @@ from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.log.detect import check
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.model.noise import dynamics
 from launchid.diagnosis.model.point import Point
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL
 from sim.effects import from_text
 from sim.flight import fly_whole

@@ -13,9 +13,9 @@ from test_diagnosis_slow import by_another_generator
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.ticks import Ticks, carried, issued_at, lined, over_grid, ticks_of
-from launchid.log.detect import check
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole

@@ -7,11 +7,11 @@ import pytest
 
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import is_slow
-from launchid.log.detect import check
 from launchid.diagnosis.data.record import BETA
 from launchid.diagnosis.data.used import RESOLVED, SLOWEST, coarser, cut, shortened, slowest, sparser, thinned, used
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.point import Point, innovations, vehicle
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.effects import effect
 from sim.flight import fly_whole

@@ -11,7 +11,6 @@ from test_diagnosis_gates import INSIDE, OUTSIDE, cause, gained, left, varying, 
 from launchid.diagnosis import verdict
 from launchid.diagnosis.causes import RECORDS, Cause, missing_term
 from launchid.diagnosis.controller.kind import DELAY, FILTER, GAIN, NONE, UNKNOWN, ControllerCheck
-from launchid.log.fault import Fault
 from launchid.diagnosis.data.work import Work
 from launchid.diagnosis.data.world import SLOW_MOMENT
 from launchid.diagnosis.judge.diagnosis import Diagnosis
@@ -20,6 +19,7 @@ from launchid.diagnosis.judge.measure import DOMINANT, EXPLAINED
 from launchid.diagnosis.judge.named import Named
 from launchid.diagnosis.model.noise import Disturbance
 from launchid.diagnosis.search import selection
+from launchid.log.fault import Fault
 from sim import sections
 from sim.errors import InputError
 

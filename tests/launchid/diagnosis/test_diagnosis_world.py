@@ -12,7 +12,6 @@ from test_diagnosis import WHOLE, changed, log_of
 
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
 from launchid.diagnosis.data.record import Record
 from launchid.diagnosis.data.world import MOMENT, SLOW_MOMENT, TURBULENCE, WALK, WIND, Source, World
 from launchid.diagnosis.judge.absorbed import Absorbing
@@ -27,6 +26,7 @@ from launchid.diagnosis.search.profile import as_simulated
 from launchid.diagnosis.search.scan import Projector
 from launchid.diagnosis.search.selection import _ranking
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from launchid.sums import square
 from sim.effects import from_text

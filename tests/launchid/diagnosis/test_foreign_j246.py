@@ -14,10 +14,10 @@ pytest.importorskip("jsbsim", reason="JSBSim (extra `judges`) is not installed")
 from foreign import j246, j246_cases
 
 from launchid.diagnosis.controller.command import record
-from launchid.log.detect import check
 from launchid.diagnosis.model.noise import declared, first_filter
 from launchid.diagnosis.model.point import Point, innovations
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import read_log
 from sim.nominal import load_nominal
 

@@ -19,13 +19,13 @@ from test_diagnosis import equivalents
 from launchid.diagnosis.causes import SOUGHT
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.log.detect import check
 from launchid.diagnosis.judge.closed_loop import closed_loop_errors
 from launchid.diagnosis.model.follower import NominalFollower
 from launchid.diagnosis.model.point import innovations
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.search.profile import as_simulated
 from launchid.diagnosis.verdict import diagnose
+from launchid.log.detect import check
 from launchid.log.log import read_log
 from sim.effects import CATALOGUE, effect
 from sim.nominal import load_nominal

@@ -115,7 +115,7 @@ def spiked(columns: Columns) -> Columns:
 
 @pytest.mark.parametrize(("spoil", "channel", "least"), [
     (lambda c: zeros(c, 0.01), "beta", 5), (lambda c: zeros(c, 0.03), "theta", 30), (clipped, "theta_dot", 100),
-    (overflowing, "theta_dot", 50), (spiked, "theta", 30)], 
+    (overflowing, "theta_dot", 50), (spiked, "theta", 30)],
     ids=["zeros", "more zeros", "one stop", "overflow", "spikes"])
 def test_rows_at_fault_are_not_measured_and_the_numbers_hold(plain, spoil, channel, least):
     """The data check told of them, and the fit used them: OK, 3 to 5 standard deviations off."""

@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from launchid.log.detect import VALUES, DataCheck, check
-from launchid.log.stamps import gaps, usable_rows
 from launchid.log.log import Log, read_log
+from launchid.log.stamps import gaps, usable_rows
 from sim.effects import CATALOGUE, from_text
 from sim.flight import Flight, fly_whole
 from sim.nominal import BUILT_IN, Nominal, constant_profile, load_nominal

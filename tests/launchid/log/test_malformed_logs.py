@@ -21,8 +21,8 @@ from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
 from launchid.cli.main import main
-from launchid.log.stamps import usable_rows
 from launchid.log.log import measured_logs, read_log
+from launchid.log.stamps import usable_rows
 from sim.csv_text import AS_TEXT, rows
 from sim.errors import InputError
 from sim.log_table import BLOCK, Columns, number, numbers

@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
 from launchid.log.log import log_of
+from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
 from launchid.log.stops import end_stops
 from launchid.results.of_logs import Identification, identify
 
