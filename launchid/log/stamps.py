@@ -52,7 +52,7 @@ def tick_of(t: np.ndarray) -> float:
     those that TICK tells apart."""
     steps = np.diff(t)
     apart = np.diff(np.sort(np.append(steps, 0.0)))
-    apart = apart[apart > TICK * np.mean(steps)]
+    apart = apart[apart > TICK * min(np.mean(steps), np.median(steps[steps > 0.0]))]
     return float(np.min(apart)) if len(apart) else 0.0
 
 
@@ -66,9 +66,10 @@ def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
     steps = np.diff(t)
     if len(t) < FEWEST_TICKS or not np.all(np.isfinite(t)) or np.any(steps < 0.0):
         return None
-    tick, mean = tick_of(t), float(np.mean(steps))
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    if not tick > TICK * mean or (np.any(steps == 0.0) and np.mean(steps == 0.0) < COARSE):
+    if not np.any(steps > 0.0):
+        return None
+    tick, mean, usual = tick_of(t), float(np.mean(steps)), float(np.median(steps[steps > 0.0]))
+    if not TICK * mean < tick <= GAP_JITTERED * usual or (np.any(steps == 0.0) and np.mean(steps == 0.0) < COARSE):
         return None
     for row in (np.arange(len(t)), _rows_with_lost(t, usual)):
         slope, start = np.polyfit(row, t - t[0], 1)

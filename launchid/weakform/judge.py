@@ -9,13 +9,13 @@ whether a term that the answer lacks explains what is left, and whether what is 
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..sums import combined, square
 from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, fast_part, increments, regression, term_modes, values_of
+from .rows import FAST_THETA, Modes, Rows, bent_terms, fast_part, increments, regression, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -38,6 +38,7 @@ BEYOND = 0.1         # of what beta explains, that the best placebo must not
 WIDE = 15.0          # rad/s: shares are told of changes over 0.2 s and more
 FINE_BANDS = 24      # in which the rest is asked whether it is white
 WHITE = 1.0e-6       # p-value below which the rest is not as white as its noise
+STRONG = 0.05        # of the changes of theta_dot, that a term explains beside a beta that is no input of them
 MOST_LACKS = 3
 MOST = 0.5           # of the error of rows left out
 FOLDS = 3            # parts of the log that are left out in turn
@@ -95,8 +96,15 @@ class Piece:
         rows, phi = self.rows, self.modes.phi.copy()
         places = [k for k, term in enumerate(terms) if "beta" in term]
         values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
-        phi[:, places] = regression(rows, values, np.zeros((0, 0)), np.zeros(0)).phi
+        bent = bent_terms(rows, tuple(terms[k] for k in places))
+        phi[:, places] = regression(rows, values, np.zeros((0, 0)), np.zeros(0), bent).phi
         return phi
+
+    def moved(self, terms: tuple[str, ...], lead: float) -> "Piece":
+        """Return the piece with a beta that acts later [s]."""
+        beta = np.interp(self.rows.t - lead, self.rows.t, self.rows.beta)
+        return replace(self, rows=replace(self.rows, beta=beta),
+                       modes=replace(self.modes, phi=self.with_beta(terms, beta)))
 
     def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
         """Return the columns (n, q) of terms with a beta that acts later [s]."""
@@ -186,10 +194,13 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         more = pieces_of(rows, (*terms, term)) if gain > 0.0 and abs(size) > std else []
         if more:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
-    if placebo(pieces, terms, rows):   # of a beta that explains nothing no shift and no term beside it is proved
-        return Question(rows, terms, pieces, None, [Lack("placebo")], known=known)
     lead = lead_of(pieces, terms, rows)
-    return Question(rows, terms, pieces, lead, lacks_of(pieces, terms, lead, rows), known=known)
+    lacks = lacks_of(pieces, terms, lead, rows)
+    clear = any(lack.is_most or lack.what == "clock" for lack in lacks)
+    if not clear and placebo(pieces, terms, rows, lead):   # of a beta that explains nothing no shift is proved
+        strong = [lack for lack in lacks if lack.what != "delay" and lack.after - lack.before > STRONG]
+        return Question(rows, terms, pieces, None, [*strong, Lack("placebo")], known=known)
+    return Question(rows, terms, pieces, lead, lacks, known=known)
 
 
 # ---- terms
@@ -213,6 +224,8 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
         return [Lack("clock", before, before, lead.grows)]
     if lead is not None and lead.is_sure:
         found.append(Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
+    if lead is not None:   # a shift is a nuisance, and is in before terms are asked for
+        pieces = [piece.moved(terms, lead.value) for piece in pieces]
     total = sum(square(piece.modes.y * piece.weight) for piece in pieces)
     fast = fast_part(rows)   # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
@@ -224,15 +237,14 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
                   and np.var(fast) > SEEN**2 * rows.theta_noise))]
     for _ in range(MOST_LACKS):   # what halves the error of rows left out is a lack, whatever the noise was taken for
         before = ahead(rows, terms)
-        after = {term: ahead(rows, (*terms, term)) for term in names
-                 if term in (*LIBRARY, "gamma", FAST_THETA) and term not in terms}
+        after = {term: ahead(rows, (*terms, term)) for term in names if term not in terms}
         better = [term for term, left in after.items() if left < MOST * before and before - left > TOLERANCE**2]
         if not better:
             break
         least_left = min(after[term] for term in better)
         term = next(term for term in better if after[term] < least_left / SIMPLER)
-        size, std, *_ = pooled(pieces, terms, term)
-        found.append(Lack(term, 1.0 - before, 1.0 - after[term], size, std, is_most=True))
+        _, _, y, phi = increments(rows, (*terms, term), INCREMENT)
+        found.append(Lack(term, 1.0 - before, 1.0 - after[term], float(least(phi, y)[-1]), is_most=True))
         terms = (*terms, term)
     before = explained(pieces, terms)
     for _ in range(MOST_LACKS):
@@ -323,8 +335,8 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
     return Lead(*whole, grows)
 
 
-def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> bool:
-    """Whether beta of another time explains the motion about as well as beta does.
+def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
+    """Whether beta of another time explains the motion about as well as beta, shifted to when it acts, does.
 
     An input that repeats explains as much a period later, and is left out.
     """
@@ -332,7 +344,10 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> bool:
     if len(others) == len(terms):
         return False
     without = sum(piece.unexplained(piece.modes.phi[:, others]) for piece in pieces)
-    gain, most = without - sum(piece.unexplained(piece.modes.phi) for piece in pieces), 0.0
+    left = sum(piece.unexplained(piece.modes.phi) for piece in pieces)
+    if lead is not None:
+        left = min(left, sum(piece.unexplained(piece.shifted(terms, lead.value)) for piece in pieces))
+    gain, most = without - left, 0.0
     for share in SHIFTS:
         moved = np.roll(rows.beta, round(share * len(rows.t)))
         if abs(np.corrcoef(moved, rows.beta)[0, 1]) > SAME_INPUT:
@@ -342,7 +357,8 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> bool:
             at = rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period)
             left += piece.unexplained(piece.with_beta(terms, moved[at]))
         most = max(most, without - left)
-    return gain - most < max(SURE**2 * (len(terms) - len(others)), BEYOND * gain)
+    chance = 2.0 * math.sqrt(max(gain + most, 0.0))   # of the difference of two sums of squares
+    return gain - most < max(SURE * chance, BEYOND * gain)
 
 
 # ---- a window

@@ -33,7 +33,7 @@ ABSURD = 1000.0      # times the log's length: a stamp further from its middle i
 GAP = 1.5            # median steps: no row reaches over a longer one
 SLOPE = 0.05         # s to either side of a rate that is the slope of a column, where a rate is a term
 FEWEST = 4           # rows of a stretch
-BRIEF = 0.02         # s to either side of the slope of beta: a nozzle does nothing faster
+BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
 FAST = 1.0           # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
@@ -47,6 +47,7 @@ class Rows:
     t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
     has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
     bounds     first rows of the stretches without a gap, and the number of rows
+    is_held    beta acts from each of its values to the next: it has no bend within a row
     theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
     """
 
@@ -60,6 +61,7 @@ class Rows:
     bounds: np.ndarray
     theta_noise: float = 0.0
     rate_noise: float = 0.0
+    is_held: bool = False
 
     @property
     def attack(self) -> np.ndarray:
@@ -116,7 +118,7 @@ def usable(seen: CheckedLog) -> Rows | None:
     step = np.diff(t)
     cuts = np.flatnonzero((step > GAP * np.median(step)) | (np.diff(row) > 1)) + 1
     rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
-                np.concatenate([[0], cuts, [len(t)]]))
+                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD)
     return with_noise_levels(thinned(rows))
 
 
@@ -237,8 +239,9 @@ def sines(x: np.ndarray) -> np.ndarray:
     return np.asarray(-np.fft.rfft(odd, axis=0).imag[1:n + 1] / math.sqrt(2.0 * (n + 1)))
 
 
-def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.ndarray) -> Modes:
-    """Return the regression of theta_dot on terms given by their values (n, q) at the rows."""
+def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.ndarray, bent: np.ndarray) -> Modes:
+    """Return the regression of theta_dot on terms given by their values (n, q) at the rows, which bend within a row
+    where `bent` (q,) says so."""
     parts: list[tuple[np.ndarray, ...]] = []
     q = values.shape[1]
     for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True):
@@ -246,7 +249,8 @@ def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.nd
             continue
         t, x = rows.t[a:b], values[a:b]
         step = np.diff(t)
-        off = np.column_stack([bends(t, each) for each in x.T]) if q else np.zeros((b - a - 1, 0))
+        off = np.column_stack([bends(t, each) * curved for each, curved in zip(x.T, bent.tolist(), strict=True)]) \
+            if q else np.zeros((b - a - 1, 0))
         area = 0.5 * step[:, None] * (x[1:] + x[:-1]) - off
         if rows.has_rate:
             rise = np.diff(rows.theta_dot[a:b])
@@ -263,7 +267,8 @@ def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.nd
     return Modes(*whole_log, rows.has_rate, sensor, motion)
 
 
-def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
+def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray,
+              is_causal: bool = True) -> np.ndarray:
     """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
     if term == FAST_THETA:
         return fast_part(rows)
@@ -272,17 +277,27 @@ def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta:
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
         reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
-        return np.concatenate([slope(rows.t[a:b], slope(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
+        quotient = behind if is_causal else slope
+        return np.concatenate([quotient(rows.t[a:b], quotient(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
     return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
 
 
+def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
+    """Return the difference quotient (n,) of x (n,) over so many rows before.
+
+    Under feedback what comes after a row answers its noise, and must not be in a column beside it.
+    """
+    before = np.maximum(np.arange(len(t)) - rows, 0)
+    return np.concatenate([[0.0], (x[1:] - x[before[1:]]) / (t[1:] - t[before[1:]])])[:len(t)]
+
+
 def fast_part(rows: Rows) -> np.ndarray:
-    """Return what theta does (n,) within FAST: it less its running mean."""
-    reach = max(1, round(0.5 * FAST / rows.period))
+    """Return what theta does (n,) within FAST: it less its mean over that time before."""
+    reach = max(1, round(FAST / rows.period))
     parts = []
     for a, b in itertools.pairwise(rows.bounds.tolist()):
         whole, at = np.concatenate([[0.0], np.cumsum(rows.theta[a:b])]), np.arange(b - a)
-        low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, b - a)
+        low, high = np.maximum(at - reach, 0), at + 1
         parts.append(rows.theta[a:b] - (whole[high] - whole[low]) / (high - low))
     return np.concatenate(parts)
 
@@ -303,19 +318,25 @@ def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = Non
         if term == FAST_THETA:
             by_theta[:, k] = 1.0
     sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)) / len(b)
-    return regression(rows, values, sensor, rows.theta_noise * by_theta.mean(axis=0))
+    return regression(rows, values, sensor, rows.theta_noise * by_theta.mean(axis=0), bent_terms(rows, terms))
+
+
+def bent_terms(rows: Rows, terms: tuple[str, ...]) -> np.ndarray:
+    """Return which terms (q,) bend within a row: those of an input that is held do not."""
+    return np.array([not (rows.is_held and "beta" in term) for term in terms])
 
 
 def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
     """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q)."""
     span = max(1, round(length / rows.period))
     parts: list[tuple[np.ndarray, ...]] = []
-    values = [values_of(rows, term, rows.attack, rows.theta_dot, rows.beta) for term in terms]
+    values = [values_of(rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms]
     for a, b in itertools.pairwise(rows.bounds.tolist()):
         if b - a <= max(span, FEWEST):
             continue
         t = rows.t[a:b]
-        area = np.column_stack([0.5 * np.diff(t) * (x[a + 1:b] + x[a:b - 1]) - bends(t, x[a:b]) for x in values])
+        area = np.column_stack([0.5 * np.diff(t) * (x[a + 1:b] + x[a:b - 1]) - bends(t, x[a:b]) * curved
+                                for x, curved in zip(values, bent_terms(rows, terms).tolist(), strict=True)])
         whole = np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)])
         parts.append((t[:-span], t[span:], rows.theta_dot[a + span:b] - rows.theta_dot[a:b - span],
                       whole[span:] - whole[:-span]))

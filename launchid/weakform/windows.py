@@ -108,11 +108,12 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
                 if rows is not None and e.valid else WindowFit() for e in estimates]
         return Judged(estimates, fits, [])
     if seen.rates["beta"].kind == INTERPOLATED:
-        return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)])
+        return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
+                      fitted=estimates)
     asked = question(rows, config.terms if is_weak else asked_terms(config, estimates), optional if is_weak else ())
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
-                      [WindowFit() for _ in estimates], [], None, asked.unchecked)
+                      [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
     made = [_of_window(rows, e, asked, is_weak) for e in estimates]
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
