@@ -50,7 +50,8 @@ def test_stamps_within_their_resolution_of_a_grid_are_of_it(plain, tick, period,
     seen = checked(log_of(plain | {"t": np.round(tick * np.floor(t / tick + 1e-9), 6),
                                    "theta_dot": plain["theta_dot"] * 0.01 / period}))
     assert np.allclose(np.diff(seen.log.t), period, rtol=1e-4) and seen.faults == ()
-    assert "stamps are rounded" in seen.notes[0] and float(seen.notes[0].partition("rows are ")[2].split()[0]) == pytest.approx(period, rel=1e-4)
+    said = float(seen.notes[0].partition("rows are ")[2].split()[0])
+    assert "stamps are rounded" in seen.notes[0] and said == pytest.approx(period, rel=1e-4)
 
 
 def test_rows_that_are_lost_too_keep_their_gap(plain):
@@ -183,7 +184,7 @@ def test_a_gamma_of_another_unit_is_refused_for_that():
 
 
 def test_every_command_takes_the_checked_log():
-    """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else looks for faults."""
+    """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else seeks faults."""
     makers = {"log", "convert", "watch", "diagnosis"}   # a stream, and the diagnosis, check rows by themselves
     for path in sorted(ROOT.rglob("*.py")):
         room = path.relative_to(ROOT).parts[0]
