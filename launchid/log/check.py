@@ -6,6 +6,7 @@ The detector (`launchid.log.detect`) sees a unit or a sign against another colum
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -85,7 +86,8 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     data = _examined(mended, nominal)
     found = data.faults if foreign(data.faults) else (
         *data.faults, *plant_faults(mended, nominal or _unknown(log), data.masks), *rate_faults(mended, data))
-    used = replace(mended, **{name: _measured(mended, name, data) for name in VALUES if name in log.columns})
+    columns: dict[str, Any] = {name: _measured(mended, name, data) for name in VALUES if name in log.columns}
+    used = replace(mended, **columns)
     made = CheckedLog(used, log, found, tuple(f"{log.path}: {note}" for note in (
         *notes, *(turn.message for turn in turns))), data.rates, _bridged(used))
     if made.line and (strict or (refuse_columns and made.foreign)):

@@ -6,6 +6,7 @@ data stay as they are, for the data check to tell.
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
 
     An attitude that starts beyond half a turn has the whole turns of its start taken out, and theta_ref as many.
     """
-    found, columns = [], {}
+    found, columns = list[Fault](), dict[str, Any]()
     for name in ANGLES:
         columns[name], rows = continuous(getattr(log, name))
         if len(rows):

@@ -250,7 +250,7 @@ def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, row
     for _ in range(MOST_LACKS):
         asked = {term: pooled(pieces, terms, term) for term in names if term not in terms}
         sure = {term: each for term, each in asked.items()
-                if each[2] > max(SURE**2 * (0.5 if term == path else 1.0), TOLERANCE**2 * total)
+                if each[2] > (SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total))
                 and (each[3] < ONE_COLUMN or term == "gamma")}
         if not sure:
             break
