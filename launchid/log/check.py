@@ -138,9 +138,11 @@ def _measured(log: Log, name: str, data: DataCheck) -> np.ndarray:
     x = getattr(log, name)
     if any(fault.kind in COLUMN_FAULTS and fault.channel in (name, None) for fault in data.faults):
         return np.asarray(x)
-    masks = data.sound if name in ("beta", "beta_cmd") else data.masks
+    good = data.masks[name]
+    if name in ("beta", "beta_cmd"):   # an input that stays as it is acts so: a step, a command that is held
+        good = data.sound[name] | (np.isfinite(x) & (x == np.concatenate([x[:1], x[:-1]])) & data.masks["theta"])
     with np.errstate(invalid="ignore"):
-        return np.where(masks[name] | ~data.usable | (np.abs(x) > ABSURD), x, math.nan)
+        return np.where(good | ~data.usable | (np.abs(x) > ABSURD), x, math.nan)
 
 
 def _bridged(log: Log) -> float:
