@@ -339,7 +339,7 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     assert toy.run() == WARM
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_of_an_interrupted_process_all_is_kept_but_the_kernel_in_work(toy, number):
     """And a process that starts meanwhile deletes nothing of it."""
     many = 12
@@ -348,7 +348,7 @@ def test_of_an_interrupted_process_all_is_kept_but_the_kernel_in_work(toy, numbe
 def number_{k}(x):
     return deep(x) + {k}.0
 """ for k in range(many)))
-    code = RUN + f"""
+    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)  # a script's `&` ignores it\n" + RUN + f"""
 from sim import b
 print([getattr(b, f"number_{{k}}")(2.0) for k in range({many})] == [6.0 + k for k in range({many})], len(made))
 """
