@@ -342,7 +342,7 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_of_an_interrupted_process_all_is_kept_but_the_kernel_in_work(toy, number):
     """And a process that starts meanwhile deletes nothing of it."""
-    many = 12
+    many = 20
     toy.write("b", SOURCES["b"] + "".join(f"""
 @compiled()
 def number_{k}(x):
@@ -355,8 +355,11 @@ print([getattr(b, f"number_{{k}}")(2.0) for k in range({many})] == [6.0 + k for 
     process = toy.start(code=code)
     while len(toy.kept()) < 5:
         time.sleep(0.01)
-    assert toy.run()[:2] == (7.0, 5.0)  # while it compiles
+    meanwhile = toy.start()
+    while len(toy.kept()) < 7:
+        time.sleep(0.01)
     os.kill(process.pid, number)
+    assert toy.result(meanwhile)[:2] == (7.0, 5.0)
     process.communicate()
     assert process.returncode != 0
     kept = {path.name for path in toy.kept()}
