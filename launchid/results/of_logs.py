@@ -14,9 +14,10 @@ from sim.result import Columns, drawn
 
 from ..argument_checks import integer, real, word
 from ..cli.options import WITHIN
-from ..diagnosis.judge.diagnosis import Diagnosis
-from ..diagnosis.report.answer import report as diagnosis_report
-from ..diagnosis.report.words import lines as diagnosis_lines
+from ..diagnosis.answer import extension
+from ..diagnosis.answer import lines as diagnosis_lines
+from ..diagnosis.answer import report as diagnosis_report
+from ..diagnosis.verdict import Result
 from ..diagnosis.verdict import diagnose as examine
 from ..identification.windows import identified, log_config, report_of, servo_note, table
 from ..log.check import data_warnings, faults, foreign, ideal_note, profile_note, warned
@@ -167,7 +168,7 @@ def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool
 class Diagnosed(Answer):
     """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
 
-    diagnosis: Diagnosis
+    diagnosis: Result
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -178,7 +179,7 @@ class Diagnosed(Answer):
     @property
     def extension(self) -> Nominal | None:
         """The nominal with the named causes, if any."""
-        return self.diagnosis.extension
+        return extension(self.diagnosis)
 
     def summary(self) -> str:
         return "\n".join(diagnosis_lines(self.diagnosis))
@@ -206,7 +207,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     """Diagnose a log.
 
     holdout    a second log, to judge the extended model on
-    bootstrap  clean flights to measure the threshold on, 0: the built-in one
+    bootstrap  clean flights of the nominal that are diagnosed too, to count false alarms
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from launchid.cli.main import main
-from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.answer import lines, report
 from launchid.diagnosis.report.page import write_report
-from launchid.diagnosis.report.words import lines
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.nominal import Nominal, load_nominal
