@@ -323,7 +323,7 @@ def chosen(cases: list[Case], args: argparse.Namespace) -> list[Case]:
 
 def fresh(cases: list[Case], first: int, count: int) -> list[Case]:
     """Flights of the same kinds with other seeds and rates."""
-    hidden = in_turn([case for case in cases if case.source[0] == "hidden"])
+    hidden = [case for case in cases if case.source[0] == "hidden"]
     step = len(hidden) / count
     drawn = [hidden[int(k * step) % len(hidden)] for k in range(count)]
     return [dataclasses.replace(case, name=f"{case.name}@{first + k}", options=case.options | {

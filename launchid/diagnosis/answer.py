@@ -106,7 +106,9 @@ def _limits(result: Result) -> dict[str, Any]:
     and is Z standard errors; null where the log tells nothing of it."""
     m, el = result.model, result.elimination
     found: dict[str, Any] = {}
-    for j, std in ({} if m is None or el is None else el.std_full).items():
+    if m is None or el is None:
+        return found
+    for j, std in el.std_full.items():
         number_ = m.numbers[j]
         if number_.cause in CATALOGUE and number_.cause not in found and number_.cause != "missing_term" and \
                 number_.name in DIRECT and number_.null == DIRECT[number_.name]:

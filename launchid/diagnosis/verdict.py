@@ -218,19 +218,13 @@ def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
     fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, free, frozenset(), 3)
     fit_levels(m, fit.p)
-    fit = with_shapes(m, fit, taken)
-    if taken and weather(m, fit):
-        m.with_numbers(usual(m), [])
-        taken, free = [], tuple(range(len(m.numbers)))
-        fit = gauss_newton(m, m.null, free, frozenset(), 3)
-        fit_levels(m, fit.p)
-        fit = with_shapes(m, gauss_newton(m, fit.p, free, frozenset(), 2), taken)
-    return fit.p, taken
-
-
-def with_shapes(m: Model, fit: Fit, taken: list[Found]) -> Fit:
-    """The fit with what the scans found, which joins `taken`."""
-    for _ in range(MOST_SHAPES):
+    for k in range(MOST_SHAPES):
+        if k == 1 and weather(m, fit):
+            m.with_numbers(usual(m), [])
+            taken, free = [], tuple(range(len(m.numbers)))
+            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit_levels(m, fit.p)
+            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
         there = {each.kind.name for each in taken if not each.kind.once}
         found = [each for each in scan(m, fit) if each.kind.name not in there]
         if not found or found[0].saves < FIRST:
@@ -242,7 +236,7 @@ def with_shapes(m: Model, fit: Fit, taken: list[Found]) -> Fit:
         taken += best
         fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
         fit_levels(m, fit.p, 2)
-    return fit
+    return fit.p, taken
 
 
 def limited(m: Model, taken: list[Found]) -> np.ndarray:
@@ -342,8 +336,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         words.append(f"{m.numbers[k.group.numbers[0]].name} has the opposite sign: a convention, or a wrong nominal")
     names = [each for k in listed for each in named_of(m, el, k)]
     if m.weather:
-        k = {"turbulence": 6, "wind_walk": 5}[m.weather]
-        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[k]), None)}
+        level = {"turbulence": 6, "wind_walk": 5}[m.weather]
+        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[level]), None)}
         if m.weather == "turbulence":
             given["time_constant"] = (m.tau_g, None)
         names.append(Named(m.weather, "environment", given,

@@ -46,7 +46,8 @@ def misfit(result: Result) -> Figure | None:
     for label, style, fit in shown(result):
         error = predictions(m, fit, starts, np.array([span]))[:, 0, channel]
         above.plot(t, change - error, label=f"predicted, {label}", **style)
-        rms = float(np.sqrt(np.nanmean(error**2)))
+        seen = error[np.isfinite(error)]
+        rms = float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
         below.plot(t, error, label=f"{label}: {rms:.2g} {UNITS[CHANNELS[channel]]} rms", **style)
     above.set_ylabel(f"change of {CHANNELS[channel]} [{UNITS[CHANNELS[channel]]}]")
     below.set_ylabel(f"measured less predicted\n[{UNITS[CHANNELS[channel]]}]")
@@ -83,7 +84,8 @@ def innovations(result: Result) -> Figure | None:
             for sign in (-1.0, 1.0):
                 axis.plot(t[inside], sign * BAND * np.sqrt(m.S[inside, ch]), color="0", linewidth=0.8, linestyle=":")
             top = 1.2 * float(np.quantile(np.abs(m.E[inside, ch]), 0.999))
-            axis.set_ylim(-max(top, axis.get_ylim()[1] if label != "nominal" else 0.0), top)
+            if top > 0.0 and label == "nominal":
+                axis.set_ylim(-top, top)
             axis.set_ylabel(f"{CHANNELS[ch]} [{UNITS[CHANNELS[ch]]}]")
             axis.legend(fontsize=8, ncol=2)
     axes[-1].set_xlabel("t [s]")

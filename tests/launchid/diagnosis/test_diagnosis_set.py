@@ -105,8 +105,7 @@ def test_fresh_flights_are_of_the_same_kinds_with_seeds_of_their_own(bench):
     drawn = bench[2].fresh(CASES, 90_000, 40)
     assert [case.options["seed"] for case in drawn] == list(range(90_000, 90_040))
     assert {case.options["rate"] for case in drawn} == {25.0, 50.0, 100.0, 200.0}
-    hidden = {case.group for case in CASES if case.source[0] == "hidden"}
-    assert {case.group for case in drawn} == hidden
+    assert {"listed", "unlisted", "pairs", "clean", "clean-windy", "dropped"} <= {case.group for case in drawn}
 
 
 # ---- judging

@@ -73,7 +73,6 @@ def test_two_causes_are_named_together():
     assert {each.cause for each in diagnose(log, load_nominal("constant")).named} == {"gyro_scale", "aero_damping"}
 
 
-@not_reached("a nominal's [[effects]] are not in the model")
 def test_the_extension_explains_its_own_log():
     log, _ = hidden(("control_effectiveness",), 71006, factor=4.0)
     result = diagnose(log, load_nominal("constant"))
