@@ -16,8 +16,9 @@ from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, 
 from sim.files import inputs_spared
 
 from ..commands import COMMANDS
+from .compilation import hush
 from .options import Parser
-from .terminal import answer, leave_stdout, open_streams, say
+from .terminal import answer, leave_stdout, open_streams, progress_shown, say
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
 
@@ -53,7 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except SystemExit:  # help and version, on stdout
             answer(end="")
             raise
-        with inputs_spared(), extras_named():
+        if args.quiet:
+            hush()
+        with inputs_spared(), extras_named(), progress_shown(args.quiet):
             args.run(args)
     except UsageError as error:
         say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))

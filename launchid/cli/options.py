@@ -36,6 +36,7 @@ def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
     """Add a command with its help and one example; returns its parser."""
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
+    sub.add_argument("--quiet", action="store_true", help="say nothing of progress and compilation on stderr")
     return sub
 
 

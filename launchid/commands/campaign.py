@@ -7,7 +7,8 @@ from sim.errors import UsageError
 
 from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command
-from ..cli.terminal import ProgressBar, answer, say
+from ..cli.terminal import answer, say
+from ..progress import Counter
 
 
 def add(commands: Any) -> None:
@@ -50,17 +51,15 @@ def run(args: argparse.Namespace) -> None:
     is_flown = not args.merge and (args.flights or 0) > 0
     for line in foreseen(nominal, args.flights, args.requirement, args.stop) if is_flown else ():
         say(line)
-    progress = ProgressBar(args.flights or 1, "flights")
+    progress = Counter(args.flights or 1, "flights")
     try:
         result = campaign(nominal, out=args.out, flights=args.flights, requirement=args.requirement, seed=args.seed,
                           stop=args.stop, executor=args.executor, workers=args.workers, merge=args.merge,
                           progress=progress)
     except KeyboardInterrupt:
-        progress.clear()
         if progress.done > 0:
             say(f"{args.out}: {progress.done} flights are kept; the same command goes on from there")
         raise
-    progress.clear()
     try:
         result.plot(f"{args.out}/{PICTURE}")
     except UsageError as error:

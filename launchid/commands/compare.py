@@ -5,7 +5,6 @@ from typing import Any
 
 from ..cli.common import at_least, check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
-from ..cli.terminal import ProgressBar
 
 
 def add(commands: Any) -> None:
@@ -36,11 +35,7 @@ def run(args: argparse.Namespace) -> None:
     check_plot(args.plot)
     check_folders(args.report)
     from ..comparison.result import compare
-    progress = ProgressBar(max(1, args.flights * len(nominals)), "flights")
-    try:
-        result = compare(log, nominals, flights=args.flights, strict=args.strict, progress=progress)
-    finally:
-        progress.clear()
+    result = compare(log, nominals, flights=args.flights, strict=args.strict)
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)

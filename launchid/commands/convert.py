@@ -8,6 +8,7 @@ from sim.errors import UsageError
 from ..cli.common import check_outputs, warn
 from ..cli.options import add_command, add_map
 from ..cli.terminal import answer, say
+from ..progress import report
 
 
 def add(commands: Any) -> None:
@@ -35,6 +36,7 @@ def run(args: argparse.Namespace) -> None:
         answer("\n".join(lines))
         return
     assert mapping is not None
+    report(f"converting {args.flight}")
     result = convert(args.flight, mapping, ("t",))
     check_outputs(args.out)
     result.write(args.out)

@@ -5,7 +5,7 @@ from typing import Any
 
 from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
-from ..cli.terminal import Progress
+from ..progress import report
 
 
 def add(commands: Any) -> None:
@@ -41,10 +41,8 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json)
     check_folders(args.report)
     from ..results.of_logs import diagnose
-    progress = Progress()
-    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=report,
                       noise=args.noise)
-    progress("")
     if args.report:
         result.write_report(args.report)
     tell(result, args.json)

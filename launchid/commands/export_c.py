@@ -7,6 +7,7 @@ from typing import Any
 from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices
 from ..cli.terminal import say
+from ..progress import report
 
 
 def add(commands: Any) -> None:
@@ -29,6 +30,7 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
     from ..results.of_nominals import export_c
+    report("writing the estimator in C, and flying its vectors")
     result = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
                       **choices(args))
     replaced = " (what was there of these files is replaced)" if (Path(args.out) / "launchid.c").exists() else ""

@@ -6,6 +6,7 @@ from typing import Any
 from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command
 from ..cli.terminal import answer
+from ..progress import report
 
 
 def add(commands: Any) -> None:
@@ -26,6 +27,7 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_outputs(args.out)
     from ..results.of_nominals import plan
+    report("designing the test input")
     result = plan(nominal, accuracy=args.accuracy, window=args.window)
     result.write(args.out)
     answer(result.summary(args.out))

@@ -6,6 +6,7 @@ from typing import Any
 from ..cli.common import at_least, check_outputs, read_nominal, warn
 from ..cli.options import NOMINAL_HELP, add_command
 from ..cli.terminal import say
+from ..progress import report
 
 
 def add(commands: Any) -> None:
@@ -34,7 +35,9 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_outputs(args.out)
     from ..results.of_nominals import simulate
+    report(f"flying {nominal.name}")
     result = simulate(nominal, seed=args.seed, suite=args.suite, period=args.period, effects=args.effect)
+    report(f"writing {args.out}")
     result.write(args.out)
     warn(result)
     say(result.summary(args.out))

@@ -12,6 +12,7 @@ from sim.errors import InputError, UsageError
 from sim.nominal import Nominal, rewrite_nominal
 from sim.result import Columns, drawn
 
+from .. import progress
 from ..argument_checks import integer, real, word
 from ..cli.options import WITHIN
 from ..diagnosis.judge.diagnosis import Diagnosis
@@ -263,7 +264,7 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()
     flights = []
-    for log in logs:
+    for log in progress.each(logs, "logs fitted"):
         said += data_warnings(log, nominal, strict, refuse_columns=True)
         flights.append(greybox.deviations(log, nominal))
     fit = greybox.fit(flights, share, confidence, profile)
