@@ -36,7 +36,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
     nominal      what the simulation believes; None: nothing is believed
     window       [s], or "all": the whole log is one
-    tracked      also the estimate from all data so far, followed from block to block, and sudden changes
+    tracked      also the estimate from all samples so far, and sudden changes
                  (needs a nominal)
     library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
     formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
@@ -74,7 +74,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = 5.0, trac
 @from_python
 def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
              noise: str = "bounded", strict: bool = False) -> Diagnosed:
-    """Names what the simulation gets wrong on a log, and what fixing it gains.
+    """Find why a simulation disagrees with a log, and how much the fix improves its predictions.
 
     holdout    a second log, to judge the extended model on; None: parts of the first
     bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one
@@ -135,7 +135,10 @@ def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
 
 @from_python
 def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, **choices: Any) -> Exported:
-    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
+    """Write the estimator in C, bit for bit equal to the Python version.
+
+    window, period  [s]; period None: the nominal's;  choices  as of `identify`
+    """
     from launchid.results import of_nominals
     return of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices)
 

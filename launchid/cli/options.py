@@ -72,6 +72,12 @@ def add_strict(sub: argparse.ArgumentParser) -> None:
                           "instead of a warning")
 
 
+def add_report(sub: argparse.ArgumentParser, name: str) -> None:
+    """Add --report; `name` of the JSON in it."""
+    sub.add_argument("--report", metavar="DIR", help=f"write report.html, {name} and the figures into this folder "
+                                                     "(default: none)")
+
+
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
     """Add --json and, with `plot`, --plot: where the answer goes beside the terminal."""
     sub.add_argument("--json", metavar="PATH|-", help="also write the answer as JSON to this file; -: print the "

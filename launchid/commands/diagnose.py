@@ -10,7 +10,7 @@ from ..progress import report
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
+    sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
                       "launchid diagnose v.csv vega_like --report report")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")

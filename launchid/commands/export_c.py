@@ -12,7 +12,7 @@ from ..progress import report
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "export-c", "write the estimator in C99 for a flight computer, with the same bits",
+    sub = add_command(commands, "export-c", "write the estimator in C99, bit for bit equal to the Python version",
                       "launchid export-c constant --out port --window 5")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
     sub.add_argument("--out", required=True, metavar="DIR",

@@ -127,8 +127,8 @@ class Comparison(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """report.html, compare.json and the figures."""
-        from .page import write_report
-        write_report(self, folder)
+        from .page import write_comparison
+        write_comparison(self, folder)
 
 
 def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False) -> Comparison:

@@ -64,6 +64,11 @@ class Identification(Answer):
         asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
         return identify_figure(self.log, self.report, self.nominal, asked)
 
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, identify.json and the figures."""
+        from .reports import identify_report
+        identify_report(self, folder)
+
     def margins(self) -> "FlightMargins":
         """The stability margins of the loop as identified, with the nominal's controller."""
         from .of_margins import margins_of
