@@ -59,8 +59,8 @@ def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log"
     from ..log.log import REQUIRED, read_log
     report(f"reading {path}")
     if map_path:
+        from ..commands.convert import convert
         from ..convert.mapping import load_map
-        from ..results.of_files import convert
         converted = convert(path, load_map(map_path), required or REQUIRED)
         warn(converted)
         return converted.log

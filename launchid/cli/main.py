@@ -15,12 +15,32 @@ from launchid_core import __version__
 from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extras_named
 from sim.files import inputs_spared
 
-from ..commands import COMMANDS
+from ..commands import (
+    campaign,
+    compare,
+    convert,
+    diagnose,
+    effects,
+    export_c,
+    fit_lft,
+    identify,
+    margins,
+    nominal,
+    plan,
+    reproduce,
+    show,
+    simulate,
+    uncertainty,
+    warm,
+    watch,
+)
 from .compilation import hush
 from .options import Parser
 from .terminal import answer, leave_stdout, open_streams, progress_shown, say
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
+COMMANDS = (simulate, show, identify, nominal, diagnose, compare, margins, uncertainty, plan, fit_lft, campaign,
+            export_c, convert, watch, effects, warm, reproduce)
 
 
 def parser() -> Parser:
