@@ -24,6 +24,7 @@ from .model import BLOCKS, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
 from .score import compare
 
+LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 CLEARLY = 20.0         # nats by which weather must be better than causes
 FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
@@ -240,9 +241,16 @@ def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
 
 
 def limited(m: Model, taken: list[Found]) -> np.ndarray:
-    """The numbers to start from: with a rate limit or a play where one leaves clearly less than none, for a servo so
-    limited is no small forcing of another."""
+    """The numbers to start from: with a rate limit, a play or a delay where one leaves clearly less than none, for a
+    servo so limited or so late is no small forcing of another."""
     best, plain = None, float((m.white(m.null)**2).sum())
+    late, least = m.null, FAR_LESS * plain
+    for delay in LATE:
+        q = m.null.copy()
+        q[m.index("delay")] += delay
+        left = float((m.white(q)**2).sum())
+        if left < least:
+            late, least = q, left
     for kind in KINDS:
         if kind.name not in ("actuator_rate_limit", "actuator_backlash") or not kind.when(m):
             continue
@@ -252,10 +260,10 @@ def limited(m: Model, taken: list[Found]) -> np.ndarray:
             q = with_shape(m, m.null, found)
             left = float((m.white(q)**2).sum())
             m.with_numbers([each for each in m.numbers if each.name not in shape.names], [])
-            if left < FAR_LESS * plain and (best is None or left < best[0]):
+            if left < least and (best is None or left < best[0]):
                 best = (left, found._replace(saves=plain - left))
     if best is None:
-        return m.null
+        return late
     taken.append(best[1])
     return with_shape(m, m.null, best[1])
 

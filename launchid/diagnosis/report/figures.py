@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from sim.canvas import panels, save
 
+from ...figures.logs import logs_figure, looked_at
 from ..estimate import Fit
 from ..gain import CHANNELS, LONGEST, SPACING, predictions
 from ..verdict import Result
@@ -108,10 +109,16 @@ def worth(result: Result) -> Figure | None:
     return figure
 
 
+def as_it_is(result: Result) -> Figure | None:
+    """The log's columns, with what the data check doubts, of a log that nothing else is drawn of."""
+    return logs_figure([looked_at(result.reading.log)]) if result.reading.is_bad else None
+
+
 def drawable(result: Result) -> tuple[str, ...]:
     """The pictures that this diagnosis may have."""
-    return () if result.model is None else tuple(DRAWN)
+    return ("faults.png",) if result.model is None else tuple(DRAWN)
 
 
-DRAWN: dict[str, Callable[[Result], Figure | None]] = {"misfit.png": misfit, "innovations.png": innovations,
+DRAWN: dict[str, Callable[[Result], Figure | None]] = {"faults.png": as_it_is, "misfit.png": misfit,
+                                                       "innovations.png": innovations,
                                                        "worth.png": worth}

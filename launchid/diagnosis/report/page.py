@@ -19,6 +19,7 @@ COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 PICTURES = {
+    "faults.png": ("The log as it is", "Marked: where the data check found fault."),
     "misfit.png": ("Measured against predicted",
                    "Each prediction runs free from the state as known at its start, under numbers that its block was "
                    "not used for. Grey: measured; dashed: as simulated; solid: with the causes."),
