@@ -129,8 +129,8 @@ def test_other_rates_than_the_controllers(period):
 
 @pytest.mark.parametrize("effects", [
     "aero_damping:coefficient=0.3 gyro_bias:rate=0.004 slosh:coupling=0.2,frequency=5 actuator_delay:delay=0.02",
-    "control_loss:fraction=0.3,time=10 gust:angle=0.02,time=15,duration=4 attitude_bias:angle=0.01 "
-    "actuator_backlash:half_width=0.002",
+    pytest.param("control_loss:fraction=0.3,time=10 gust:angle=0.02,time=15,duration=4 attitude_bias:angle=0.01 "
+                 "actuator_backlash:half_width=0.002", marks=LONG),
     pytest.param("aero_cubic:coefficient=8 bending:gain=0.004,frequency=25 gyro_scale:scale=0.9 "
                  "actuator_rate_limit:rate=0.1 moment_step:acceleration=0.02,time=12", marks=LONG),
     pytest.param("periodic_disturbance:amplitude=0.02,frequency=6 actuator_bandwidth:scale=0.6 "
@@ -183,6 +183,7 @@ def test_a_short_log_shows_nothing(rows):
     assert report(diagnose(log, NOMINAL))["verdict"] == "consistent"
 
 
+@LONG
 def test_times_are_those_of_the_logs_clock():
     """A log whose clock starts at 20,000 s: the loss is reported, written and accepted at that clock."""
     log = changed(flown("control_loss:fraction=0.2,time=12"), t=lambda t: t + 20000.0)

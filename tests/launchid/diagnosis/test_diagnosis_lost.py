@@ -42,7 +42,8 @@ def judged(log, nominal=NOMINAL):
     return report(diagnose(log, nominal))
 
 
-@pytest.mark.parametrize("lost", [pytest.param(SINGLE, marks=pytest.mark.campaign), BURSTS])
+@pytest.mark.campaign
+@pytest.mark.parametrize("lost", [SINGLE, BURSTS])
 def test_lost_rows_are_no_fault_of_the_vehicle_or_its_controller(lost):
     """Held commands over the gaps were two gusts, and the attitudes that the derivative had seen another controller."""
     result = judged(holed(flown(""), **lost))

@@ -96,6 +96,7 @@ def test_where_it_cannot_be_told_nothing_is_said():
     assert checked(always_full, missile()) is None
 
 
+@pytest.mark.campaign
 def test_the_verdict_names_the_controller_and_gives_its_extension():
     """The verdict was `consistent`: a rate's law was not checked."""
     made = diagnose(log_of(1.3), missile())

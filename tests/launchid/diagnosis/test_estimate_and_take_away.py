@@ -17,6 +17,8 @@ from launchid.log.log import log_of_values
 from sim.effects import CATALOGUE
 from sim.nominal import load_nominal
 
+LONG = pytest.mark.campaign
+
 
 def hidden(causes, seed, nominal="constant", factor=2.0, **given):
     """(log, truth) of a flight of the independent generator."""
@@ -41,6 +43,7 @@ def clean():
 # ---- the answer with a known truth
 
 
+@LONG
 def test_a_clean_flight_is_consistent():
     log, _ = hidden(None, 71002)
     result = diagnose(log, load_nominal("constant"))
@@ -49,9 +52,9 @@ def test_a_clean_flight_is_consistent():
 
 @pytest.mark.parametrize(("cause", "parameter", "nominal"), [
     ("aero_damping", "coefficient", "vega_like"), ("gyro_bias", "rate", "constant"),
-    pytest.param("slosh", "coupling", "constant", marks=not_reached("bending is named")),
-    ("actuator_delay", "delay", "vega_like"),
-    pytest.param("moment_step", "acceleration", "constant", marks=not_reached("consistent is said"))])
+    pytest.param("slosh", "coupling", "constant", marks=[LONG, not_reached("bending is named")]),
+    pytest.param("actuator_delay", "delay", "vega_like", marks=LONG),
+    pytest.param("moment_step", "acceleration", "constant", marks=[LONG, not_reached("consistent is said")])])
 def test_a_cause_is_named_with_its_size(cause, parameter, nominal):
     log, label = hidden((cause,), 71003, nominal, 3.0)
     result = diagnose(log, load_nominal(nominal))
@@ -67,6 +70,7 @@ def test_an_effect_in_no_list_is_not_named():
     assert (result.verdict, result.where, result.named) == ("unexplained", "actuator", ())
 
 
+@LONG
 @not_reached("the damping is left out")
 def test_two_causes_are_named_together():
     log, _ = hidden(("gyro_scale", "aero_damping"), 71005, variant=OTHER, factor=3.0)
