@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..argument_checks import WINDOW
 from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices
 from ..cli.terminal import say
@@ -16,11 +17,11 @@ def add(commands: Any) -> None:
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
     sub.add_argument("--out", required=True, metavar="DIR",
                      help="write launchid.c, launchid.h, replay vectors, README.md and the rest into this folder")
-    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+    sub.add_argument("--window", type=float, default=WINDOW, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
-    add_choices(sub)
+    add_choices(sub, "rigid-body")
     sub.set_defaults(run=run)
 
 

@@ -30,6 +30,8 @@ SURE = 5.0               # standard deviations
 NEIGHBOURS = 2.0         # times the variance of independent residuals: those of neighbouring blocks share one
 NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
+LONG_UNITS = (("minutes", 1.0 / 60.0), ("hours", 1.0 / 3600.0), ("days", 1.0 / 86400.0))  # how many are a second
+NOT_DEGREES = 0.03       # relative: a gain of 60 (minutes) is 4.7 % from one of 57.3 (degrees)
 
 Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: not measured
 
@@ -150,6 +152,9 @@ def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | No
     gain = abs(fit.gain[0])
     if not (fit.explained > CLEAR and 0.0 < gain < math.inf):
         return None
+    for name, factor in LONG_UNITS if not near(gain, 1.0, SAME_UNIT) else ():
+        if near(gain * factor, 1.0, SAME_UNIT) and (name != "minutes" or abs(gain * factor - 1.0) < NOT_DEGREES):
+            return name, factor, f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
     if not period > SLOW or near(gain, 1.0, SAME_UNIT):
         return "", 1.0, ""
     why = f"theta_dot is {1.0 / gain:.4g} times the slope of theta"

@@ -17,7 +17,7 @@ from sim.nominal import Nominal, rewrite_nominal
 from sim.result import Columns
 from sim.shown import SLOW
 
-from ..argument_checks import integer, real, several
+from ..argument_checks import WINDOW, integer, real, several
 from ..c_export.kit import exported
 from ..c_export.vectors import flown
 from ..log.check import profile_note
@@ -203,7 +203,7 @@ class Exported(Answer):
             write_text(place / name, [text])
 
 
-def export_c(nominal: Nominal, *, window: float = 1.0, period: float | None = None, formulation: str | None = None,
+def export_c(nominal: Nominal, *, window: float = WINDOW, period: float | None = None, formulation: str | None = None,
              **choices: Any) -> Exported:
     """The estimator for this nominal as C files; `window` and `period` (None: the nominal's) in s."""
     formulation = formulation or "filtered"
