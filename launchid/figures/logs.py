@@ -13,8 +13,7 @@ from sim.canvas import panels
 from sim.errors import InputError
 from sim.log_table import OPTIONAL, REQUIRED
 
-from ..log.check import COLUMN_FAULTS, checked, unknown
-from ..log.detect import check
+from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
 
@@ -46,9 +45,8 @@ def looked_at(log: Log) -> Looked:
     try:
         seen = checked(log)
         found, data, refused = seen.faults, seen.data, ""
-    except InputError as error:
-        period = log.check_clock() or 1.0
-        found, data, refused = (), check(log, unknown(period)), str(error)
+    except InputError as error:   # its clock is none
+        found, data, refused = (), columns_alone(log), str(error)
     doubted = {name: np.isfinite(getattr(log, name)) & ~mask for name, mask in data.masks.items()}
     return Looked(log, found or data.faults, doubted, refused)
 

@@ -281,19 +281,18 @@ def lacking(numbers: First, result: Found, driver: str) -> list[str]:
     if model.sine:
         a6 = np.ones(len(m.t))
     rows = replace(m, theta=a6 * m.theta, gamma=a6 * m.gamma, beta=k1 * m.beta)
-    terms = (*result.terms, "1")
-    asked = question(rows, terms)
+    asked = question(rows, (*result.terms[:2], "1"), result.terms[2:])
     if asked.unchecked:
         return [f"what a6 and k1 rest on could not be tested: {asked.unchecked}"]
     found = [lack for lack in asked.lacks
              if not (lack.what == "delay" and asked.lead is not None and holds(numbers, result, asked.lead))]
     if len(model.node_a) == 1:   # else the answer is of many numbers
-        modes = term_modes(rows, terms)
+        modes = term_modes(rows, asked.terms)
         fit = gls(modes)
-        values = [(float(numbers.a6.mean()), float(numbers.a6_std.mean())), (float(numbers.k1.mean()),
-                  float(numbers.k1_std.mean())), *(numbers.terms[term] for term in result.terms[2:]), (0.0, math.inf)]
-        xi, std = np.array(values).T
-        found = [] if fit.is_singular else against(rows, terms, xi, std, fit, modes, found)
+        known = {result.terms[0]: (float(numbers.a6.mean()), float(numbers.a6_std.mean())),
+                 result.terms[1]: (float(numbers.k1.mean()), float(numbers.k1_std.mean())), "1": (0.0, math.inf)}
+        xi, std = np.array([(known | numbers.terms)[term] for term in asked.terms]).T
+        found = [] if fit.is_singular else against(rows, asked.terms, xi, std, fit, modes, found)
     return [lack_words(lack, driver) for lack in found]
 
 

@@ -90,7 +90,7 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     mended, turns = unwrapped(mended)
     data = _examined(mended, nominal)
     found = data.faults if foreign(data.faults) else (
-        *data.faults, *plant_faults(mended, nominal or unknown(log.period), data.masks), *rate_faults(mended, data))
+        *data.faults, *plant_faults(mended, nominal or _unknown(log.period), data.masks), *rate_faults(mended, data))
     columns: dict[str, Any] = {name: _measured(mended, name, data) for name in VALUES if name in log.columns}
     used = replace(mended, **columns)
     made = CheckedLog(used, log, found, tuple(f"{log.path}: {note}" for note in (
@@ -105,7 +105,12 @@ def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
     return checked(log, nominal).faults
 
 
-def unknown(period: float) -> Nominal:
+def columns_alone(log: Log) -> DataCheck:
+    """The data check of a log whose clock may be none."""
+    return check(log, _unknown(log.check_clock() or 1.0))
+
+
+def _unknown(period: float) -> Nominal:
     """A nominal of a vehicle and of sensors that say nothing."""
     return Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
         period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
@@ -113,7 +118,7 @@ def unknown(period: float) -> Nominal:
 
 def _examined(log: Log, nominal: Nominal | None) -> DataCheck:
     """The data check of the columns; InputError where the clock is none."""
-    data = check(log, nominal or unknown(log.period))
+    data = check(log, nominal or _unknown(log.period))
     for fault in data.faults:
         if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
@@ -166,7 +171,9 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
         return [Fault("motion", None, float(t[0]), float(t[-1]), len(t),
                       "theta_dot is not the slope of theta over any time: the body turns about its other axes too, or "
                       "the two are of different devices")]
-    scale = foreign_scale(columns, period) if columns else None
+    both = data.masks["theta"] & data.masks["theta_dot"]
+    known = np.interp(t, log.t[data.usable], both[data.usable]) > 1.0 - 1e-9 if columns else np.zeros(0, bool)
+    scale = foreign_scale(columns, period, known) if columns else None
     if scale is None:
         return []
     return [Fault("scale", "theta_dot", float(t[0]), float(t[-1]), len(t),

@@ -87,13 +87,17 @@ def integral(x: np.ndarray, period: float) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * period)))
 
 
-def rate_fit(columns: Columns, angle: str, rate: str, period: float) -> Fit:
-    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias."""
+def rate_fit(columns: Columns, angle: str, rate: str, period: float, known: np.ndarray | None = None) -> Fit:
+    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias; of blocks of which all rows
+    are `known` (n,)."""
     if angle not in columns or rate not in columns:
         return NO_FIT
     rows = max(2, round(RATE_BLOCK / period))
-    return regress(np.diff(block_means(columns[angle], rows)),
-                   [np.diff(block_means(integral(columns[rate], period), rows))])
+    rise, part = (np.diff(block_means(x, rows)) for x in (columns[angle], integral(columns[rate], period)))
+    if known is not None:
+        whole = block_means(known, rows) == 1.0
+        rise, part = (x[whole[1:] & whole[:-1]] for x in (rise, part))
+    return regress(rise, [part])
 
 
 def lengths(rows: int) -> Iterator[int]:
@@ -130,10 +134,11 @@ def is_other_motion(columns: Columns, period: float) -> bool:
     return moves and fit.explained < CLEAR
 
 
-def foreign_scale(columns: Columns, period: float) -> tuple[float, float] | None:
-    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1."""
-    fit = rate_fit(columns, "theta", "theta_dot", period)
-    gain, blocks = fit.gain[0], len(columns["theta"]) * period / RATE_BLOCK if "theta" in columns else 0.0
+def foreign_scale(columns: Columns, period: float, known: np.ndarray) -> tuple[float, float] | None:
+    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1, by the rows where
+    both are known (n,)."""
+    fit = rate_fit(columns, "theta", "theta_dot", period, known)
+    gain, blocks = fit.gain[0], np.count_nonzero(known) * period / RATE_BLOCK
     if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
         return None
     std = abs(gain) * math.sqrt(NEIGHBOURS * (1.0 / fit.explained - 1.0) / blocks)

@@ -53,19 +53,19 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
 
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
     """
-    n, q = m.phi.shape
+    n, q = len(m.y), m.phi.shape[1] + m.ends.shape[1]
     own, scale = noise_likelihood(m)
     s = mixed(m, own if likelihood is None else likelihood, scale)
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
         xi, covariance = solved(m, s, prior if step else ())
         if covariance is None:
             nothing = np.full(n, math.nan)
-            return Fit(np.full(q, math.nan), np.full((q, q), math.nan), s, nothing, nothing, n - q, True)
-        e = m.y - combined(m.phi, xi)
+            return Fit(xi, np.full((len(xi), len(xi)), math.nan), s, nothing, nothing, n - q, True)
+        e = apart(m, s, m.y - combined(m.phi, xi))
         if step == 0:
             s = s * max(square(e / np.sqrt(s)) / max(n - q, 1), 1e-300) + quadrature(m, xi)
         else:
-            w = m.phi / np.sqrt(s)[:, None]
+            w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
             fit = Fit(xi, covariance, s, e / np.sqrt(s), np.einsum("nk,kl,nl->n", w, covariance, w), n - q)
             frequency, squares, many, _ = spectrum(fit, m, BANDS)
             p = whiteness(squares, many)
@@ -76,13 +76,24 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
     raise AssertionError("unreachable")
 
 
+def apart(m: Modes, s: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return x (n,) or (n, q) without what the ends of the stretches may be in it, under variances s (n,)."""
+    if not m.ends.shape[1]:
+        return x
+    w = 1.0 / np.sqrt(s)[:, None]
+    weighted = x[:, None] * w if x.ndim == 1 else x * w
+    told = np.column_stack([least(m.ends * w, each) for each in weighted.T]) if weighted.shape[1] else \
+        np.zeros((m.ends.shape[1], 0))
+    return x - np.reshape(np.stack([combined(m.ends, each) for each in told.T], axis=-1), x.shape) if told.size else x
+
+
 def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.ndarray | None]:
     """Return (coefficients, covariance) under variances s (n,), the latter None where columns cannot be told apart.
 
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
     squares), and from those with the slope of theta what its own noise adds.
     """
-    w = m.phi / np.sqrt(s)[:, None]
+    w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
     gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
     passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
     inner = gram - m.sensor * float(np.sum(passed))
@@ -155,9 +166,10 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     shapes = parts_of_noise(m)
     order = np.argsort(m.curl, kind="stable")
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
-    columns = np.sqrt(np.sum(m.phi**2, axis=0))
+    phi = np.column_stack([m.phi, m.ends])
+    columns = np.sqrt(np.sum(phi**2, axis=0))
     columns = np.where(columns > 0.0, columns, 1.0)
-    table = np.column_stack([m.phi / columns, m.y])[order]
+    table = np.column_stack([phi / columns, m.y])[order]
     bins = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
     many = np.bincount(bins).astype(float)
     grams = np.array([products(part, part) for part in np.split(table, edges[1:-1])])
@@ -171,7 +183,7 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     xi = np.linalg.solve(scaled, (right / size)[:, :, None])[:, :, 0]
     left = yy - np.einsum("gi,gi->g", xi, right / size)
     left = np.maximum(left, 1e-14 * yy + 1e-300)
-    degrees = max(len(m.y) - m.phi.shape[1], 1)
+    degrees = max(len(m.y) - phi.shape[1], 1)
     value = -0.5 * (degrees * np.log(left) + np.einsum("b,gb->g", many, np.log(s))
                     + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))
     square_grid = len(SPAN), len(SPAN)

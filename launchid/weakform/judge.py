@@ -15,7 +15,7 @@ import numpy as np
 
 from ..sums import combined, square
 from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, bent_terms, fast_part, increments, regression, term_modes, values_of
+from .rows import FAST_THETA, Modes, Rows, ends_of, fast_part, increments, later, regression, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -89,26 +89,27 @@ class Piece:
     def unexplained(self, phi: np.ndarray) -> float:
         """Return the weighted squares that columns (n, q) leave."""
         w = self.weight
-        return square(rest(phi * w[:, None], self.modes.y * w))
+        table = np.column_stack([phi, self.modes.ends])
+        return square(rest(table * w[:, None], self.modes.y * w))
 
     def with_beta(self, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
         """Return the columns (n, q) of terms with another beta (rows,)."""
         rows, phi = self.rows, self.modes.phi.copy()
         places = [k for k, term in enumerate(terms) if "beta" in term]
         values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
-        bent = bent_terms(rows, tuple(terms[k] for k in places))
-        phi[:, places] = regression(rows, values, np.zeros((0, 0)), np.zeros(0), bent).phi
+        ends = ends_of(rows, tuple(terms[k] for k in places), values, beta)
+        phi[:, places] = regression(rows, values, ends, np.zeros((0, 0)), np.zeros(0)).phi
         return phi
 
     def moved(self, terms: tuple[str, ...], lead: float) -> "Piece":
         """Return the piece with a beta that acts later [s]."""
-        beta = np.interp(self.rows.t - lead, self.rows.t, self.rows.beta)
+        beta = later(self.rows, lead)
         return replace(self, rows=replace(self.rows, beta=beta),
                        modes=replace(self.modes, phi=self.with_beta(terms, beta)))
 
     def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
         """Return the columns (n, q) of terms with a beta that acts later [s]."""
-        return self.with_beta(terms, np.interp(self.rows.t - lead, self.rows.t, self.rows.beta))
+        return self.with_beta(terms, later(self.rows, lead))
 
     def of_term(self, terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
         """Return (coefficient over variance, 1 over variance, what others leave of its column, all of its column) of a
@@ -126,12 +127,17 @@ class Piece:
 class Lead:
     """The time by which beta leads what it causes [s], and its standard deviation.
 
-    grows    [s/s] over the log, where that is sure: two clocks
+    grows    [s/s] over the log, where that is sure: two clocks;  middle [s] when it is `value`
     """
 
     value: float
     std: float
     grows: float = 0.0
+    middle: float = 0.0
+
+    def at(self, rows: Rows) -> float:
+        """Return the lead [s] in the middle of some rows."""
+        return self.value + self.grows * (0.5 * float(rows.t[0] + rows.t[-1]) - self.middle)
 
     @property
     def json(self) -> dict[str, float]:
@@ -196,9 +202,12 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
             terms, pieces, known[term] = (*terms, term), more, (size, std)
     lead = lead_of(pieces, terms, rows)
     lacks = lacks_of(pieces, terms, lead, rows)
-    clear = any(lack.is_most or lack.what == "clock" for lack in lacks)
-    if not clear and placebo(pieces, terms, rows, lead):   # of a beta that explains nothing no shift is proved
-        strong = [lack for lack in lacks if lack.what != "delay" and lack.after - lack.before > STRONG]
+    wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
+    asked = pieces if wider == terms else pieces_of(rows, wider) or pieces
+    wider = terms if asked is pieces else wider
+    clear = any(lack.is_most for lack in lacks)
+    if not clear and placebo(asked, wider, rows, lead):   # of a beta that explains nothing no shift is proved
+        strong = [lack for lack in lacks if lack.what not in ("delay", "clock") and lack.after - lack.before > STRONG]
         return Question(rows, terms, pieces, None, [*strong, Lack("placebo")], known=known)
     return Question(rows, terms, pieces, lead, lacks, known=known)
 
@@ -324,15 +333,16 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
     whole = best(pieces)
     if whole is None:
         return None
-    grows = 0.0
     if len(pieces) >= 6:
         third = len(pieces) // 3
         first, last = best(pieces[:third]), best(pieces[-third:])
         if first is not None and last is not None:
             off = last[0] - first[0]
             if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
-                grows = float(off / (pieces[-third // 2 - 1].rows.t[0] - pieces[third // 2].rows.t[0]))
-    return Lead(*whole, grows)
+                begin, end = (0.5 * float(of[0].rows.t[0] + of[-1].rows.t[-1])
+                              for of in (pieces[:third], pieces[-third:]))
+                return Lead(0.5 * (first[0] + last[0]), whole[1], off / (end - begin), 0.5 * (begin + end))
+    return Lead(*whole)
 
 
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
@@ -346,7 +356,7 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
     without = sum(piece.unexplained(piece.modes.phi[:, others]) for piece in pieces)
     left = sum(piece.unexplained(piece.modes.phi) for piece in pieces)
     if lead is not None:
-        left = min(left, sum(piece.unexplained(piece.shifted(terms, lead.value)) for piece in pieces))
+        left = min(left, sum(piece.unexplained(piece.shifted(terms, lead.at(piece.rows))) for piece in pieces))
     gain, most = without - left, 0.0
     for share in SHIFTS:
         moved = np.roll(rows.beta, round(share * len(rows.t)))
@@ -381,9 +391,11 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
     largest term."""
     sizes = np.sqrt(np.sum(m.phi**2, axis=0))
     largest = TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
+    if any(lack.what == "placebo" for lack in lacks):
+        return lacks
     found = []
     for lack in lacks:
-        if lack.is_most or lack.what in ("placebo", "clock"):
+        if lack.is_most or lack.what == "clock":
             found.append(lack)
             continue
         by = np.abs(moved_by(rows, terms, fit, lack, m))

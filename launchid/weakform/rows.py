@@ -23,7 +23,7 @@ import numpy as np
 from launchid_core import parse_term
 
 from ..log.check import BRIDGED, CheckedLog
-from ..log.rates import HELD, as_held
+from ..log.rates import HELD
 from ..sums import products
 
 FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
@@ -47,7 +47,7 @@ class Rows:
     t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
     has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
     bounds     first rows of the stretches without a gap, and the number of rows
-    is_held    beta acts from each of its values to the next: it has no bend within a row
+    is_held    beta acts from each of its values to the next
     theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
     """
 
@@ -97,7 +97,7 @@ def usable(seen: CheckedLog) -> Rows | None:
 
     One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
     """
-    log = as_held(seen.log) if seen.rates["beta"].kind == HELD else seen.log
+    log = seen.log
     times = log.in_range("t")
     if np.count_nonzero(times) < FEWEST:
         return None
@@ -148,6 +148,8 @@ def thinned(rows: Rows) -> Rows:
     many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / MOST_ROWS))
     if many < 2:
         return rows
+    if rows.is_held:   # by lines between the rows it has the integral of its steps where it is the mean of both
+        rows = replace(rows, beta=0.5 * (rows.beta + before(rows.beta)), is_held=False)
     whole = [(a, b - (b - a) % many) for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True)]
     whole = [(a, b) for a, b in whole if b - a >= FEWEST * many]
     if not whole:
@@ -215,6 +217,8 @@ class Modes:
     y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) what the quadrature of each may be off
     curl (n,)  lambda: of white noise on theta_dot;  step (n,) [s] of the rows that it is of
     frequency (n,) [rad/s]
+    ends (n, k)  what the noise of theta before the first row and behind the last of each stretch is in them, where
+    theta_dot is made of theta: the rest of that noise is independent then
     sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  motion (q,)  of that of theta
     alone, by which the slope of theta has it too
     """
@@ -226,6 +230,7 @@ class Modes:
     step: np.ndarray
     frequency: np.ndarray
     has_rate: bool
+    ends: np.ndarray
     sensor: np.ndarray
     motion: np.ndarray
 
@@ -239,19 +244,32 @@ def sines(x: np.ndarray) -> np.ndarray:
     return np.asarray(-np.fft.rfft(odd, axis=0).imag[1:n + 1] / math.sqrt(2.0 * (n + 1)))
 
 
-def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.ndarray, bent: np.ndarray) -> Modes:
-    """Return the regression of theta_dot on terms given by their values (n, q) at the rows, which bend within a row
-    where `bent` (q,) says so."""
-    parts: list[tuple[np.ndarray, ...]] = []
+def before(x: np.ndarray) -> np.ndarray:
+    """Return the values (n,) of the rows before those of x (n,)."""
+    return np.concatenate([x[:1], x[:-1]])
+
+
+def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the integrals (n - 1, q) of terms over the steps of t (n,), and what Gregory's rule adds to the trapezium.
+
+    values, ends (n, q)  at the rows, as a step begins and as the one before it ends: they differ by a held input
+    """
+    step, off = np.diff(t), np.zeros((len(t) - 1, values.shape[1]))
+    for k in np.flatnonzero(np.all(values == ends, axis=0)).tolist():
+        off[:, k] = bends(t, values[:, k])
+    return 0.5 * step[:, None] * (ends[1:] + values[:-1]) - off, off
+
+
+def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndarray, motion: np.ndarray) -> Modes:
+    """Return the regression of theta_dot on terms given by their values and ends (n, q) at the rows (`areas`)."""
+    parts, ends_of_stretch = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
     q = values.shape[1]
     for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True):
         if b - a < FEWEST:
             continue
-        t, x = rows.t[a:b], values[a:b]
+        t = rows.t[a:b]
         step = np.diff(t)
-        off = np.column_stack([bends(t, each) * curved for each, curved in zip(x.T, bent.tolist(), strict=True)]) \
-            if q else np.zeros((b - a - 1, 0))
-        area = 0.5 * step[:, None] * (x[1:] + x[:-1]) - off
+        area, off = areas(t, values[a:b], ends[a:b])
         if rows.has_rate:
             rise = np.diff(rows.theta_dot[a:b])
         else:  # of mean slopes over rows, and of the integrals' means over them
@@ -261,10 +279,16 @@ def regression(rows: Rows, values: np.ndarray, sensor: np.ndarray, motion: np.nd
         n, h = len(rise), float(np.mean(step))
         angle = np.pi * np.arange(1, n + 1) / (n + 1)
         of = sines(np.column_stack([rise, area, off]))
+        first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
+        ends_of_stretch.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
         parts.append((of[:, 0], of[:, 1:1 + q], of[:, 1 + q:], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
     parts = parts or [(np.zeros(0), np.zeros((0, q)), np.zeros((0, q)), *[np.zeros(0)] * 3)]
     y, phi, doubt, curl, step, frequency = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, sensor, motion)
+    apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends_of_stretch)))
+    for k, each in enumerate(ends_of_stretch if not rows.has_rate else []):
+        at = sum(map(len, ends_of_stretch[:k]))
+        apart[at:at + len(each), 2 * k:2 * k + 2] = each
+    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion)
 
 
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray,
@@ -310,6 +334,7 @@ def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = Non
         return np.column_stack([values_of(rows, term, attack, rate, b) for term in terms])
 
     values = table(rows.attack, rows.theta_dot)
+    ends = ends_of(rows, terms, values, b)
     by_theta = (table(rows.attack + NUDGE, rows.theta_dot) - values) / NUDGE
     by_rate = (table(rows.attack, rows.theta_dot + NUDGE) - values) / NUDGE if rows.has_rate else np.zeros_like(values)
     for k, term in enumerate(terms):
@@ -318,25 +343,44 @@ def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = Non
         if term == FAST_THETA:
             by_theta[:, k] = 1.0
     sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)) / len(b)
-    return regression(rows, values, sensor, rows.theta_noise * by_theta.mean(axis=0), bent_terms(rows, terms))
+    return regression(rows, values, ends, sensor, rows.theta_noise * by_theta.mean(axis=0))
 
 
-def bent_terms(rows: Rows, terms: tuple[str, ...]) -> np.ndarray:
-    """Return which terms (q,) bend within a row: those of an input that is held do not."""
-    return np.array([not (rows.is_held and "beta" in term) for term in terms])
+def later(rows: Rows, lead: float) -> np.ndarray:
+    """Return beta (n,) as it acts later by a lead [s]: of a held one the mean over each step."""
+    t = rows.t
+    if not rows.is_held:
+        return np.interp(t - lead, t, rows.beta)
+    steps = np.append(np.diff(t), rows.period)
+    edges = np.append(t, t[-1] + rows.period)
+    whole = np.concatenate([[0.0], np.cumsum(rows.beta * steps)])
+    moved = np.interp(edges - lead, edges, whole)
+    at = edges - lead   # before the first row and behind the last its input is that of these
+    moved += np.minimum(at - edges[0], 0.0) * rows.beta[0] + np.maximum(at - edges[-1], 0.0) * rows.beta[-1]
+    return np.asarray(np.diff(moved) / steps)
+
+
+def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Return the terms (n, q) as the step before each row ends, of their values (n, q) as the next begins."""
+    held = [k for k, term in enumerate(terms) if rows.is_held and "beta" in term]
+    ends = values.copy()
+    for k in held:
+        ends[:, k] = values_of(rows, terms[k], rows.attack, rows.theta_dot, before(beta))
+    return ends
 
 
 def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
     """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q)."""
     span = max(1, round(length / rows.period))
     parts: list[tuple[np.ndarray, ...]] = []
-    values = [values_of(rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms]
+    values = np.column_stack([np.zeros((len(rows.t), 0)), *(values_of(
+        rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms)])
+    ends = ends_of(rows, terms, values, rows.beta)
     for a, b in itertools.pairwise(rows.bounds.tolist()):
         if b - a <= max(span, FEWEST):
             continue
         t = rows.t[a:b]
-        area = np.column_stack([0.5 * np.diff(t) * (x[a + 1:b] + x[a:b - 1]) - bends(t, x[a:b]) * curved
-                                for x, curved in zip(values, bent_terms(rows, terms).tolist(), strict=True)])
+        area, _ = areas(t, values[a:b], ends[a:b])
         whole = np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)])
         parts.append((t[:-span], t[span:], rows.theta_dot[a + span:b] - rows.theta_dot[a:b - span],
                       whole[span:] - whole[:-span]))
