@@ -87,7 +87,7 @@ def add_choices(sub: argparse.ArgumentParser, library: str | None = None) -> Non
     sub.add_argument("--library", default=library, metavar="NAME|TERMS",
                      help="choose the candidate terms of the equation: rigid-body | linear | quadratic | quadratic+sin "
                           "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default "
-                          + (library or "theta,beta,1 without a nominal, else rigid-body") + ")")
+                          + ("%(default)s" if library else "theta,beta,1 without a nominal, else rigid-body") + ")")
     sub.add_argument("--formulation", choices=FORMULATIONS,
                      help="choose how theta_ddot is obtained: from its column, by differencing theta_dot, by "
                           "integrating the equation, or by a Kalman filter with the nominal (default: filtered with a "

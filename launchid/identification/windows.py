@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimate, Estimator, Model, Status
-from launchid_core.config import MAX_ROWS
+from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, Status
 from sim.errors import InputError, UsageError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets

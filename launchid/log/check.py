@@ -91,7 +91,9 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     data = _examined(mended, nominal)
     found = data.faults if foreign(data.faults) else (
         *data.faults, *plant_faults(mended, nominal or _unknown(log.period), data.masks), *rate_faults(mended, data))
-    columns: dict[str, Any] = {name: _measured(mended, name, data) for name in VALUES if name in log.columns}
+    with np.errstate(invalid="ignore"):
+        rejected = ~data.usable | np.any([np.abs(getattr(mended, name)) > ABSURD for name in VALUES], axis=0)
+    columns: dict[str, Any] = {name: _measured(mended, name, data, rejected) for name in VALUES if name in log.columns}
     used = replace(mended, **columns)
     made = CheckedLog(used, log, found, tuple(f"{log.path}: {note}" for note in (
         *notes, *(turn.message for turn in turns))), data, _bridged(used))
@@ -138,21 +140,22 @@ def _on_grid(log: Log) -> tuple[Log, list[str]]:
     return replace(log, t=t), [f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that grid"]
 
 
-def _measured(log: Log, name: str, data: DataCheck) -> np.ndarray:
+def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.ndarray:
     """A column without the values at fault.
 
-    What stands in a row with a bad stamp, and what is no number that a sensor has, every estimator rejects by itself,
-    and counts; a held input acts as it stands in every row; a column that is at fault as a whole keeps its values, for
-    what is said of it: no number of the log is believed.
+    rejected (n,)  rows with a bad stamp, or with what is no number that a sensor has: every estimator rejects them by
+    itself, and counts them
+    A held input acts as it stands in every row; a column that is at fault as a whole keeps its values, for what is said
+    of it: no number of the log is believed.
     """
     x = getattr(log, name)
     if any(fault.kind in COLUMN_FAULTS and fault.channel in (name, None) for fault in data.faults):
         return np.asarray(x)
-    good = data.masks[name]
+    good = data.masks[name] | rejected
     if name in ("beta", "beta_cmd"):   # an input that stays as it is acts so: a step, a command that is held
-        good = data.sound[name] | (np.isfinite(x) & (x == np.concatenate([x[:1], x[:-1]])) & data.masks["theta"])
-    with np.errstate(invalid="ignore"):
-        return np.where(good | ~data.usable | (np.abs(x) > ABSURD), x, math.nan)
+        is_same = np.isfinite(x) & (x == np.concatenate([x[:1], x[:-1]]))
+        good = rejected | data.sound[name] | (is_same & data.masks["theta"])
+    return np.where(good, x, math.nan)
 
 
 def _bridged(log: Log) -> float:

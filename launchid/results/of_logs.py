@@ -123,7 +123,7 @@ def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 
     log, said = seen.log, seen.warnings
     weak = is_weak(log, nominal, formulation, library, choices)
     optional = ("theta_dot",) if weak and library is None and nominal is None else ()
-    library = library or ("theta,beta,1" if optional else "rigid-body")
+    library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
     config = log_config(log, nominal, str(window), formulation, tracked, seen.bridged, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "

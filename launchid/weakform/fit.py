@@ -54,7 +54,7 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
     """
     n, q = len(m.y), m.phi.shape[1] + m.ends.shape[1]
-    own, scale = noise_likelihood(m)
+    own, scale, _ = noise_likelihood(m)
     s = mixed(m, own if likelihood is None else likelihood, scale)
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
         xi, covariance = solved(m, s, prior if step else ())
@@ -95,8 +95,11 @@ def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.n
     """
     w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
     gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
-    passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
-    inner = gram - m.sensor * float(np.sum(passed))
+    with np.errstate(over="ignore", invalid="ignore"):   # of a body at rest
+        passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
+        inner = gram - m.sensor * float(np.sum(passed))
+    if not np.all(np.isfinite(inner)):
+        return np.full(len(right), math.nan), None
     if not m.has_rate:
         right = right + m.motion * float(np.sum(m.curl * (1.0 - 0.25 * m.curl) / s))
     for k, value, std in prior:
@@ -160,9 +163,10 @@ def parts_of_noise(m: Modes) -> np.ndarray:
     return np.stack([np.ones(len(m.curl)), sensor, 1.0 / m.curl]) * (m.step / np.median(m.step))
 
 
-def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
+def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the logarithm of the restricted likelihood (SPAN, SPAN) of the ratios of the sensor's and of the wandering
-    noise to the accumulated one, and the variance of that (SPAN, SPAN)."""
+    noise to the accumulated one, less its maximum; the variance of that (SPAN, SPAN); and the logarithm of the largest
+    likelihood over the coefficients (SPAN, SPAN), by which columns are compared."""
     shapes = parts_of_noise(m)
     order = np.argsort(m.curl, kind="stable")
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
@@ -184,10 +188,12 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray]:
     left = yy - np.einsum("gi,gi->g", xi, right / size)
     left = np.maximum(left, 1e-14 * yy + 1e-300)
     degrees = max(len(m.y) - phi.shape[1], 1)
-    value = -0.5 * (degrees * np.log(left) + np.einsum("b,gb->g", many, np.log(s))
+    shapes_of = np.einsum("b,gb->g", many, np.log(s))
+    largest = -0.5 * (len(m.y) * np.log(left) + shapes_of)
+    value = -0.5 * (degrees * np.log(left) + shapes_of
                     + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))
-    square_grid = len(SPAN), len(SPAN)
-    return np.reshape(value - np.max(value), square_grid), np.reshape(left / degrees, square_grid)
+    grid = len(SPAN), len(SPAN)
+    return np.reshape(value - np.max(value), grid), np.reshape(left / degrees, grid), np.reshape(largest, grid)
 
 
 def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:

@@ -34,7 +34,8 @@ MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
-BEYOND = 0.1         # of what beta explains, that the best placebo must not
+BEYOND = 0.5         # of the likelihood that beta gains, that the best placebo must not
+MOST_PLACEBO = 12    # pieces, evenly over the log, of which placebos are asked
 WIDE = 15.0          # rad/s: shares are told of changes over 0.2 s and more
 FINE_BANDS = 24      # in which the rest is asked whether it is white
 WHITE = 1.0e-6       # p-value below which the rest is not as white as its noise
@@ -348,27 +349,29 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
     """Whether beta of another time explains the motion about as well as beta, shifted to when it acts, does.
 
-    An input that repeats explains as much a period later, and is left out.
+    Each has the noise that is most likely with it: what a beta that acts does not explain is white, what another one
+    does not explain wanders. An input that repeats explains as much a period later, and is left out.
     """
-    others = [k for k, term in enumerate(terms) if "beta" not in term]
-    if len(others) == len(terms):
+    if not any("beta" in term for term in terms):
         return False
-    without = sum(piece.unexplained(piece.modes.phi[:, others]) for piece in pieces)
-    left = sum(piece.unexplained(piece.modes.phi) for piece in pieces)
+    few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
+
+    def likelihood(columns: list[np.ndarray]) -> float:
+        each = [noise_likelihood(replace(piece.modes, phi=phi))[2] for piece, phi in zip(few, columns, strict=True)]
+        return float(np.max(np.sum(each, axis=0)))
+
+    others = [k for k, term in enumerate(terms) if "beta" not in term]
+    none = likelihood([piece.modes.phi[:, others] for piece in few])
+    own, most = likelihood([piece.modes.phi for piece in few]), none
     if lead is not None:
-        left = min(left, sum(piece.unexplained(piece.shifted(terms, lead.at(piece.rows))) for piece in pieces))
-    gain, most = without - left, 0.0
+        own = max(own, likelihood([piece.shifted(terms, lead.at(piece.rows)) for piece in few]))
     for share in SHIFTS:
         moved = np.roll(rows.beta, round(share * len(rows.t)))
         if abs(np.corrcoef(moved, rows.beta)[0, 1]) > SAME_INPUT:
             continue
-        left = 0.0
-        for piece in pieces:
-            at = rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period)
-            left += piece.unexplained(piece.with_beta(terms, moved[at]))
-        most = max(most, without - left)
-    chance = 2.0 * math.sqrt(max(gain + most, 0.0))   # of the difference of two sums of squares
-    return gain - most < max(SURE * chance, BEYOND * gain)
+        at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
+        most = max(most, likelihood([piece.with_beta(terms, moved[part]) for piece, part in zip(few, at, strict=True)]))
+    return own - most < max(0.5 * SURE**2, BEYOND * (own - none))
 
 
 # ---- a window

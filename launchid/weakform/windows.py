@@ -168,7 +168,7 @@ def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool
     the whole log tells them."""
     prior: Prior = () if is_whole else [(terms.index(term), *known) for term, known in asked.known.items()
                                         if term in terms]
-    own, _ = noise_likelihood(m)
+    own = noise_likelihood(m)[0]
     pooled = [piece.likelihood for piece in asked.pieces]
     return gls(m, own + POOLED * np.sum(pooled, axis=0) if pooled else own, prior)
 

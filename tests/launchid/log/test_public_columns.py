@@ -23,8 +23,8 @@ TRIED = (0, 1, 2)      # seeds
 @functools.cache
 def flown(seed: int, hold: float = ROW, seconds: float = 8.0, row: float = ROW,
           noise: float = 1.0, limit: float = 0.2) -> dict[str, np.ndarray]:
-    """A flight whose input is held for `hold` [s] and within a limit [rad], its rows `row` [s] apart, with so many times
-    the sensors' noise."""
+    """A flight whose input is held for `hold` [s] and within a limit [rad], its rows `row` [s] apart, with so many
+    times the sensors' noise."""
     rng, w = np.random.default_rng(seed), math.sqrt(A6)
     c, s = math.cosh(w * row), math.sinh(w * row)
     frequency, phase = np.linspace(0.5, 12.0, 8), rng.uniform(0.0, 2.0 * np.pi, 8)
