@@ -53,7 +53,7 @@ from diagnosis_cases import (
 )
 from diagnosis_tables import SHOWN, drawn, printed
 
-from launchid.cli.terminal import ProgressBar
+from launchid.cli.terminal import shown_counter
 from launchid.monte_carlo.campaign import run_campaign
 from launchid.monte_carlo.journal import Row, read_lines
 
@@ -82,7 +82,7 @@ def campaign(name: str, cases: list[Case], work: Callable[[Case], Row], args: ar
         rows = [flight(cells) for cells in finished(journal, cases)]
     else:
         if not path.exists() or journal.exists():
-            run_campaign(cases, work, path, workers=args.jobs, chunk=1, progress=ProgressBar(len(cases), "cases"),
+            run_campaign(cases, work, path, workers=args.jobs, chunk=1, progress=shown_counter(len(cases), "cases"),
                          definition=source)
         with path.open(encoding="utf-8", newline="") as file:
             rows = [flight(cells) for cells in csv.DictReader(file)]

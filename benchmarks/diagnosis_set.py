@@ -44,7 +44,7 @@ import numpy as np
 from diagnosis_labels import FAR, NORMAL_95, Case, Row, is_of_input, outcome, read_set, said, sizes, wrong_names
 from diagnosis_sources import ROOT, Absent, material
 
-from launchid.cli.terminal import ProgressBar
+from launchid.cli.terminal import shown_counter
 from launchid.diagnosis.report.answer import report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import flown_log
@@ -135,7 +135,7 @@ def run(cases: list[Case], nominals: dict[str, Any], args: argparse.Namespace, p
     left = [case for case in cases if case.name not in there]
     print(f"{len(cases)} cases, {len(there)} of them answered already in {path}", flush=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    update = ProgressBar(len(left), "cases")
+    update = shown_counter(len(left), "cases")
     with path.open("a", encoding="utf-8") as file:
         try:
             for row in in_processes(in_turn(left), (nominals, tuple(args.folder), sources), args.jobs):

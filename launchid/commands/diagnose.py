@@ -5,12 +5,12 @@ from typing import Any
 
 from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
-from ..cli.terminal import Progress
+from ..progress import report
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
+    sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
                       "launchid diagnose v.csv vega_like --report report")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
@@ -41,10 +41,8 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json)
     check_folders(args.report)
     from ..results.of_logs import diagnose
-    progress = Progress()
-    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=report,
                       noise=args.noise)
-    progress("")
     if args.report:
         result.write_report(args.report)
     tell(result, args.json)

@@ -1,7 +1,7 @@
 """The answer of `compare`: a log beside one or several nominals."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from sim.result import Columns
 from ..log.check import checked
 from ..log.detect import DataCheck
 from ..log.log import Log
+from ..progress import Counter
 from ..results.answer import Answer, flat
 from .dispersion import FLIGHTS, Dispersed, dispersed
 from .flown import CHANNELS, LATEST, flown
@@ -125,28 +126,24 @@ class Comparison(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """report.html, compare.json and the figures."""
-        from .page import write_report
-        write_report(self, folder)
+        from .page import write_comparison
+        write_comparison(self, folder)
 
 
-def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False,
-            progress: Callable[[int], object] | None = None) -> Comparison:
-    """Hold a log beside nominals.
-
-    flights   dispersed ones of each nominal, 0: none
-    progress  called with the number of flights newly done
-    """
+def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False) -> Comparison:
+    """Hold a log beside nominals; `flights` dispersed ones of each, 0: none."""
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
     said: tuple[str, ...] = ()
     made, first = list[Beside](), None
+    count = Counter(flights * len(nominals), "flights with the dispersions")
     for label, nominal in zip(labels(nominals), nominals, strict=True):
         seen = checked(log, nominal, strict=strict)
         said += seen.warnings
         clean = masked(seen.log, seen.data)
         first = first or clean
         made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),
-                           dispersed(clean, nominal, flights, progress) if flights > 0 else None,
+                           dispersed(clean, nominal, flights, count) if flights > 0 else None,
                            frequency_responses(clean, nominal)))
     t = log.t[np.isfinite(log.t)]
     if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):

@@ -12,6 +12,7 @@ from sim.errors import InputError, UsageError
 from sim.nominal import Nominal, rewrite_nominal
 from sim.result import Columns, drawn
 
+from .. import progress
 from ..argument_checks import WINDOW, integer, real, word
 from ..cli.options import WITHIN
 from ..diagnosis.judge.diagnosis import Diagnosis
@@ -72,6 +73,11 @@ class Identification(Answer):
         terms = {term for estimate in self.estimates for term in estimate.terms}
         asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
         return identify_figure(self.log, self.report, self.nominal, asked)
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, identify.json and the figures."""
+        from .reports import identify_report
+        identify_report(self, folder)
 
     def margins(self) -> "FlightMargins":
         """The stability margins of the loop as identified, with the nominal's controller."""
@@ -280,7 +286,7 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()
     flights = []
-    for log in logs:
+    for log in progress.each(logs, "logs fitted"):
         seen = checked(log, nominal, strict=strict, refuse_columns=True)
         said += seen.warnings
         flights.append(greybox.deviations(seen, nominal))

@@ -56,6 +56,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = WINDOW, period: f
     say(f"watch: {source.name} on {server.url} (Ctrl-C ends)")
     interrupted = False
     try:
+        follower.prepare()
         follow(source, lines, follower)
     except KeyboardInterrupt:
         interrupted = True
