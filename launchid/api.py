@@ -9,6 +9,7 @@ from launchid.log.log import Log
 from sim.errors import InputError, UsageError
 from sim.sections import Nominal
 
+from .argument_checks import WINDOW
 from .commands import campaign as of_campaign
 from .commands import export_c as of_export_c
 from .commands import plan as of_plan
@@ -29,8 +30,8 @@ __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalS
 
 
 @from_python
-def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = 1.0,
-             tracked: bool = False, library: str = "rigid-body", formulation: str | None = None, solver: str = "stls",
+def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = WINDOW,
+             tracked: bool = False, library: str | None = None, formulation: str | None = None, solver: str = "stls",
              threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
              strict: bool = False) -> Identification:
     """a6, k1 and the active terms of a log, window by window.
@@ -39,8 +40,10 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     window       [s], or "all": the whole log is one
     tracked      also the estimate from all samples so far, and sudden changes
                  (needs a nominal)
-    library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
-    formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
+    library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"; None: theta, beta, with a
+                 constant (and rate damping where there is any) without a nominal
+    formulation  measured | difference | integral | filtered; None: the best that log and nominal allow, which without
+                 a nominal is the weak form under the log's own noise
     solver       stls | sr3 | ssr | lasso
     threshold    a term whose coefficient is smaller, in its own unit, is left out; None: the library's
     compression  keep one of N rows at random, by `seed`
@@ -54,7 +57,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
 
 @from_python
-def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
+def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = WINDOW,
                 strict: bool = False) -> UncertaintyLevel:
     """Give the place of each parameter in its range, window by window of `window` [s], and the time when it left it."""
     from launchid.results import of_logs
@@ -62,7 +65,7 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = 1.0,
 
 
 @from_python
-def margins(log: LogSource, nominal: NominalSource, *, window: float = 5.0, tracked: bool = False,
+def margins(log: LogSource, nominal: NominalSource, *, window: float = WINDOW, tracked: bool = False,
             strict: bool = False) -> FlightMargins:
     """The stability margins of the flight's loop as identified, with 95 % intervals, window by window of `window` [s].
 

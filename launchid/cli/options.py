@@ -106,17 +106,19 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
                                                         "launchid[plots] (default: none)")
 
 
-def add_choices(sub: argparse.ArgumentParser) -> None:
+def add_choices(sub: argparse.ArgumentParser, library: str | None = None) -> None:
     """Add the options of an estimator that neither a log nor a nominal decides."""
     sub.add_argument("--compression", type=int, default=1, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")
-    sub.add_argument("--library", default="rigid-body", metavar="NAME|TERMS",
+    sub.add_argument("--library", default=library, metavar="NAME|TERMS",
                      help="choose the candidate terms of the equation: rigid-body | linear | quadratic | quadratic+sin "
-                          "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default %(default)s)")
+                          "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default "
+                          + ("%(default)s" if library else "theta,beta,1 without a nominal, else rigid-body") + ")")
     sub.add_argument("--formulation", choices=FORMULATIONS,
                      help="choose how theta_ddot is obtained: from its column, by differencing theta_dot, by "
                           "integrating the equation, or by a Kalman filter with the nominal (default: filtered with a "
-                          "nominal, else measured if the log has theta_ddot, else integral)")
+                          "nominal, else measured if the log has theta_ddot, else the weak form under the log's own "
+                          "noise)")
     sub.add_argument("--solver", default="stls", choices=SOLVERS,
                      help="choose the solver of the sparse regression (default %(default)s)")
     sub.add_argument("--threshold", type=float, metavar="X",

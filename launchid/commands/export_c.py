@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 
+from ..argument_checks import WINDOW
 from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices, given
 from ..cli.terminal import say
@@ -33,7 +34,7 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
-    add_choices(sub)
+    add_choices(sub, "rigid-body")
     sub.set_defaults(run=run)
 
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     say(result.summary(args.out) + replaced)
 
 
-def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None,
+def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | None = None,
              formulation: str | None = None, **choices: Any) -> Exported:
     """Write the estimator in C, bit for bit equal to the Python version.
 

@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from ..argument_checks import WINDOW
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
@@ -25,7 +26,7 @@ def add(commands: Any) -> None:
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     add_nominal(sub, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
-    sub.add_argument("--window", default="1", metavar="S|all",
+    sub.add_argument("--window", default=WINDOW, metavar="S|all",
                      help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
     add_choices(sub)
     sub.add_argument("--tracked", action="store_true",

@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from ..argument_checks import WINDOW
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict
 
@@ -14,7 +15,7 @@ def add(commands: Any) -> None:
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
                      help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
-    sub.add_argument("--window", type=float, default=5.0, metavar="S",
+    sub.add_argument("--window", type=float, default=WINDOW, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--tracked", action="store_true",
                      help="give those of the tracked estimate too, at each window's end")

@@ -12,10 +12,9 @@ from sim.errors import UsageError
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..log.check import data_warnings
-from ..log.detect import DataCheck, check
+from ..log.check import checked
+from ..log.detect import DataCheck
 from ..log.log import Log
-from ..log.turns import unwrapped
 from ..progress import Counter
 from ..results.answer import Answer, flat
 from .dispersion import FLIGHTS, Dispersed, dispersed
@@ -135,23 +134,22 @@ def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, st
     """Hold a log beside nominals; `flights` dispersed ones of each, 0: none."""
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
-    log.check_clock()
-    log = unwrapped(log)[0]
     said: tuple[str, ...] = ()
-    made = []
+    made, first = list[Beside](), None
     count = Counter(flights * len(nominals), "flights with the dispersions")
     for label, nominal in zip(labels(nominals), nominals, strict=True):
-        said += data_warnings(log, nominal, strict)
-        data = check(log, nominal)
-        clean = masked(log, data)
-        made.append(Beside(label, nominal, predictions(log, nominal, data), flown(clean, nominal),
+        seen = checked(log, nominal, strict=strict)
+        said += seen.warnings
+        clean = masked(seen.log, seen.data)
+        first = first or clean
+        made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),
                            dispersed(clean, nominal, flights, count) if flights > 0 else None,
                            frequency_responses(clean, nominal)))
     t = log.t[np.isfinite(log.t)]
     if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
         said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
-    clean = masked(log, check(log, nominals[0]))
-    return Comparison(clean, made, report(clean, made), tuple(dict.fromkeys(said)))
+    assert first is not None
+    return Comparison(first, made, report(first, made), tuple(dict.fromkeys(said)))
 
 
 def labels(nominals: Sequence[Nominal]) -> list[str]:

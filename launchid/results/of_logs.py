@@ -13,15 +13,23 @@ from sim.nominal import Nominal, rewrite_nominal
 from sim.result import Columns, drawn
 
 from .. import progress
-from ..argument_checks import integer, real, word
+from ..argument_checks import WINDOW, integer, real, word
 from ..cli.options import WITHIN
 from ..diagnosis.answer import extension
 from ..diagnosis.answer import lines as diagnosis_lines
 from ..diagnosis.answer import report as diagnosis_report
 from ..diagnosis.verdict import Result
 from ..diagnosis.verdict import diagnose as examine
-from ..identification.windows import identified, log_config, report_of, servo_note, table
-from ..log.check import data_warnings, faults, foreign, ideal_note, profile_note, warned
+from ..identification.windows import (
+    identified,
+    is_weak,
+    log_config,
+    refuse_too_long,
+    report_of,
+    servo_note,
+    table,
+)
+from ..log.check import checked, ideal_note, profile_note
 from ..log.log import Log
 from ..robustness import greybox, level
 from .answer import Answer, flat
@@ -49,11 +57,13 @@ class Identification(Answer):
     library: str
     changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
+    is_weak: bool = False   # the numbers are the weak form's
 
     def summary(self) -> str:
         c = self.config
-        head = (f"{self.log.path}: formulation {c.formulation}, library {self.library}, solver {c.solver}, "
-                f"window {c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
+        how = "weak" if self.is_weak else c.formulation
+        head = (f"{self.log.path}: formulation {how}, library {self.library}, solver {c.solver}, window "
+                f"{c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
         return "\n".join([head, table(self.report) if self.estimates else _too_short(self.log, c.window)])
 
     def columns(self) -> Columns:
@@ -104,30 +114,37 @@ def _too_short(log: Log, window: float) -> str:
             "expected a longer log, or a smaller window")
 
 
-def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = 1.0, formulation: str | None = None,
-             tracked: bool = False, strict: bool = False, library: str = "rigid-body",
+def identify(log: Log, nominal: Nominal | None = None, *, window: float | str = WINDOW, formulation: str | None = None,
+             tracked: bool = False, strict: bool = False, library: str | None = None,
              **choices: Any) -> Identification:
     """Identify a log.
 
     window   [s], or `all`;  strict: what the data check finds is an InputError
+    library  None: theta and beta; of the weak form (`is_weak`) a constant too, and rate damping where there is any
     choices  further fields of `launchid_core.Config`
     """
     window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
-    noted = faults(log, nominal)
-    said = warned(log, noted, strict) + ideal_note(log)
-    config = log_config(log, nominal, str(window), formulation, tracked, library=library, **choices)
+    if window == "all":
+        refuse_too_long(log)
+    seen = checked(log, nominal, strict=strict)
+    log, said = seen.log, seen.warnings
+    weak = is_weak(log, nominal, formulation, library, choices)
+    optional = ("theta_dot",) if weak and library is None and nominal is None else ()
+    library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
+    config = log_config(log, nominal, str(window), formulation, tracked, seen.bridged, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)
     if config.formulation == "filtered":
         said += servo_note(log, nominal, config)
-    if config.formulation == "filtered" and not foreign(noted):
+    if config.formulation == "filtered" and not seen.foreign:
         said += profile_note(nominal, level.log_span(log)[1], log.path)
-    result = identified(config, log, foreign(noted), any(fault.kind == "motion" for fault in noted))
+    result = identified(config, seen, weak, optional)
     if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    return Identification(log, nominal, result.config, result.estimates, report_of(result, tracked), library,
-                          result.estimator.changes() if config.formulation == "filtered" else (), said)
+    fitted = result.judged.fitted if weak else result.estimates
+    return Identification(log, nominal, result.config, fitted, report_of(result, tracked), library,
+                          result.estimator.changes() if config.formulation == "filtered" else (), said, weak)
 
 
 # ---- uncertainty
@@ -157,14 +174,14 @@ class UncertaintyLevel(Answer):
         return uncertainty_figure(self.log, self.estimates, self.nominal)
 
 
-def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool = False) -> UncertaintyLevel:
+def uncertainty(log: Log, nominal: Nominal, *, window: float = WINDOW, strict: bool = False) -> UncertaintyLevel:
     """Follow the uncertainty level of a log; `window` in s."""
-    said = data_warnings(log, nominal, strict)
+    seen = checked(log, nominal, strict=strict)
     try:
-        estimates = level.follow(log, nominal, window)
+        estimates = level.follow(seen, nominal, window)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    return UncertaintyLevel(log, nominal, window, estimates, level.report(estimates), said)
+    return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), seen.warnings)
 
 
 # ---- diagnose
@@ -222,7 +239,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
         if each is not None:
             each.check_clock()
     if strict:
-        data_warnings(log, nominal, strict)
+        checked(log, nominal, strict=strict)
     result = examine(log, nominal, holdout, bootstrap=bootstrap, say=say, noise=noise)
     return Diagnosed(result, diagnosis_report(result), ideal_note(log))
 
@@ -271,8 +288,9 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
     said: tuple[str, ...] = ()
     flights = []
     for log in progress.each(logs, "logs fitted"):
-        said += data_warnings(log, nominal, strict, refuse_columns=True)
-        flights.append(greybox.deviations(log, nominal))
+        seen = checked(log, nominal, strict=strict, refuse_columns=True)
+        said += seen.warnings
+        flights.append(greybox.deviations(seen, nominal))
     fit = greybox.fit(flights, share, confidence, profile)
     ranges = {name: {key: getattr(each, key) for key in ("sigma", "method", "spread", "within", "noise", "held")}
               for name, each in zip(level.PARAMETERS, fit.ranges, strict=True)}

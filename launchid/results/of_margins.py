@@ -9,9 +9,10 @@ from launchid_core import Change, Config, Estimate
 from sim.nominal import Nominal
 from sim.result import Columns
 
+from ..argument_checks import WINDOW
 from ..identification.run import identified
 from ..identification.windows import log_config, next_step, servo_note, why
-from ..log.check import data_warnings
+from ..log.check import checked
 from ..log.log import Log
 from ..robustness import flight_margins as fm
 from ..robustness.flight_margins import Servo, WindowMargins, declared_servo
@@ -57,13 +58,15 @@ class FlightMargins(Answer):
         return margins_figure(self.log, self.nominal, self.windows, self.report)
 
 
-def margins(log: Log, nominal: Nominal, *, window: float = 5.0, tracked: bool = False,
+def margins(log: Log, nominal: Nominal, *, window: float = WINDOW, tracked: bool = False,
             strict: bool = False) -> FlightMargins:
     """The margins of a log's loop; `window` in s."""
     declared_servo(nominal)
-    config = log_config(log, nominal, str(window), "filtered", True, library="rigid-body")
-    said = (*data_warnings(log, nominal, strict), *servo_note(log, nominal, config))
-    result = identified(config, log)
+    seen = checked(log, nominal, strict=strict)
+    log = seen.log
+    config = log_config(log, nominal, str(window), "filtered", True, seen.bridged, library="rigid-body")
+    said = (*seen.warnings, *servo_note(log, nominal, config))
+    result = identified(config, seen)
     return margins_of(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked, said)
 
 
