@@ -106,7 +106,7 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
                                                         "launchid[plots] (default: none)")
 
 
-def add_choices(sub: argparse.ArgumentParser, library: str) -> None:
+def add_choices(sub: argparse.ArgumentParser, library: str = "%(default)s") -> None:
     """Add the options of an estimator that neither a log nor a nominal decides; `library`: what its default is."""
     sub.add_argument("--compression", type=int, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")

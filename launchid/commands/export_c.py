@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
-    add_choices(sub, "rigid-body")
+    add_choices(sub)
     sub.set_defaults(run=run)
 
 
