@@ -81,7 +81,7 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     """Find why a simulation disagrees with a log, and how much the fix improves its predictions.
 
     holdout    a second log, to judge the extended model on; None: parts of the first
-    bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one
+    bootstrap  so many clean flights of the nominal that are diagnosed too, to count false alarms
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
     from launchid.results import of_logs

@@ -19,8 +19,8 @@ def add(commands: Any) -> None:
                      help="judge the extended nominal on this second log (default: on parts of the first that are held "
                           "out)")
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
-                     help="measure the detection threshold on N clean flights of the nominal along this log; 0: use "
-                          "the built-in one, 12 nats (default %(default)s)")
+                     help="diagnose N clean flights of the nominal too, and say how many are not found consistent "
+                          "(default %(default)s)")
     sub.add_argument("--noise", default="bounded", choices=WITHIN,
                      help="choose how noise levels are fitted. bounded: within 0.3 to 3 times the nominal's (wind 0 "
                           "to 2 times); declared: fixed at the nominal's; free: without limits (default %(default)s)")

@@ -15,9 +15,10 @@ from sim.result import Columns, drawn
 from .. import progress
 from ..argument_checks import WINDOW, integer, real, word
 from ..cli.options import WITHIN
-from ..diagnosis.judge.diagnosis import Diagnosis
-from ..diagnosis.report.answer import report as diagnosis_report
-from ..diagnosis.report.words import lines as diagnosis_lines
+from ..diagnosis.answer import extension
+from ..diagnosis.answer import lines as diagnosis_lines
+from ..diagnosis.answer import report as diagnosis_report
+from ..diagnosis.verdict import Result
 from ..diagnosis.verdict import diagnose as examine
 from ..identification.windows import (
     identified,
@@ -190,7 +191,7 @@ def uncertainty(log: Log, nominal: Nominal, *, window: float = WINDOW, strict: b
 class Diagnosed(Answer):
     """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
 
-    diagnosis: Diagnosis
+    diagnosis: Result
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -201,7 +202,7 @@ class Diagnosed(Answer):
     @property
     def extension(self) -> Nominal | None:
         """The nominal with the named causes, if any."""
-        return self.diagnosis.extension
+        return extension(self.diagnosis)
 
     def summary(self) -> str:
         return "\n".join(diagnosis_lines(self.diagnosis))
@@ -229,7 +230,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     """Diagnose a log.
 
     holdout    a second log, to judge the extended model on
-    bootstrap  clean flights to measure the threshold on, 0: the built-in one
+    bootstrap  clean flights of the nominal that are diagnosed too, to count false alarms
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
