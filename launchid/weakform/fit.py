@@ -93,9 +93,9 @@ def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.n
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
     squares), and from those with the slope of theta what its own noise adds.
     """
-    w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
-    gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
     with np.errstate(over="ignore", invalid="ignore"):   # of a body at rest
+        w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
+        gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
         passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
         inner = gram - m.sensor * float(np.sum(passed))
     if not np.all(np.isfinite(inner)):

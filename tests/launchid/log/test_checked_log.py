@@ -185,7 +185,7 @@ def test_a_gamma_of_another_unit_is_refused_for_that():
 
 def test_every_command_takes_the_checked_log():
     """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else seeks faults."""
-    makers = {"log", "convert", "watch", "diagnosis", "greybox"}   # a stream and the diagnosis check rows
+    makers = {"log", "convert", "watch", "diagnosis"}   # a stream and the diagnosis check rows
     for path in sorted(ROOT.rglob("*.py")):
         room = path.relative_to(ROOT).parts[0]
         names = {alias.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
