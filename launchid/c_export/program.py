@@ -13,8 +13,9 @@ import numpy as np
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
 from .expressions import FUNCTIONS
+from .folding import Fact
 from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
-from .unit import Unit
+from .unit import Key, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
@@ -24,9 +25,10 @@ OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 
 
-def c_files(config: Config) -> dict[str, str]:
-    """File name -> text of an estimator with this configuration.  Nothing is compiled for it."""
-    program = _Program(config, port_of(config))
+def c_files(config: Config, general: bool = False) -> dict[str, str]:
+    """File name -> text of an estimator with this configuration; `general`: kernels that know nothing of their callers,
+    to count what they do of arrays of any extents."""
+    program = _Program(config, port_of(config), general)
     header, source = program.header(), program.source()
     functions = sorted(name for name in (*FUNCTIONS, "fabs", "frexp", "ldexp") if re.search(rf"\b{name}\(", source))
     return {"launchid.h": header, "launchid.c": source, "replay.c": template("replay.c", {}),
@@ -46,7 +48,7 @@ def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
 class _Program:
     """One configuration's."""
 
-    def __init__(self, config: Config, port: Port) -> None:
+    def __init__(self, config: Config, port: Port, general: bool) -> None:
         self.config, self.port, self.unit = config, port, Unit()
         memory = port.memory
         parts = memory.parts._asdict()
@@ -59,7 +61,23 @@ class _Program:
         self.kinds: dict[str, Kind] = {"size": struct_of(memory.size), "block": self.block, "words": structs[STATE],
                                        **apart}
         self.unit.struct(self.block)
+        roots = self._roots()
+        for function, kinds in roots:
+            self.unit.kernel(function, kinds)
+        if not general:
+            self.unit.settle(roots)
         self.update, self.report = self._call(port.update), self._call(port.report)
+
+    def _roots(self) -> dict[Key, list[Fact]]:
+        """What is known of the memory that the two kernels take."""
+        apart = {name: array if self.port.apart[name] == FIXED else array.shape
+                 for name, array in self.port.memory.apart.items()}
+        called = [function for function in (self.port.update, self.port.report) if function is not None]
+        return {self._key(function): [apart.get(name) for name in _arguments(function)] for function in called}
+
+    def _key(self, function: Any) -> Key:
+        return (getattr(function, "py_func", function),
+                tuple(self.kinds.get(name, FLOAT) for name in _arguments(function)))
 
     def _apart(self, kind: str) -> dict[str, np.ndarray]:
         """The arrays that stand apart, of what is fixed, persists or is scratch."""
@@ -69,9 +87,8 @@ class _Program:
         """C of a call with the memory that the function takes, and a sample `s`."""
         if function is None:
             return ""
-        names = list(_arguments(function))
-        kernel = self.unit.kernel(function, [self.kinds.get(name, FLOAT) for name in names])
-        return f"{kernel.name}({', '.join(self._given(name) for name in names if name != 'size')})"
+        kernel = self.unit.kernel(*self._key(function))
+        return f"{kernel.name}({', '.join(map(self._given, kernel.written(_arguments(function))))})"
 
     def _given(self, name: str) -> str:
         """C of an argument."""
@@ -111,7 +128,8 @@ class _Program:
         """The constants: tables and the fixed struct."""
         fixed = self.port.memory.parts.fixed
         tables = [f"static const double {name.upper()}[] = {_numbers(array, 1)};\n"
-                  for name, array in self._apart(FIXED).items()]
+                  for name, array in self._apart(FIXED).items()
+                  if re.search(rf"\b{name.upper()}\b", self.update + self.report)]
         return "\n".join([*tables, f"static const {self.unit.struct(self.structs[FIXED])} FIXED = "
                                    f"{_initialiser(fixed)};\n"])
 
@@ -177,6 +195,7 @@ class _Program:
         for module, name in OWN_CONSTANT.findall(own):
             home = _module(module.lower())
             self.unit.constant(home.__name__, name, getattr(home, name))
+        self.unit.own = own
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
         body = "\n".join([
             f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",

@@ -6,8 +6,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0)
-#error "expected plain double precision: no -ffast-math, no wider intermediate results (-mfpmath=sse on x87 machines)"
+/* Options that take NaN and infinities for what never is, or sum in another order, would give other answers. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ != 0))
+#error "expected NaN and infinities: no -ffast-math, no -ffinite-math-only"
+#endif
+#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
+#error "expected every operation as it is written: no -funsafe-math-optimizations and none of its parts"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "expected plain double precision: no wider intermediate results (-mfpmath=sse on x87 machines)"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#pragma clang fp reassociate(off)
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#else
+#pragma STDC FP_CONTRACT OFF
 #endif
 
 /* ---- arrays, and what C does otherwise than Python */
