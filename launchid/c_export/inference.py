@@ -27,9 +27,9 @@ from .kinds import (
 PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
-BY_HAND: dict[str, Kind] = {  # written in C by hand: exclusive or of words, powers of two
-    "xor_double": INTEGER, "xor_integer": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER,
-    "scaled": FLOAT}
+BY_HAND: dict[str, Kind] = {  # written in C by hand: seals, powers of two
+    "seal_double": INTEGER, "seal_integer": INTEGER, "mixed": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT,
+    "exponent_of": INTEGER, "scaled": FLOAT}
 
 
 def of_module(node: ast.expr) -> bool:

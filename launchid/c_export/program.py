@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 from types import ModuleType
@@ -23,6 +24,7 @@ BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
+GUARD = f"{STATE}.guard"
 
 
 def c_files(config: Config, general: bool = False) -> dict[str, str]:
@@ -62,10 +64,20 @@ class _Program:
                                        **apart}
         self.unit.struct(self.block)
         roots = self._roots()
+        sealed = [replace(structs[STATE], constant=True), replace(structs[STATE], constant=True)]
+        if port.seal is not None:
+            rows = memory.apart["rows"]
+            key = getattr(port.seal, "py_func", port.seal), (*sealed, Array(FLOAT, 2, constant=True))
+            roots[key] = [None, None, rows.shape]
         for function, kinds in roots:
             self.unit.kernel(function, kinds)
         if not general:
             self.unit.settle(roots)
+        self.seal = f"fold_words(&state->{STATE})"
+        if port.seal is not None:
+            kernel, extents = self.unit.kernel(*key), ", ".join(map(str, rows.shape))
+            given = f"&state->{STATE}", f"&state->{STATE}", f"(ConstMatrix){{state->rows, {extents}}}"
+            self.seal = f"{kernel.name}({', '.join(kernel.written(given))})"
         self.update, self.report = self._call(port.update), self._call(port.report)
 
     def _roots(self) -> dict[Key, list[Fact]]:
@@ -107,21 +119,19 @@ class _Program:
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist() if path != f"{STATE}.guard" else ():
+            for k in places.tolist() if path != GUARD else ():
                 yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
     def _seal(self) -> str:
-        """The seal of what is carried on: as the core's `fold_words` over the same arrays."""
+        """The seal of what is carried on: as the core's `fold_words`, array by array in the extents in use."""
         state = self.port.memory.parts.state
         first = state._fields.index(self.port.carried)
-        lines = [f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
+        lines = [template("seal.c", {}),
+                 f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
                  "{", "    int64_t seal = 0;"]
         for name, part in list(zip(state._fields, state, strict=True))[first:]:
-            for path, array in _arrays(part, name):
-                if array.size:
-                    fold = "xor_double" if array.dtype.kind == "f" else "xor_integer"
-                    lines += [f"    for (int64_t k = 0; k < {array.size}; k++) {{",
-                              f"        seal = {fold}(seal, state->{path}[k]);", "    }"]
+            lines += [f"    seal = fold_{'numbers' if array.dtype.kind == 'f' else 'counts'}(seal, state->{path}, "
+                      f"{array.size});" for path, array in _arrays(part, name) if array.size]
         return "\n".join([*lines, "    return seal;", "}\n"])
 
     def _constants(self) -> str:
@@ -157,7 +167,8 @@ class _Program:
                  for path, array in self._state() if array.size]
         saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, state->{path}, {n}U);\n"
                                    for path, n, kind in kinds) for does in ("put", "take"))
-        return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores}
+        saves = saves.replace(f"state->{GUARD}", "guard")
+        return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores, "seal": self.seal}
 
     def sizes(self) -> dict[str, object]:
         """The configuration in words, and its sizes."""
@@ -190,7 +201,8 @@ class _Program:
         own = "\n".join([
             template("report.c", {"report": self.report, "block": block}) if self.port.report
             else template("no_report.c", {}),
-            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block}),
+            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block,
+                                      "seal": self.seal}),
             template("save.c", self._saved())])
         for module, name in OWN_CONSTANT.findall(own):
             home = _module(module.lower())

@@ -65,17 +65,29 @@ static inline int64_t quotient(int64_t a, int64_t b)
     return (((a % b) != 0) && ((a < 0) != (b < 0))) ? (towards_zero - 1) : towards_zero;
 }
 
-/* Exclusive or of words: seals of what is to stay as it is. */
-static inline int64_t xor_integer(int64_t a, int64_t b)
+/* A seal of what is to stay as it is, with another word, turned to the left by its place. */
+static inline int64_t seal_integer(int64_t seal, int64_t n, int64_t place)
 {
-    const uint64_t word = (uint64_t)a ^ (uint64_t)b;
-    return (int64_t)word;
+    const uint64_t bits = (uint64_t)n;
+    const uint64_t turn = (uint64_t)place & 63U;
+    const uint64_t turned = (bits << turn) | (bits >> ((64U - turn) & 63U));
+    return (int64_t)((uint64_t)seal ^ turned);
 }
 
-static inline int64_t xor_double(int64_t seal, double x)
+static inline int64_t seal_double(int64_t seal, double x, int64_t place)
 {
     const Bits bits = {.number = x};
-    return xor_integer(seal, bits.word);
+    return seal_integer(seal, bits.word, place);
+}
+
+/* A step of the generator xorshift64. */
+static inline int64_t mixed(int64_t seal)
+{
+    uint64_t bits = (uint64_t)seal;
+    bits ^= bits << 13U;
+    bits ^= bits >> 7U;
+    bits ^= bits << 17U;
+    return (int64_t)bits;
 }
 
 /* x as a fraction from 0.5 to 1 times a power of two. */
