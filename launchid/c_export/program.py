@@ -64,10 +64,10 @@ class _Program:
                                        **apart}
         self.unit.struct(self.block)
         roots = self._roots()
-        sealed = [replace(structs[STATE], constant=True), replace(structs[STATE], constant=True)]
+        sealed = replace(structs[STATE], constant=True)
         if port.seal is not None:
             rows = memory.apart["rows"]
-            key = getattr(port.seal, "py_func", port.seal), (*sealed, Array(FLOAT, 2, constant=True))
+            key: Key = getattr(port.seal, "py_func", port.seal), (sealed, sealed, Array(FLOAT, 2, constant=True))
             roots[key] = [None, None, rows.shape]
         for function, kinds in roots:
             self.unit.kernel(function, kinds)
