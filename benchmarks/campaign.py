@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from launchid.cli.terminal import ProgressBar
+from launchid.cli.terminal import shown_counter
 from launchid.monte_carlo.campaign import draw_jobs, run_campaign
 from launchid.robustness.montecarlo import identify
 
@@ -28,7 +28,7 @@ def timed(flights: int, workers: int, path: Path) -> float:
     """Seconds of a campaign, the start of its processes included."""
     jobs = draw_jobs("constant", "box", range(flights))
     start = time.perf_counter()
-    table = run_campaign(jobs, identify, path, workers=workers, progress=ProgressBar(flights, "flights"))
+    table = run_campaign(jobs, identify, path, workers=workers, progress=shown_counter(flights, "flights"))
     seconds = time.perf_counter() - start
     if table.failed:
         raise RuntimeError(f"{table.failed} of {flights} flights failed, see {path}")

@@ -17,6 +17,7 @@ Demanded, pooled: 2 % with wind and offsets declared, 5 % without; 1 % of clean 
 import argparse
 import dataclasses
 import functools
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -24,6 +25,8 @@ from pathlib import Path
 import numpy as np
 from flights import NOMINALS, at_rate, run_jobs
 
+from launchid.diagnosis.answer import report
+from launchid.diagnosis.estimate import information
 from launchid.diagnosis.verdict import diagnose
 from launchid.identification.window_validation import withdrawn
 from launchid.identification.windows import onboard_model, run
@@ -56,19 +59,17 @@ def limits(name: str, rate: float) -> tuple[tuple[str, bool], ...]:
         path = Path(folder) / "clean.csv"
         write_flight(path, fly_whole(nominal, REFERENCE_SEED))
         made = diagnose(read_log(path), nominal)
+    m, full = made.model, made.elimination.full
+    inverse = np.linalg.inv(information(m, full))
+    own = [m.index(each) for each in ("a6", "k1") if each in m.names]
     found = []
-    names, cosine = made.isolability.names, made.isolability.cosine
-    own = [names.index(each) for each in ("aero_instability", "control_effectiveness") if each in names]
-    for limit in made.limits:
-        if limit.size is None:
+    for j, number in enumerate(m.numbers):
+        limit = report(made)["limits"].get(number.cause)
+        if limit is None or limit["parameter"] != number.parameter or limit["size"] is None:
             continue
-        if limit.parameter == "rate" and limit.cause == "actuator_rate_limit":
-            value = limit.size / TWICE
-        else:
-            value = limit.neutral + TWICE * limit.size
-        at = ",".join(f"{key}={x!r}" for key, x in ((limit.parameter, value), *limit.at))
-        parallel = limit.cause in names and any(cosine[names.index(limit.cause), k] > PARALLEL for k in own)
-        found.append((f"{limit.cause}:{at}", parallel))
+        value = limit["neutral"] + TWICE * limit["size"]
+        parallel = any(abs(inverse[j, k]) > PARALLEL * math.sqrt(inverse[j, j] * inverse[k, k]) for k in own)
+        found.append((f"{number.cause}:{number.parameter}={value!r}", parallel))
     return tuple(found)
 
 

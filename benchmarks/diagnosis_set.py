@@ -1,7 +1,7 @@
 """The diagnosis on its labelled set: right, wrong and refused answers by group and by kind; what a change changes.
 
     python benchmarks/diagnosis_set.py [--groups G...] [--kinds K...] [--cases NAME...] [--tenth] [--judge]
-                                       [--folder DIR...] [--jobs 2] [--out FILE]
+                                       [--folder DIR...] [--jobs 2] [--out FILE] [--fresh FIRST COUNT]
     python benchmarks/diagnosis_set.py --table FILE
     python benchmarks/diagnosis_set.py --compare BEFORE AFTER
 
@@ -19,6 +19,9 @@ status 1 where an answer got worse (right before, or wrong only now).  Without i
 Cases whose log is not here are skipped, with a line: measured logs that may not be passed on lie in a --folder
 (`real_fetched.py`), J246 needs the extra `judges`.  What only judges (part "judge") runs with --judge alone: nothing
 may be chosen on it.
+
+--fresh FIRST COUNT: so many flights of the set's own kinds with other seeds, from FIRST on, at 25, 50, 100 and 200 Hz
+in turn: flights that nobody has seen, judged by the labels of their kind.
 """
 
 import os
@@ -27,6 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers 
 
 import argparse
 import contextlib
+import dataclasses
 import functools
 import hashlib
 import json
@@ -44,8 +48,8 @@ import numpy as np
 from diagnosis_labels import FAR, NORMAL_95, Case, Row, is_of_input, outcome, read_set, said, sizes, wrong_names
 from diagnosis_sources import ROOT, Absent, material
 
-from launchid.cli.terminal import ProgressBar
-from launchid.diagnosis.report.answer import report
+from launchid.cli.terminal import shown_counter
+from launchid.diagnosis.answer import report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import flown_log
 from sim.errors import InputError, UsageError
@@ -56,6 +60,7 @@ DECIDES = ("launchid_core", "sim", "tests/hidden", "tests/foreign", "tests/publi
 AND_FILES = ("tests/public_flights.py", "benchmarks/diagnosis_sources.py")
 OUTCOMES = ("right", "wrong", "refused")
 JUDGED = "judge"   # the part that is run on demand alone
+RATES = (25.0, 50.0, 100.0, 200.0)   # Hz of fresh flights
 WARM = 8.0         # s of the flight by which a worker loads the compiled code
 
 
@@ -135,7 +140,7 @@ def run(cases: list[Case], nominals: dict[str, Any], args: argparse.Namespace, p
     left = [case for case in cases if case.name not in there]
     print(f"{len(cases)} cases, {len(there)} of them answered already in {path}", flush=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    update = ProgressBar(len(left), "cases")
+    update = shown_counter(len(left), "cases")
     with path.open("a", encoding="utf-8") as file:
         try:
             for row in in_processes(in_turn(left), (nominals, tuple(args.folder), sources), args.jobs):
@@ -316,6 +321,15 @@ def chosen(cases: list[Case], args: argparse.Namespace) -> list[Case]:
             and (not args.cases or any(each in case.name for each in args.cases)) and (case.in_tests or not args.tenth)]
 
 
+def fresh(cases: list[Case], first: int, count: int) -> list[Case]:
+    """Flights of the same kinds with other seeds and rates."""
+    hidden = [case for case in cases if case.source[0] == "hidden"]
+    step = len(hidden) / count
+    drawn = [hidden[int(k * step) % len(hidden)] for k in range(count)]
+    return [dataclasses.replace(case, name=f"{case.name}@{first + k}", options=case.options | {
+        "seed": first + k, "rate": RATES[k % len(RATES)]}) for k, case in enumerate(drawn)]
+
+
 def main() -> int:
     """Run and print; exit status 1 where an answer is wrong or, of two runs, worse."""
     cases, nominals = read_set()
@@ -326,6 +340,7 @@ def main() -> int:
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="whose names (group/name) hold one of these")
     parser.add_argument("--tenth", action="store_true", help="those that every run of the tests answers")
     parser.add_argument("--judge", action="store_true", help="also those on which nothing may be chosen")
+    parser.add_argument("--fresh", nargs=2, type=int, metavar=("FIRST", "COUNT"), help="flights with other seeds")
     parser.add_argument("--folder", nargs="+", type=Path, default=[], metavar="DIR", help="of further measured logs")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--out", type=Path, metavar="FILE", help="of the answers")
@@ -337,6 +352,8 @@ def main() -> int:
         if not path.is_file():
             parser.error(f"{path}: no such file; expected answers that a run wrote (--out)")
     cases = chosen(cases, args)
+    if args.fresh:
+        cases = fresh(cases, *args.fresh)
     if args.compare:
         lines, is_worse = compared(cases, *(still_asked(cases, nominals, path) for path in args.compare))
         print("\n".join(lines))

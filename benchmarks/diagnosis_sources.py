@@ -28,18 +28,20 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))  # the generators are no installed packages
 
 import public_flights  # noqa: E402
-from diagnosis_cases import CAUSES, WEATHER, WINDY, nominal_of  # noqa: E402
 from diagnosis_labels import Case  # noqa: E402
-from hidden import OTHER, PLAIN, draw_spec, fly  # noqa: E402
+from hidden import OTHER, PLAIN, Weather, draw_spec, fly  # noqa: E402
+from hidden.catalogue import CAUSES  # noqa: E402
 
 from launchid.log.log import MEASURED, Log, flown_log, log_of_values, read_log  # noqa: E402
 from sim.effects import from_text  # noqa: E402
 from sim.flight import fly_whole  # noqa: E402
-from sim.nominal import BUILT_IN, STANDS, Nominal, load_nominal  # noqa: E402
+from sim.nominal import BUILT_IN, STANDS, Nominal, Wind, load_nominal  # noqa: E402
 from sim.nominal.reader import nominal_of as nominal_of_table  # noqa: E402
 from sim.nominal.table import Table  # noqa: E402
 
 PUBLIC = ROOT / "tests" / "public"
+DECLARED = Wind(turbulence=0.005, walk=0.002)   # of a windy flight: as the nominal declares it, and as it blows
+WEATHER = Weather(DECLARED.turbulence, DECLARED.walk, DECLARED.turbulence_time, DECLARED.initial)
 LOST = 0.05          # share of the rows that `lost` takes away
 SPIKE = 0.3          # rad, of `spiked`
 STOPPED = (0.4, 0.42)  # of the log, in which a `frozen` channel stands still
@@ -90,18 +92,19 @@ Maker = Callable[[Case, str, dict[str, Any], tuple[Path, ...]], Made]
 
 def _hidden(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
     """A flight of the independent generator; its columns that are dropped were never written."""
-    options = case.options
+    options, nominal = case.options, load_nominal(case.nominal)
     given = {key: options[key] for key in ("rate", "reference", "duration") if key in options}
     given |= {"drop": tuple(options.get("drop", ()))}
-    air, seed = options.get("air", "calm"), options["seed"]
-    if air == WINDY:
+    seed = options["seed"]
+    if options.get("air") == "windy":
+        nominal = dataclasses.replace(nominal, wind=DECLARED)
         given["wind"] = dataclasses.replace(WEATHER, variant=OTHER if seed // 4 % 2 else PLAIN)
     columns, label = fly(draw_spec(seed, tuple(name.split("+")) if name else None, case.nominal,
                                    options.get("factor", 1.0), options.get("variant", PLAIN), **given))
     truth = {f"{cause['cause']}.{value.contract}": cause["parameters"][value.contract] for cause in label.causes
              for value in CAUSES[cause["cause"]].values[:1]}
     places = tuple(sorted(frozenset().union(*label.places)))
-    return log_of_values(case.name, columns), nominal_of(case.nominal, air), truth, places
+    return log_of_values(case.name, columns), nominal, truth, places
 
 
 def _simulated(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:

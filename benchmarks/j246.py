@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from foreign import j246_cases
 from foreign.j246_cases import CASES, SIX, Case
 
-from launchid.diagnosis.report.answer import report
+from launchid.diagnosis.answer import report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import read_log
 from sim.errors import InputError

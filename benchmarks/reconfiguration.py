@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from flights import NOMINALS, WIND, in_air, nominal
 
-from launchid.cli.terminal import ProgressBar
+from launchid.cli.terminal import shown_counter
 from launchid.monte_carlo.campaign import Job, draw_jobs, run_campaign
 from launchid.robustness.montecarlo import SCENARIOS, compare_gains, compare_gains_of, factors
 from launchid.robustness.reconfigure import fly_knowing
@@ -94,7 +94,7 @@ def main() -> int:
     names, scenarios = args.nominal or NOMINALS, args.scenario or SCENARIOS
     work = compare_in_severe_wind if args.air == "wind" else compare_gains
     jobs = [job for name in names for scenario in scenarios for job in draw_jobs(name, scenario, seeds)]
-    update = ProgressBar(len(jobs), "flights")
+    update = shown_counter(len(jobs), "flights")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(args.table or folder) / f"reconfiguration{'' if args.air == 'calm' else '_wind'}.csv"
         table = columns(run_campaign(jobs, work, path, progress=update).path)

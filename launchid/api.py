@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from launchid.argument_checks import integer
 from launchid.log.log import Log
 from sim.errors import InputError, UsageError
 from sim.sections import Nominal
 
+from .commands import campaign as of_campaign
+from .commands import export_c as of_export_c
+from .commands import plan as of_plan
+from .commands import simulate as of_simulate
 from .onboard import onboard_model
 from .sources import DataWarning, LogSource, NominalSource, each_of, from_python, load_nominal, read_log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from os import PathLike
 
     from launchid.comparison.result import Comparison
-    from launchid.results.of_campaigns import Campaign
     from launchid.results.of_logs import Diagnosed, FittedRange, Identification, UncertaintyLevel
     from launchid.results.of_margins import FlightMargins
-    from launchid.results.of_nominals import Effects, Exported, Flown, Planned
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "campaign",
            "compare", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "onboard_model", "plan",
@@ -36,7 +37,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
     nominal      what the simulation believes; None: nothing is believed
     window       [s], or "all": the whole log is one
-    tracked      also the estimate from all data so far, followed from block to block, and sudden changes
+    tracked      also the estimate from all samples so far, and sudden changes
                  (needs a nominal)
     library      candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"
     formulation  measured | difference | integral | filtered; None: the best that log and nominal allow
@@ -74,10 +75,10 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = 5.0, trac
 @from_python
 def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
              noise: str = "bounded", strict: bool = False) -> Diagnosed:
-    """Names what the simulation gets wrong on a log, and what fixing it gains.
+    """Find why a simulation disagrees with a log, and how much the fix improves its predictions.
 
     holdout    a second log, to judge the extended model on; None: parts of the first
-    bootstrap  measure the threshold on so many clean flights of the nominal; 0: the built-in one
+    bootstrap  so many clean flights of the nominal that are diagnosed too, to count false alarms
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
     from launchid.results import of_logs
@@ -111,48 +112,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
                            confidence=confidence, profile=profile, strict=strict)
 
 
-@from_python
-def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: Effects = ()) -> Flown:
-    """Fly a nominal.
-
-    seed     of all noise, from 0 on
-    suite    "flight": the nominal's sensors; "ideal": the truth
-    period   between rows [s]; None: the suite's own
-    effects  one or several causes of the catalogue, each "NAME:PARAMETER=VALUE,...", a dict such as
-             {"name": "gyro_bias", "rate": 0.01}, or an `Effect`
-    """
-    from launchid.results import of_nominals
-    return of_nominals.simulate(load_nominal(nominal), seed=seed, suite=suite, period=period, effects=effects)
-
-
-@from_python
-def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
-    """The smallest test input that reaches `accuracy` (relative, one sigma) in windows of `window` [s]."""
-    from launchid.results import of_nominals
-    return of_nominals.plan(load_nominal(nominal), accuracy=accuracy, window=window)
-
-
-@from_python
-def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None, **choices: Any) -> Exported:
-    """The estimator in C, with the same bits; window, period (None: the nominal's) in s, choices as `identify`'s."""
-    from launchid.results import of_nominals
-    return of_nominals.export_c(load_nominal(nominal), window=window, period=period, **choices)
-
-
-@from_python
-def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int | None = None,
-             requirement: str | Sequence[str] = (), seed: int = 0, stop: str = "decided", executor: str = "local",
-             workers: int | None = None, merge: Sequence[str | PathLike[str]] = ()) -> Campaign:
-    """Fly many drawn vehicles of a nominal into the folder `out`, and prove requirements; where it was, it goes on.
-
-    flights      at most so many, one a seed from `seed` on
-    requirement  "lost<0.00135@0.9", "max_alpha<0.2:0.99@0.9", or several
-    stop         "decided": as soon as every requirement is; "never": `flights` is a plan, all are flown
-    executor     "local", or "dask:ADDRESS";  workers  None: one a core
-    merge        folders of campaigns to judge together; nothing is flown
-    """
-    from launchid.results import of_campaigns
-    return of_campaigns.campaign(
-        load_nominal(nominal), out=out, flights=flights, requirement=requirement, seed=seed, stop=stop,
-        executor=executor, workers=workers, merge=merge)
+simulate = from_python(of_simulate.simulate)
+plan = from_python(of_plan.plan)
+export_c = from_python(of_export_c.export_c)
+campaign = from_python(of_campaign.campaign)

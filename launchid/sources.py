@@ -61,9 +61,9 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     map       MAP.toml, of a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
     """
     if map is not None:
+        from launchid.commands.convert import convert
         from launchid.convert.mapping import load_map
-        from launchid.results import of_files
-        return warned(of_files.convert(str(as_path(source)), load_map(as_path(map)), required)).log
+        return warned(convert(str(as_path(source)), load_map(as_path(map)), required)).log
     if isinstance(source, Log):
         return log_of(source.measured(), source.path, required)
     if isinstance(source, (str, os.PathLike)):

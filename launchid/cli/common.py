@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from sim.errors import InputError, UsageError
 from sim.files import check_folder, check_output, write_text
 
+from ..progress import report
 from .terminal import answer, say
 
 if TYPE_CHECKING:
@@ -56,9 +57,10 @@ def at_least(name: str, value: int, low: int) -> None:
 def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
     """Read a log, of another format with the map `of`, and say which columns were ignored."""
     from ..log.log import REQUIRED, read_log
+    report(f"reading {path}")
     if map_path:
+        from ..commands.convert import convert
         from ..convert.mapping import load_map
-        from ..results.of_files import convert
         converted = convert(path, load_map(map_path), required or REQUIRED)
         warn(converted)
         return converted.log

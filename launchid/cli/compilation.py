@@ -33,20 +33,22 @@ class Compilation:
 
     def __init__(self) -> None:
         self.said = mmap.mmap(-1, 1)  # shared with forked workers
-        self.process, self.helper = os.getpid(), False
+        self.process, self.helper, self.is_quiet = os.getpid(), False, False
         self.kernels, self.begun = 0, time.monotonic()
         self.last = self.begun
 
     def __call__(self, module: str, name: str) -> None:
         """Note that a kernel is compiled."""
         now = time.monotonic()
-        if not self.said[0]:
+        if self.is_quiet:
+            pass
+        elif not self.said[0]:
             self.said[0] = 1
             self.begun = self.last = now
             say("launchid: compiling, once for this version on this machine (all at once: launchid warm) ...")
         if os.getpid() != self.process:
             return
-        if now - self.last >= OFTEN:
+        if now - self.last >= OFTEN and not self.is_quiet:
             self.last = now
             say(f"launchid: {self.kernels} kernels compiled in {now - self.begun:.0f} s ...")
         self.kernels += 1
@@ -62,6 +64,13 @@ class Compilation:
 def announce() -> None:
     """Announce compilations on stderr from now on, and share them."""
     compile_listeners.append(Compilation())
+
+
+def hush() -> None:
+    """Say nothing of compilations any more; they are shared all the same."""
+    for listener in compile_listeners:
+        if isinstance(listener, Compilation):
+            listener.is_quiet = True
 
 
 def compile_formulation(formulation: str, backwards: bool = False, **choices: Any) -> bool:

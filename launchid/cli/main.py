@@ -15,11 +15,32 @@ from launchid_core import __version__
 from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extras_named
 from sim.files import inputs_spared
 
-from ..commands import COMMANDS
+from ..commands import (
+    campaign,
+    compare,
+    convert,
+    diagnose,
+    effects,
+    export_c,
+    fit_lft,
+    identify,
+    margins,
+    nominal,
+    plan,
+    reproduce,
+    show,
+    simulate,
+    uncertainty,
+    warm,
+    watch,
+)
+from .compilation import hush
 from .options import Parser
-from .terminal import answer, leave_stdout, open_streams, say
+from .terminal import answer, leave_stdout, open_streams, progress_shown, say
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
+COMMANDS = (simulate, show, identify, nominal, diagnose, compare, margins, uncertainty, plan, fit_lft, campaign,
+            export_c, convert, watch, effects, warm, reproduce)
 
 
 def parser() -> Parser:
@@ -53,7 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except SystemExit:  # help and version, on stdout
             answer(end="")
             raise
-        with inputs_spared(), extras_named():
+        if args.quiet:
+            hush()
+        with inputs_spared(), extras_named(), progress_shown(args.quiet):
             args.run(args)
     except UsageError as error:
         say(f"launchid: {error}" if not str(error).startswith("launchid") else str(error))

@@ -1,7 +1,9 @@
 """Words that several commands share: their help, their options."""
 
 import argparse
+import inspect
 import re
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
@@ -32,11 +34,29 @@ class Parser(argparse.ArgumentParser):
         return parsed, left
 
 
-def add_command(commands: Any, name: str, text: str, example: str) -> Parser:
-    """Add a command with its help and one example; returns its parser."""
+def add_command(commands: Any, name: str, text: str, example: str,
+                function: Callable[..., Any] | None = None) -> Parser:
+    """Add a command with its help and one example; the defaults of its options are those of the function's parameters.
+    Return its parser."""
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
+    if function is not None:
+        sub.set_defaults(**{option: list(default) if isinstance(default, tuple) else default
+                            for option, default in defaults(function).items()})
+    sub.add_argument("--quiet", action="store_true", help="say nothing of progress and compilation on stderr")
     return sub
+
+
+def defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the keyword parameters of a command's function that have a default."""
+    return {name: each.default for name, each in inspect.signature(function).parameters.items()
+            if each.kind is each.KEYWORD_ONLY and each.default is not each.empty}
+
+
+def given(function: Callable[..., Any], args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the command line says of the keyword parameters of a command's function."""
+    return {name: getattr(args, name) for name, each in inspect.signature(function).parameters.items()
+            if each.kind is each.KEYWORD_ONLY and hasattr(args, name)}
 
 
 def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False) -> None:
@@ -69,6 +89,12 @@ def add_strict(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--strict", action="store_true",
                      help="refuse a log in which the data check finds something (units, signs, stamps): exit status 3 "
                           "instead of a warning")
+
+
+def add_report(sub: argparse.ArgumentParser, name: str) -> None:
+    """Add --report; `name` of the JSON in it."""
+    sub.add_argument("--report", metavar="DIR", help=f"write report.html, {name} and the figures into this folder "
+                                                     "(default: none)")
 
 
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:

@@ -14,7 +14,6 @@ from sim.effects.words import MEANING
 from sim.files import write_text
 from sim.result import Columns
 
-from ..diagnosis.causes import RECORDS
 from ..results.answer import Answer, flat
 
 HEAD = """# Commands
@@ -33,7 +32,7 @@ Completion in the shell: `pip install 'launchid[completion]'`, then in the profi
 def effects_report() -> dict[str, Any]:
     """The catalogue as JSON."""
     return {"effects": [{
-        "effect": name, "where": cause.where, "diagnosed": name in RECORDS, "meaning": MEANING.get(name, ""),
+        "effect": name, "where": cause.where, "diagnosed": True, "meaning": MEANING.get(name, ""),
         "parameters": [_parameter_json(parameter) for parameter in cause.parameters]}
         for name, cause in CATALOGUE.items()]}
 
@@ -52,8 +51,7 @@ def effects_table() -> str:
     lines = ["Causes that `simulate --effect NAME:PARAMETER=VALUE,...` and [[effects]] fly and `diagnose` looks for.",
              "u is the command on its way to the actuator, b the true nozzle angle, z_ the measured signals."]
     for name, cause in CATALOGUE.items():
-        sought = "" if name in RECORDS else " (not diagnosed)"
-        lines += ["", f"{name}  [{cause.where}]{sought}", f"    {MEANING.get(name, '')}"]
+        lines += ["", f"{name}  [{cause.where}]", f"    {MEANING.get(name, '')}"]
         lines += [f"    {parameter.name}: {_in_words(parameter)}" for parameter in cause.parameters]
     return "\n".join(lines)
 

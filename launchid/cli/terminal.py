@@ -1,21 +1,27 @@
 """The command's output: messages and progress on stderr, data on stdout.  It is the only place that prints."""
 
+import contextlib
 import errno
 import io
 import os
 import sys
 import time
+from collections.abc import Iterator
 
 from sim.errors import InputError, one_line
+
+from .. import progress
 
 
 def say(text: str) -> None:
     """Talk, on stderr: one line, whatever a path or a key holds."""
+    clear_progress()
     print(one_line(text), file=sys.stderr)
 
 
 def answer(text: str = "", end: str = "\n") -> None:
     """Data, on stdout, all of it: InputError if it has no room for it."""
+    clear_progress()
     try:
         print(text, end=end, flush=True)
     except BrokenPipeError:
@@ -33,57 +39,78 @@ def speak_utf8() -> None:
 
 
 class Progress:
-    """A bar of the steps done and what is being done, on a terminal only: one line that is written over."""
-
-    STEPS = 8  # of a diagnosis with one cause
-
-    def __init__(self) -> None:
-        self.done = 0
-
-    def __call__(self, text: str) -> None:
-        """An empty text clears the line."""
-        if sys.stderr.isatty():
-            full = min(self.done, self.STEPS)
-            sys.stderr.write("\r\x1b[K" + (f"[{'#' * full}{'.' * (self.STEPS - full)}] {text}" if text else ""))
-            sys.stderr.flush()
-        self.done += 1
-
-
-class ProgressBar:
-    """A counter of what is done: on a terminal one line that is written over, elsewhere a line every ten seconds."""
+    """What is being done and how far it is: on a terminal one line that is written over, elsewhere a line every ten
+    seconds."""
 
     WIDTH = 20      # of the bar
-    OFTEN = 0.2     # s, between two looks
+    OFTEN = 0.2     # s, between two looks at the same work
     LINE = 10.0     # s, between two lines of a file
 
-    def __init__(self, total: int, unit: str) -> None:
-        self.total, self.unit = total, unit
-        self.done = 0
-        self._found: int | None = None  # done when it began, by an earlier run
-        self._begun = self._shown = time.monotonic()
+    def __init__(self) -> None:
+        self._process = os.getpid()
+        self._work, self._found = "", 0  # what is being done; how much of it was when it began
+        self._begun = self._shown = self._lined = time.monotonic()
+        self._is_drawn = False
 
-    def __call__(self, newly: int) -> None:
-        """Count so many more as done, and show it."""
-        self.done += newly
-        if self._found is None:
-            self._found = newly
+    def __call__(self, what: str, done: int = 0, total: int = 0) -> None:
+        """Note that `done` of `total` (0: not known) are; another process than the one that began says nothing."""
+        if os.getpid() != self._process:
+            return
         now = time.monotonic()
-        if sys.stderr.isatty() and now - self._shown >= self.OFTEN:
-            self._shown = now
-            rate = (self.done - self._found) / (now - self._begun)
-            full = self.WIDTH * self.done // self.total
-            bar = "#" * full + "." * (self.WIDTH - full)
-            sys.stderr.write(f"\r\x1b[K[{bar}] {self.done} of {self.total} {self.unit}, {rate:.0f}/s")
+        is_new = what != self._work
+        if is_new:
+            self._work, self._found, self._begun = what, done, now
+        if not sys.stderr.isatty():
+            if now - self._lined >= self.LINE:
+                self._lined = now
+                say(f"launchid: {what}" + (f": {done} of {total}" if total else " ..."))
+        elif is_new or now - self._shown >= self.OFTEN:
+            self._shown, self._is_drawn = now, True
+            bar, count = "", " ..."
+            if total:
+                full = self.WIDTH * done // total
+                bar = f"[{'#' * full}{'.' * (self.WIDTH - full)}] "
+                count = f": {done} of {total}"
+                if now > self._begun and done > self._found:
+                    count += f", {self._seconds_left(now, done, total):.0f} s left"
+            sys.stderr.write(f"\r\x1b[K{bar}{one_line(what)}{count}")
             sys.stderr.flush()
-        elif not sys.stderr.isatty() and now - self._shown >= self.LINE and self.done < self.total:
-            self._shown = now
-            say(f"{self.done} of {self.total} {self.unit}")
+
+    def _seconds_left(self, now: float, done: int, total: int) -> float:
+        return (now - self._begun) * (total - done) / (done - self._found)
 
     def clear(self) -> None:
-        """Nothing is counted any more."""
-        if sys.stderr.isatty():
+        """Take the line off a terminal: something else is written."""
+        if self._is_drawn and os.getpid() == self._process:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
+            self._is_drawn = False
+
+
+@contextlib.contextmanager
+def progress_shown(is_quiet: bool) -> Iterator[None]:
+    """Show how far the work is while it is done, unless quiet."""
+    before = list(progress.listeners)
+    if not is_quiet:
+        progress.listeners.append(Progress())
+    try:
+        yield
+    finally:
+        clear_progress()
+        progress.listeners[:] = before
+
+
+def shown_counter(total: int, what: str) -> progress.Counter:
+    """Return a counter whose progress is shown from now on."""
+    progress.listeners[:] = [Progress()]
+    return progress.Counter(total, what)
+
+
+def clear_progress() -> None:
+    """Take the line of progress off a terminal."""
+    for listener in progress.listeners:
+        if isinstance(listener, Progress):
+            listener.clear()
 
 
 class Closed(io.TextIOBase):

@@ -4,8 +4,7 @@ import argparse
 from typing import Any
 
 from ..cli.common import at_least, check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
-from ..cli.terminal import ProgressBar
+from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict
 
 
 def add(commands: Any) -> None:
@@ -19,8 +18,7 @@ def add(commands: Any) -> None:
     sub.add_argument("--flights", type=int, default=200, metavar="N",
                      help="fly each nominal this often with its dispersions, and give the log's place among them; 0: "
                           "none (default %(default)s)")
-    sub.add_argument("--report", metavar="DIR",
-                     help="write report.html, compare.json and the figures into this folder (default: none)")
+    add_report(sub, "compare.json")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
@@ -36,11 +34,7 @@ def run(args: argparse.Namespace) -> None:
     check_plot(args.plot)
     check_folders(args.report)
     from ..comparison.result import compare
-    progress = ProgressBar(max(1, args.flights * len(nominals)), "flights")
-    try:
-        result = compare(log, nominals, flights=args.flights, strict=args.strict, progress=progress)
-    finally:
-        progress.clear()
+    result = compare(log, nominals, flights=args.flights, strict=args.strict)
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)

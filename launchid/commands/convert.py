@@ -1,13 +1,30 @@
-"""The command `launchid convert`: its options, and its run."""
+"""Logs from other programs' files: `launchid convert`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from sim.errors import UsageError
+from sim.errors import InputError, UsageError, one_line
 
 from ..cli.common import check_outputs, warn
 from ..cli.options import add_command, add_map
 from ..cli.terminal import answer, say
+from ..progress import report
+from ..results.answer import Answer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
+    from sim.result import Columns, Figure
+
+    from ..convert.mapping import Map
+    from ..log.log import Log
+
+SHOWN = 3   # reasons, of a file that holds nothing
 
 
 def add(commands: Any) -> None:
@@ -27,7 +44,6 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map
     mapping = load_map(args.map) if args.map else None
-    from ..results.of_files import channel_lines, convert
     if args.list:
         lines, notes = channel_lines(args.flight, mapping.options if mapping else {})
         for note in notes:
@@ -35,8 +51,69 @@ def run(args: argparse.Namespace) -> None:
         answer("\n".join(lines))
         return
     assert mapping is not None
+    report(f"converting {args.flight}")
     result = convert(args.flight, mapping, ("t",))
     check_outputs(args.out)
     result.write(args.out)
     warn(result)
     say(result.summary(args.out))
+
+
+@dataclass(frozen=True, eq=False)
+class Converted(Answer):
+    """A flight's file as a log."""
+
+    log: Log
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "log") -> str:
+        return self.log.summary(of)
+
+    def columns(self) -> Columns:
+        return self.log.table()
+
+    def _figure(self) -> Figure:
+        return self.log._figure()
+
+    def write(self, path: str | Path) -> None:
+        """The log, as CSV."""
+        from ..log.log import write_columns
+        write_columns(path, self.log.measured())
+
+
+def convert(path: str, mapping: Map, required: tuple[str, ...] = ("t", "theta", "beta")) -> Converted:
+    """Return the log that a map makes of a flight's file."""
+    import numpy as np
+
+    from ..convert.columns import converted
+    log, notes = converted(path, mapping, required)
+    t = log.t[np.isfinite(log.t)]
+    return Converted(log, {
+        "rows": len(log.t), "span": float(np.ptp(t)), "period": log.period,
+        "measured": {name: float(np.isfinite(x).mean()) for name, x in log.measured().items() if name != "t"}},
+        notes)
+
+
+def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[str, ...]]:
+    """The content of a file, a line each: channels with rows and range, what is no channel and why; notes beside it.
+    InputError if it holds no channel."""
+    from ..convert.readers import read_channels
+    channels = read_channels(path, options)
+    if not channels:
+        why = [f"{name} {reason}" for name, reason in channels.unread.items()]
+        raise InputError(f"{path}: it holds no channel of numbers" + (f": {'; '.join(why[:SHOWN])}" if why else ""))
+    lines = [f"{one_line(name)}  {_rows(x)}" for name, x in channels.items()]
+    lines += [f"{one_line(name)}  not read: it {reason}" for name, reason in channels.unread.items()]
+    return lines, tuple(channels.notes)
+
+
+def _rows(x: np.ndarray) -> str:
+    """The rows of a channel, those of them in which it is measured if not all, and its range, in words."""
+    import numpy as np
+    fair = x[~np.isnat(x)] if x.dtype.kind == "M" else x[np.isfinite(x)]
+    count = f"{len(x)} rows" if len(fair) == len(x) else f"{len(x)} rows, {len(fair)} with numbers"
+    if not len(fair):
+        return count
+    low, high = np.min(fair), np.max(fair)
+    return f"{count}, {low} .. {high}" if x.dtype.kind == "M" else f"{count}, {low:.6g} .. {high:.6g}"

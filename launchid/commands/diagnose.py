@@ -5,12 +5,12 @@ from typing import Any
 
 from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
-from ..cli.terminal import Progress
+from ..progress import report
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "diagnose", "name what the simulation gets wrong on a log, and what fixing it gains",
+    sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
                       "launchid diagnose v.csv vega_like --report report")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
@@ -19,8 +19,8 @@ def add(commands: Any) -> None:
                      help="judge the extended nominal on this second log (default: on parts of the first that are held "
                           "out)")
     sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
-                     help="measure the detection threshold on N clean flights of the nominal along this log; 0: use "
-                          "the built-in one, 12 nats (default %(default)s)")
+                     help="diagnose N clean flights of the nominal too, and say how many are not found consistent "
+                          "(default %(default)s)")
     sub.add_argument("--noise", default="bounded", choices=WITHIN,
                      help="choose how noise levels are fitted. bounded: within 0.3 to 3 times the nominal's (wind 0 "
                           "to 2 times); declared: fixed at the nominal's; free: without limits (default %(default)s)")
@@ -41,10 +41,8 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json)
     check_folders(args.report)
     from ..results.of_logs import diagnose
-    progress = Progress()
-    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=progress,
+    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=report,
                       noise=args.noise)
-    progress("")
     if args.report:
         result.write_report(args.report)
     tell(result, args.json)

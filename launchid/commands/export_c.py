@@ -1,22 +1,35 @@
-"""The command `launchid export-c`: its options, and its run."""
+"""The estimator in C: `launchid export-c`, `launchid.export_c`."""
+
+from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from sim.errors import UsageError
 
 from ..cli.common import check_folders, read_nominal
-from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices
+from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices, given
 from ..cli.terminal import say
+from ..progress import report
+from ..results.answer import Answer
+
+if TYPE_CHECKING:
+    from launchid_core import Config, Sample
+    from sim.result import Columns, Figure
+
+    from ..sources import NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "export-c", "write the estimator in C99 for a flight computer, with the same bits",
-                      "launchid export-c constant --out port --window 5")
+    sub = add_command(commands, "export-c", "write the estimator in C99, bit for bit equal to the Python version",
+                      "launchid export-c constant --out port --window 5", export_c)
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
     sub.add_argument("--out", required=True, metavar="DIR",
                      help="write launchid.c, launchid.h, replay vectors, README.md and the rest into this folder")
-    sub.add_argument("--window", type=float, default=1.0, metavar="S",
+    sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
@@ -28,9 +41,87 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid export-c`."""
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
-    from ..results.of_nominals import export_c
-    result = export_c(nominal, window=args.window, period=args.period, formulation=args.formulation,
-                      **choices(args))
+    report("writing the estimator in C, and flying its vectors")
+    result = export_c(nominal, **given(export_c, args), **choices(args))
     replaced = " (what was there of these files is replaced)" if (Path(args.out) / "launchid.c").exists() else ""
     result.write(args.out)
     say(result.summary(args.out) + replaced)
+
+
+def export_c(nominal: NominalSource, *, window: float = 1.0, period: float | None = None,
+             formulation: str | None = None, **choices: Any) -> Exported:
+    """Write the estimator in C, bit for bit equal to the Python version.
+
+    Parameters
+    ----------
+    nominal : path, name of a built-in one, or Nominal
+    window : float
+        Length of a window [s].
+    period : float, optional
+        Time between samples [s]; None: the nominal's.
+    formulation : str, optional
+        As of `identify`; None: "filtered".
+    **choices
+        As of `identify`: library, solver, threshold, compression, seed, noise.
+
+    Returns
+    -------
+    Exported
+    """
+    from launchid_core import Config
+
+    from ..c_export.kit import exported
+    from ..c_export.vectors import flown
+    from ..onboard import onboard_model
+    from ..robustness import level
+    from ..sources import load_nominal
+    nominal = load_nominal(nominal)
+    formulation = formulation or "filtered"
+    model = None
+    if formulation == "filtered":
+        model = level.ranged_model(nominal) if nominal.uncertainty is not None else onboard_model(nominal)
+    try:
+        config = Config(window=window, sample_period=nominal.sensors.period if period is None else period,
+                        formulation=formulation, model=model, **choices)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    except TypeError as error:  # of Python's: a word that is none of Config's
+        raise UsageError(f"export-c: {str(error).removeprefix('Config.__init__() ')}") from None
+    samples = flown(nominal, config)
+    files = exported(config, samples)
+    return Exported(files, config, samples, {"files": list(files)})
+
+
+@dataclass(frozen=True, eq=False)
+class Exported(Answer):
+    """The estimator in C."""
+
+    files: dict[str, str]
+    config: Config
+    samples: list[Sample]   # of the vectors that it is checked with
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "C files") -> str:
+        proof = "; make check" if "check.c" in self.files else ""
+        return f"{of}: {', '.join(self.files)}; cc -std=c99 -O2 -ffp-contract=off launchid.c{proof}"
+
+    def columns(self) -> Columns:
+        return {"file": list(self.files), "lines": [text.count("\n") for text in self.files.values()]}
+
+    def _figure(self) -> Figure:
+        import numpy as np
+
+        from launchid_core import Sample
+
+        from ..log.log import log_of
+        columns = dict(zip(Sample._fields, np.array(self.samples).T, strict=True))
+        known = {name: x for name, x in columns.items() if np.isfinite(x).any()}
+        return log_of(known, "vectors.h")._figure()
+
+    def write(self, folder: str | Path) -> None:
+        """The files, into a folder that is made if need be."""
+        from sim.files import make_folder, write_text
+        place = make_folder(folder)
+        for name, text in self.files.items():
+            write_text(place / name, [text])

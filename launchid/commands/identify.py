@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
+from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
     NOMINAL_HELP,
@@ -12,6 +12,7 @@ from ..cli.options import (
     add_map,
     add_nominal,
     add_outputs,
+    add_report,
     add_strict,
     choices,
     nominal_of,
@@ -28,8 +29,9 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
     add_choices(sub)
     sub.add_argument("--tracked", action="store_true",
-                     help="also print the tracked estimate (all data so far, followed from block to block, at each "
-                          "window's end) and sudden changes; needs --nominal")
+                     help="also print the tracked estimate (from all samples so far, at each window's end) and sudden "
+                          "changes; needs --nominal")
+    add_report(sub, "identify.json")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
@@ -47,9 +49,12 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json, args.plot, args.resid)
     check_plot(args.plot)
     check_plot(args.resid)
+    check_folders(args.report)
     from ..results.of_logs import identify
     result = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
                       strict=args.strict, **choices(args))
+    if args.report:
+        result.write_report(args.report)
     if args.resid:
         result.residuals(args.resid)
     tell(result, args.json, args.plot)

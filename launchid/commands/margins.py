@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
+from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict
 
 
 def add(commands: Any) -> None:
@@ -18,6 +18,7 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--tracked", action="store_true",
                      help="give those of the tracked estimate too, at each window's end")
+    add_report(sub, "margins.json")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
@@ -30,5 +31,9 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
+    check_folders(args.report)
     from ..results.of_margins import margins
-    tell(margins(log, nominal, window=args.window, tracked=args.tracked, strict=args.strict), args.json, args.plot)
+    result = margins(log, nominal, window=args.window, tracked=args.tracked, strict=args.strict)
+    if args.report:
+        result.write_report(args.report)
+    tell(result, args.json, args.plot)

@@ -9,7 +9,7 @@ from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outp
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
-    sub = add_command(commands, "uncertainty", "say where in its range each parameter is, and when it left it",
+    sub = add_command(commands, "uncertainty", "report where each parameter lies within its declared range",
                       "launchid uncertainty v.csv vega_like --plot level.png")
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",

@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> None:
 
     from ..convert.mapping import load_map
     from ..convert.readers import foreign_format
-    from ..results.of_files import convert
     from ..watch.sources import Source, Whole, open_source
+    from .convert import convert
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = read_nominal(nominal_of(args) or "")

@@ -1,19 +1,15 @@
 """The report of a comparison: one page that needs no network, the comparison as JSON, the figures."""
 
+import functools
 from pathlib import Path
 
-from sim.errors import InputError
-from sim.files import make_folder, remove, write_text
-
 from ..charts.markup import table, text
-from ..charts.page import page, picture
+from ..charts.report import Picture, write_report
 from .flown import CHANNELS
 from .prediction import HORIZONS
 from .result import BIASED, UNITS, Comparison
 
-COLOUR = "#12355b"
-NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
-PICTURES = {  # file: heading, and how to read it
+CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
         "Wide grey: measured. Each nominal has its colour and dash, named above the panel with its fit and Theil's "
         "coefficient (TIC). Left: the nominal flies the log's reference with its own controller, without noise. Right: "
@@ -39,41 +35,13 @@ GLOSSARY = (
                    f"the estimate is of the input itself: {BIASED}"))
 
 
-def write_report(made: Comparison, folder: str | Path) -> None:
-    """Write report.html, compare.json and the figures into a folder that is made if need be; figures of an earlier
-    report that this one lacks are removed."""
-    path = make_folder(folder)
-    try:
-        for name in PICTURES:
-            remove(path / name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
-    pictures = _drawn(made, path)
-    write_text(path / "compare.json", [made.to_json(), "\n"])
+def write_comparison(made: Comparison, folder: str | Path) -> None:
+    """Write report.html, compare.json and the figures into a folder that is made if need be."""
+    from .figures import DRAWN
+    pictures = {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in DRAWN.items()}
     names = ", ".join(each.label for each in made.nominals)
-    write_text(path / "report.html", [page(
-        f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}", COLOUR,
-        _figures(made), [("Figures", pictures), ("Words", table(("word", "meaning"), [
-            (f"<b>{text(word)}</b>", text(meaning)) for word, meaning in GLOSSARY]))])])
-
-
-def _drawn(made: Comparison, folder: Path) -> str:
-    """The figures, written, and as they stand on the page."""
-    try:
-        from sim.canvas import save
-
-        from ..charts.figure import figure_json
-        figures = made.figures()
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("matplotlib"):
-            raise
-        return f"<p>{text(NO_FIGURES)}</p>"
-    parts = []
-    for name, figure in figures.items():
-        save(figure, folder / name)
-        parts.append(picture(name.partition(".")[0], *PICTURES[name], (folder / name).read_bytes(),
-                             figure_json(figure)))
-    return "".join(parts)
+    write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}", _figures(made),
+                 pictures, ("compare.json", made.to_json()), GLOSSARY)
 
 
 def _figures(made: Comparison) -> str:

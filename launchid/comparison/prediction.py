@@ -2,13 +2,13 @@
 
 At each start the state is as the nominal's own filter, at its declared noise, knows it from all rows before; from there
 the nominal runs free on the logged commands (k-step prediction: Ljung, System Identification, 2nd ed., ch. 3.2 and
-16.5).  Vehicle, effects, wind, offsets and missing rows are those of the diagnosis (`diagnosis.model.predictor`).
+16.5).  Vehicle, effects, wind and missing rows are those of the diagnosis (`diagnosis.model`).  Offsets that the
+nominal declares are fitted to the whole log, within what it declares.
 
 The command is what the prediction is given.  It is predicted itself where the nominal's controller can be asked: what
 that would have commanded at the attitude as predicted, with the reference of the log.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,20 +16,22 @@ import numpy as np
 from sim.flight import excitation, packed
 from sim.nominal import Nominal
 
+from ..diagnosis import filter as ekf
+from ..diagnosis.adapter import Follower, track_of
+from ..diagnosis.candidates import usual
 from ..diagnosis.controller.command import record
 from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.data.record import CHANNELS, Record
 from ..diagnosis.data.used import shortened, sparser, used
-from ..diagnosis.data.world import SLOW_MOMENT, World
-from ..diagnosis.model.follower import NominalFollower
-from ..diagnosis.model.noise import Refilter, declared, dynamics, first_filter, run_filter
-from ..diagnosis.model.point import Point, innovations, prediction_errors
+from ..diagnosis.estimate import gauss_newton
+from ..diagnosis.model import Model
 from ..log.detect import DataCheck
 from ..log.log import Log
 
 HORIZONS = (0.1, 0.5, 1.0)   # s
 SPACING = 0.1    # s from one start to the next
 SETTLED = 1.0    # s after which the filter has forgotten that it knew nothing
+NO_MOMENT = -27.6   # logarithm of a level [rad/s^2] that is none
 NEAR = 0.05      # of a horizon by which whole rows may miss it
 
 
@@ -57,24 +59,20 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
     log, nominal  as read;  data  the check of the one against the other
     """
     r = _record(log, nominal, data)
-    first = first_filter(r, declared(r))
-    e, _, _ = innovations(r, first, Point())
-    model = dynamics(r, Point())
-    of = run_filter(r, model, first.levels, e, first)
+    m = _filtered(r)
     spacing = max(1, round(SPACING / r.period))
     rows = {h: round(h / r.period) for h in HORIZONS if abs(round(h / r.period) * r.period / h - 1.0) <= NEAR}
     if not rows:
         return {}
     most = max(rows.values())
-    errors = prediction_errors(r, of, Point(), [k * r.period for k in range(1, most + 1)], spacing * r.period)
-    start = spacing * np.arange(len(errors))
+    start = np.arange(0, r.rows - 1, spacing)
+    errors, variances = m.ahead(start, np.arange(1, most + 1))
     ahead = start[:, None] + np.arange(1, most + 1)
     inside = (ahead < r.rows) & (start[:, None] * r.period >= SETTLED)
     ahead = np.minimum(ahead, r.rows - 1)
     predicted = r.z[ahead] - errors
     made: Predictions = {}
     commands = _commands(r, start, predicted[:, :, 0])
-    noise = {h: Refilter(r, model, r.z).horizon_variances(of.levels, spacing, k) for h, k in rows.items()}
     for name, measured, series in [*((name, r.z[:, c], predicted[:, :, c]) for c, name in enumerate(CHANNELS)),
                                    *([] if commands is None else [("beta_cmd", _logged(r), commands)])]:
         if not np.isfinite(measured).any():
@@ -84,18 +82,35 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
             kept = inside[:, k - 1]
             at = ahead[kept, k - 1]
             counted = np.isfinite(measured[at])
-            left = float(np.sqrt(np.mean(noise[h][kept][counted, CHANNELS.index(name)]))) \
+            left = float(np.sqrt(np.mean(variances[kept, k - 1][counted, CHANNELS.index(name)]))) \
                 if name in CHANNELS and counted.any() else float("nan")
             made[name][h] = Predicted(r.t[at] + r.shift, measured[at], series[kept, k - 1], left)
     return made
 
 
 def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
-    """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses, without the slow
-    moment that a diagnosis allows every nominal: the filter is that of what the nominal declares."""
+    """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses."""
     draft = shortened(record(log, nominal, sparser(data, log.t, nominal)))
-    made = used(with_commands(draft, NominalFollower())[0], log.t[data.usable])[0]
-    return replace(made, world=World(tuple(each for each in made.world.sources if each.name != SLOW_MOMENT)))
+    return used(with_commands(draft, Follower())[0], log.t[data.usable])[0]
+
+
+def _filtered(r: Record) -> Model:
+    """The nominal's filter after its run, with covariances: at what the nominal declares, without the slow moment that
+    a diagnosis allows every nominal."""
+    m = Model(track_of(r), "declared")
+    m.with_numbers(usual(m), [])
+    if not m.is_windy:
+        m.levels[ekf.QM], m.m0 = NO_MOMENT, 0.0
+    offsets = r.nominal.offsets
+    unknown = [] if offsets is None else [name for name, sigma in (
+        ("misalignment", offsets.thrust_misalignment + offsets.moment + offsets.attitude_bias),
+        ("wind", offsets.attitude_bias), ("gyro_bias", offsets.gyro_bias), ("nozzle_bias", offsets.nozzle_sensor_bias))
+        if sigma > 0.0]
+    free = tuple(sorted(m.index(name) for name in unknown if name in m.names))
+    p = gauss_newton(m, m.null, free, frozenset(free)).p if free else m.null
+    m.C = np.empty((m.n, ekf.N, ekf.N))
+    m.run(p)
+    return m
 
 
 def _logged(r: Record) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The answer of `compare`: a log beside one or several nominals."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from ..log.check import data_warnings
 from ..log.detect import DataCheck, check
 from ..log.log import Log
 from ..log.turns import unwrapped
+from ..progress import Counter
 from ..results.answer import Answer, flat
 from .dispersion import FLIGHTS, Dispersed, dispersed
 from .flown import CHANNELS, LATEST, flown
@@ -126,29 +127,25 @@ class Comparison(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """report.html, compare.json and the figures."""
-        from .page import write_report
-        write_report(self, folder)
+        from .page import write_comparison
+        write_comparison(self, folder)
 
 
-def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False,
-            progress: Callable[[int], object] | None = None) -> Comparison:
-    """Hold a log beside nominals.
-
-    flights   dispersed ones of each nominal, 0: none
-    progress  called with the number of flights newly done
-    """
+def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False) -> Comparison:
+    """Hold a log beside nominals; `flights` dispersed ones of each, 0: none."""
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
     log.check_clock()
     log = unwrapped(log)[0]
     said: tuple[str, ...] = ()
     made = []
+    count = Counter(flights * len(nominals), "flights with the dispersions")
     for label, nominal in zip(labels(nominals), nominals, strict=True):
         said += data_warnings(log, nominal, strict)
         data = check(log, nominal)
         clean = masked(log, data)
         made.append(Beside(label, nominal, predictions(log, nominal, data), flown(clean, nominal),
-                           dispersed(clean, nominal, flights, progress) if flights > 0 else None,
+                           dispersed(clean, nominal, flights, count) if flights > 0 else None,
                            frequency_responses(clean, nominal)))
     t = log.t[np.isfinite(log.t)]
     if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):

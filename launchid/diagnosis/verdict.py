@@ -1,345 +1,505 @@
-"""The diagnosis of one log: through the rooms in their order, and the verdict."""
+"""The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
 
-import functools
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from sim.errors import InputError
+from sim.effects import CATALOGUE
+from sim.flight import fly_whole
 from sim.nominal import Nominal
 
-from ..log.detect import check
-from ..log.log import Log
-from ..log.turns import unwrapped
+from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
-from .causes import Hypothesis
-from .controller.command import record
-from .controller.issued import with_commands
-from .data.record import THETA_DOT, Record
-from .data.used import shortened, sparser, used
-from .data.work import Stopped
-from .judge.diagnosis import Diagnosis
-from .judge.extend import extended
-from .judge.findings import Findings, concluded, place
-from .judge.gain import Gain, held_out, on_another, removed
-from .judge.leftover import leftovers
-from .judge.levels import noise_of
-from .judge.limits import limits, unseen
-from .judge.measure import (
-    DOMINANT,
-    EXPLAINED,
-    PER_ROW,
-    Remainder,
-    accused,
-    doubts,
-    of_gain,
-    own_oscillation,
-    too_noisy,
-    weather_words,
-)
-from .judge.named import aged, named_causes, named_weather, together, with_removed
-from .judge.outdone import outdone
-from .judge.threshold import threshold as measured_threshold
-from .judge.user_gain import user_gain
-from .model.follower import NominalFollower, lost
-from .model.noise import ACCELERATION, LEVELS
-from .search.changed import instead_of_each
-from .search.foresight import LEAST_REMOVED
-from .search.profile import Model
-from .search.proposal import Proposal, propose
-from .search.selection import Say, Selection, fewer, only_strongest
-from .search.weather import select
+from ..sums import square
+from .adapter import Reading, read
+from .candidates import KINDS, usual
+from .elimination import LEAST, Elimination, Kept, Search
+from .estimate import Fit, fit_levels, gauss_newton
+from .gain import Gain, held_out
+from .model import BLOCKS, Model, Number, Stopped
+from .scan import NEAR, Found, scan, with_shape
+from .score import compare
 
-__all__ = ["Diagnosis", "diagnose"]
-
-MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
-FEWEST_ROWS = 40       # without which nothing is fitted: about twice as many as there are unknown numbers
-FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
-TERM_MARGIN = 10.0     # nats that missing terms may lose against the doubted causes and still be the better answer
-FREE = ("plant", "environment")  # places where a term of the equation may be missing, and where weather acts
-LEAST_NAMED = 0.01     # share of the error that a cause must take away to be named where nothing else is left
-GROSS = 0.25           # of the squared error over 1 s: more may not stay without the gyro, for theta may be wrong
-
-Measure = Callable[[Selection], Gain]
+LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
+FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
+CLEARLY = 20.0         # nats by which weather must be better than causes
+FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
+MOST_SHAPES = 3        # shapes that are taken into a model
+GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
+LOUD = 2.9             # times the declared, from which a level hides what is not modelled
+WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
+LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
+HALF = 0.5             # of what everything free saves, that names must save together
+QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
+SURE, SURELY = 0.5, 4.0   # of what everything saves, and standard errors, of a name beside which something remains
+BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
+ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
+WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
+TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
+KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
+INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2")  # numbers of the input
 
 
-def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None,
-             hypotheses: tuple[Hypothesis, ...] | None = None, bootstrap: int = 0,
-             say: Say = lambda text: None, noise: str = "bounded") -> Diagnosis:
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was found of a log."""
+
+    reading: Reading
+    nominal: Nominal
+    model: Model | None
+    elimination: Elimination | None
+    verdict: str
+    where: str | None
+    named: tuple["Named", ...] = ()
+    nearest: tuple["Named", ...] = ()
+    doubts: tuple[str, ...] = ()
+    remaining: tuple[str, ...] = ()
+    remaining_where: str | None = None
+    share: float | None = None
+    gain: Gain | None = None
+    notes: tuple[str, ...] = ()
+    trace: dict[str, Any] = field(default_factory=dict)
+    is_cut_short: bool = False
+    false_alarms: dict[str, int] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A cause with its parameters {name: (value, std, unit)}, what the log cannot tell it from, what it saves."""
+
+    cause: str
+    where: str
+    parameters: dict[str, tuple[Any, float | None]]
+    alike: tuple[str, ...]
+    nats: float
+    share: float
+
+    @property
+    def values(self) -> dict[str, Any]:
+        return {name: value for name, (value, _) in self.parameters.items()}
+
+    @property
+    def std(self) -> dict[str, float | None]:
+        return {name: std for name, (_, std) in self.parameters.items()}
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """What speaks against a model by itself."""
+
+    words: tuple[str, ...]
+    where: str | None
+    square: tuple[float, float, float]
+
+
+def adequacy(m: Model, fit: Fit) -> Adequacy:
+    """Whitened errors that go with a signal, are larger than their noise, or are no longer white."""
+    e = m.white(fit.p)
+    signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
+               "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
+               "the input": m.mean_input, "the input's square": (m.mean_input - m.mean_input.mean())**2,
+               "time": np.linspace(-1.0, 1.0, m.n)}
+    words, place, square = [], None, []
+    for ch, name in enumerate(("theta", "theta_dot", "beta")):
+        mine = m.channel == ch
+        square.append(float(np.mean(e[mine]**2)) if mine.any() else math.nan)
+        if mine.sum() < 200:
+            continue
+        k, x = m.rows[mine], e[mine]
+        for what, signal in signals.items():
+            s = signal[np.maximum(k - 2, 0)]
+            s = s - s.mean()
+            s = s / (s.std() + 1e-300)
+            y = np.bincount(m.block[mine], s * x, minlength=BLOCKS)
+            z, r = float(y.sum() / (math.sqrt(BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
+            if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
+                words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
+                place = place or ("actuator" if ch == 2 else None)
+        if m.is_flown:
+            factor = math.exp(m.levels[ch] - m.levels0[ch])
+            if factor * math.sqrt(square[-1]) > LOUD:
+                words.append(f"noise of {name} is {factor * math.sqrt(square[-1]):.1f} times the declared")
+                place = place or ("actuator" if ch == 2 else "sensor")
+            elif square[-1] > WHITE:
+                words.append(f"errors of {name} are {math.sqrt(square[-1]):.2f} times their noise")
+                place = place or ("actuator" if ch == 2 else None)
+    if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
+        words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
+    return Adequacy(tuple(words), place, (square[0], square[1], square[2]))
+
+
+def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: int = 0,
+             say: Callable[[str], None] = lambda text: None, noise: str = "bounded") -> Result:
     """Diagnose why measurement and simulation part.
 
-    log, nominal  what was measured, what is believed;  holdout  a second log to judge the extension on
-    hypotheses    to choose from; None: the catalogue
-    bootstrap     clean flights to measure the threshold on; 0: none
-    say           told what is being done
-    noise         how far levels may be from the declared: "bounded", "declared" or "free"
+    Parameters
+    ----------
+    log, nominal : what was measured, what is believed
+    holdout : a second log, to judge the extension on
+    bootstrap : clean flights of the nominal that are diagnosed too, to count false alarms
+    noise : how far levels may be from the declared: "bounded", "declared" or "free"
+    say : told what is being done
     """
-    say("data check")
-    log, turns = unwrapped(log)
-    data = check(log, nominal)
-    told = replace(data, faults=(*turns, *data.faults)) if turns else data
-    made = Diagnosis(log, nominal, told, catalogue=hypotheses is None)
-    if not all(fault.kind in MASKED for fault in data.faults):
-        made.where = "data"
-        return made
-    try:
-        r = record(log, nominal, sparser(data, log.t, nominal))
-    except InputError:
-        if not data.is_bad:
-            raise
-        made.where = "data"
-        return made
-    made.record = replace(r, noise=noise)
-    if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
-        made.where = "data"
-        return made
-    return _examined(made, holdout, bootstrap, hypotheses, say)
-
-
-def _examined(made: Diagnosis, holdout: Log | None, bootstrap: int, hypotheses: tuple[Hypothesis, ...] | None,
-              say: Say) -> Diagnosis:
-    """Everything after the data check."""
-    r = made.record
-    assert r is not None
-    if r.rows < FEWEST_ROWS:
-        made.verdict = "consistent"  # nothing is wrong that so short a log could show, and the limits say none could
-        made.limits = tuple(unseen())
-        return made
-    r, made.controller = with_commands(shortened(r), NominalFollower())
-    r, made.used = used(r, made.log.t[made.data.usable])
-    made.record = r
-    if away := lost(r):
-        whole = plant_faults(made.log, made.nominal, made.data.masks)
-        made.verdict, made.limits = "unexplained", tuple(unseen())
-        made.doubts = (away, *(fault.message for fault in whole))
-        return made
     if bootstrap > 0:
-        made.threshold = measured_threshold(r, bootstrap, say)
-    made.threshold = max(made.threshold, r.unsure * r.rows)
-    r.work.limit(made.nominal.diagnosis.effort, made.nominal.diagnosis.time_limit)
+        wrong = 0
+        for seed in range(bootstrap):
+            say(f"clean flight {seed + 1} of {bootstrap}")
+            clean = flown_log(fly_whole(nominal, seed), f"clean flight {seed}")
+            wrong += diagnose(clean, nominal, noise=noise).verdict != "consistent"
+        result = diagnose(log, nominal, holdout, say=say, noise=noise)
+        words = f"{wrong} of {bootstrap} clean flights of this nominal are not found consistent"
+        return replace(result, notes=(*result.notes, words),
+                       false_alarms={"flights": bootstrap, "not_consistent": wrong})
+    say("data check")
+    reading = read(log, nominal)
+    if reading.track is None:
+        verdict = "bad-data" if reading.is_bad else "consistent"
+        return Result(reading, nominal, None, None, verdict, "data" if reading.is_bad else None)
+    m = Model(reading.track, noise)
+    m.with_numbers(usual(m), [])
+    m.brake = time.monotonic() + nominal.diagnosis.time_limit
     try:
-        return _explained(made, holdout, hypotheses, say)
+        return examined(m, reading, nominal, holdout, say)
     except Stopped:
-        return made.stopped()
+        return Result(reading, nominal, None, None, "unexplained", None, is_cut_short=True)
     finally:
-        r.work.release()
+        m.brake = math.inf
 
 
-def _explained(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
-               say: Say) -> Diagnosis:
-    """The diagnosis with causes and verdict, and what could not have been seen; Stopped by the brake."""
-    made = _searched(made, holdout, hypotheses, say)
-    if _sensors_disagree(made):
-        made = _without_gyro(made, holdout, hypotheses, say)
-    assert made.selection is not None
-    if made.verdict == "unexplained":  # for the unit or the sign of a column, which no cause of the vehicle is
-        whole = plant_faults(made.log, made.nominal, made.data.masks)
-        made.doubts = (*(fault.message for fault in whole), *made.doubts)
-    say("detection limits")
-    found, made.isolability = limits(made.selection.model.fit.record, made.selection.model, made.threshold)
-    made.limits = tuple(found)
-    return made
-
-
-def _searched(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
-              say: Say) -> Diagnosis:
-    """The diagnosis with the search and the verdict on this record."""
-    assert made.record is not None
-    made.selection = select(made.record, made.threshold, hypotheses, say)
-    made.is_spent = made.record.work.is_spent
-    say("goodness")
-    _judge(made, _measure(made, holdout), say)
-    return made
-
-
-def _sensors_disagree(made: Diagnosis) -> bool:
-    """Attitude and rate are measured, and no cause makes them one motion: what helps the nominal most is a disturbance
-    of one of them."""
-    r = made.record
-    if made.verdict != "unexplained" or r is None or not {"theta", "theta_dot"} <= set(r.channels):
-        return False
-    best = max(made.left_nominal, key=lambda each: each.gain, default=None)
-    return best is not None and best.disturbance.place in ("theta", "theta_dot")
-
-
-def _without_gyro(made: Diagnosis, holdout: Log | None, hypotheses: tuple[Hypothesis, ...] | None,
-                  say: Say) -> Diagnosis:
-    """The same on the attitude alone (a device may have filtered its rate), where that is dominant then; else as it
-    was."""
-    assert made.record is not None
-    say("without theta_dot, which does not fit theta")
-    z = made.record.z.copy()
-    z[:, THETA_DOT] = np.nan
-    again = Diagnosis(made.log, made.nominal, made.data, controller=made.controller, threshold=made.threshold,
-                      catalogue=made.catalogue, used=made.used, record=replace(made.record, z=z))
-    again = _searched(again, holdout, hypotheses, say)
-    if again.verdict not in ("explained", "dominant") or again.gain is None or \
-            not all(after < GROSS * before for before, after, _ in again.gain.squared.values()):
-        return made
-    share = again.gain.share if again.gain is not None and again.gain.share is not None else 0.0
-    again.verdict = "dominant"
-    again.remaining = ("theta_dot does not fit theta and was left out", *again.remaining)
-    again.remainder = Remainder(share, "sensor", again.remaining[0])
-    return again
-
-
-def _measure(made: Diagnosis, holdout: Log | None) -> Measure:
-    """The measure of a selection's gain: on folds of the record, or on a second log, which passes the first rooms
-    once, when it is first asked for."""
-    nominal = made.nominal
-    if holdout is None:
-        return lambda each: held_out(each.model, _before(each), made.controller, _is_named(each))
-
-    @functools.cache
-    def second() -> Record:
-        assert holdout is not None
-        log = unwrapped(holdout)[0]
-        data = sparser(check(log, nominal), log.t, nominal)
-        r = shortened(record(log, nominal, data))
-        return used(with_commands(r, NominalFollower())[0], log.t)[0]
-
-    return lambda each: on_another(second(), each.model, _before(each), made.controller, _is_named(each))
-
-
-def _is_named(selection: Selection) -> bool:
-    """Whether there is no undeclared weather, or it is named."""
-    return selection.weather is None or selection.weather.is_wind
-
-
-def _before(selection: Selection) -> Model:
-    """The model that a selection extends: where the weather is all there is, the nominal without it."""
-    return selection.nominal if selection.model.causes or selection.calm is None else selection.calm
-
-
-def _judge(made: Diagnosis, measure: Measure, say: Say) -> None:
-    """Verdict, place, causes, gain, what remains."""
-    assert made.selection is not None and made.record is not None
-    nominal, controller, record = made.selection.nominal, made.controller, made.record
-    foreign = controller is not None and controller.is_foreign
-    found = _tested(made, made.selection, measure, say)
-    if found.doubts or foreign:
-        made.left_nominal = found.left if made.selection.model is nominal else tuple(leftovers(nominal))
-    if found.doubts and made.catalogue and not foreign and \
-            place(found, controller, record, made.left_nominal) in FREE:
-        found, made.proposal = _with_terms(made, found, measure, say)
-    if found.doubts and found.named:
-        tried = (_tested(made, each, measure, say) for each in _instead(found))
-        found = next((each for each in tried if not each.doubts), found)
-    if not found.doubts:
-        found = _needed(made, found, measure, say)
-    elif found.gain is None and any(not each.is_weather for each in found.named):
-        found = replace(found, gain=measure(found.selection))
-    end = concluded(found, controller, record, made.left_nominal)
-    made.selection, made.left, made.noise, made.gain = found.selection, found.left, found.noise, found.gain
-    made.verdict, made.where, made.causes, made.open = end.verdict, end.where, end.causes, end.open
-    made.nearest, made.doubts, made.remainder, made.remaining = end.nearest, end.doubts, end.remainder, found.remaining
-    if not made.causes:
-        return
-    if controller is not None and controller.is_named:
-        made.gain = made.gain or measure(made.selection)
-    made.extension = extended(made.nominal, made.selection.model.causes, record.shift, controller, record.centre,
-                              tuple(each for each in made.causes if each.is_weather))
-    say("gain for the estimator's user")
-    made.user = user_gain(made.nominal, made.extension)
-
-
-def _tested(made: Diagnosis, selection: Selection, measure: Measure, say: Say) -> Findings:
-    """The causes of a selection, what is left beside them, what they gain, and what speaks against them."""
-    record = made.record
-    assert record is not None
-    named, left, noise = named_causes(selection), tuple(leftovers(selection.model)), noise_of(selection.model)
-    feigned, span = max(PER_ROW, record.unsure) * record.rows, _span(record)
-    found = doubts(named, left, feigned, span, DOMINANT, same_place=False)
-    found += [words for each in named for words in (*aged(each, record), *own_oscillation(each, record))]
-    strict = doubts(named, left, feigned, span, EXPLAINED, same_place=True)
-    noisy = too_noisy(noise, _pushed_by_chance(record))
-    weather = selection.weather
-    if weather is not None and _is_named(selection) and not strict and noisy is None:
-        named = (*named, named_weather(weather))
-    elif weather is not None:
-        strict.append(f"{weather_words(selection)} remains")
-    if noisy is not None:
-        strict.append(noisy)
-    plain = Findings(selection, named, left, noise)
-    if not named:
-        return replace(plain, doubts=tuple(strict))
-    if not found and selection.model.causes and (better := outdone(selection, left)) is not None:
-        found.append(better)
-    if selection.instead is not None and any(each.where in FREE for each in named if not each.is_weather):
-        found.append("weather alone explains nearly as much as these causes in weather do")
-    if found:
-        return replace(plain, doubts=tuple(found))
+def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:
+    """Estimate everything, take away what is not needed, decide."""
+    say("everything free")
+    notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
+    p, found = everything(m)
+    say("taking away")
+    search = Search(m, notes)
+    el = search.run(p)
+    later = rescan(m, el)
+    if later:
+        q = el.full.p.copy()
+        for each in later:
+            q = with_shape(m, q, each)
+        search = Search(m, notes)
+        el = search.run(q)
     say("held-out gain")
-    gain = measure(selection)
-    remaining = (*strict, *of_gain(gain, EXPLAINED))
-    least = LEAST_REMOVED if remaining or weather is not None else LEAST_NAMED
-    return replace(plain, doubts=tuple(of_gain(gain, DOMINANT, is_part=bool(remaining))), remaining=remaining,
-                   gain=gain, needed=least)
+    result = decided(m, reading, nominal, el, [*found, *later])
+    if result.verdict == "unexplained":   # for the unit or the sign of a column, which no cause of the vehicle is
+        whole = plant_faults(reading.log, nominal, reading.data.masks)
+        result = replace(result, doubts=(*(fault.message for fault in whole), *result.doubts))
+    if holdout is None:
+        return result
+    second = read(holdout, nominal)
+    if second.track is None:
+        return replace(result, notes=(*result.notes, "the second log cannot be used: the gain is of the first"))
+    other = Model(second.track, m.noise)
+    other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
+    other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
+    other.with_numbers(m.numbers, m.shapes)
+    nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
+    return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
 
 
-def _pushed_by_chance(r: Record) -> str:
-    """The level of commands that nothing tells, neither log nor nozzle; "" where there are none."""
-    return LEVELS[ACCELERATION] if r.unsure > 0.0 and "beta" not in r.channels else ""
+def is_sure(m: Model) -> bool:
+    """Both sensors are declared, flown with, and as the log has them."""
+    if not (m.is_flown and m.has["theta"] and m.has["theta_dot"]):
+        return m.is_flown
+    return True
 
 
-def _span(r: Record) -> tuple[float, float]:
-    """The times [s] of first and last row, of the log's clock."""
-    return float(r.t[0]) + r.shift, float(r.t[-1]) + r.shift
+def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
+    """The fit with every usual number and what the scan found free; noise levels there."""
+    taken: list[Found] = []
+    p = limited(m, taken) if m.is_commanded and m.is_flown else m.null
+    free = tuple(range(len(m.numbers)))
+    fit = gauss_newton(m, best_delay(m, p), free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    fit = gauss_newton(m, fit.p, free, frozenset(), 3)
+    fit_levels(m, fit.p)
+    for k in range(MOST_SHAPES):
+        if k == 1 and weather(m, fit):
+            m.with_numbers(usual(m), [])
+            taken, free = [], tuple(range(len(m.numbers)))
+            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit_levels(m, fit.p)
+            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
+        there = {each.kind.name for each in taken if not each.kind.once}
+        found = [each for each in scan(m, fit) if each.kind.name not in there]
+        if not found or found[0].saves < FIRST:
+            break
+        best = [each for each in found if each.saves > NEAR * found[0].saves][:2]
+        p = fit.p
+        for each in best:
+            p = with_shape(m, p, each)
+        taken += best
+        fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
+        fit_levels(m, fit.p, 2)
+    return fit.p, taken
 
 
-def _with_terms(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> tuple[Findings, Proposal | None]:
-    """Missing terms in the place of causes in doubt, and the proposal: they stand where they explain everything (a term
-    that leaves something, be it called weather, may stand for anything)."""
-    terms = propose(found.selection, made.threshold, say)
-    if terms is None:
-        return found, None
-    proposal, selection = terms
-    again = _tested(made, selection, measure, say)
-    behind = found.selection.model.log_likelihood - selection.model.log_likelihood
-    own = again.gain or measure(selection)
-    if not (own.nats > 0.0 and (own.share is None or own.share < 1.0)):
-        return found, None  # what does not predict better is none, though a short log may lose by chance
-    explains = not again.doubts and not again.remaining and selection.weather is None and behind < TERM_MARGIN
-    return again if explains else found, proposal
+def limited(m: Model, taken: list[Found]) -> np.ndarray:
+    """The numbers to start from: with a rate limit, a play or a delay where one leaves clearly less than none, for a
+    servo so limited or so late is no small forcing of another."""
+    best, plain = None, float((m.white(m.null)**2).sum())
+    late, least = m.null, FAR_LESS * plain
+    for delay in LATE:
+        q = m.null.copy()
+        q[m.index("delay")] += delay
+        left = float((m.white(q)**2).sum())
+        if left < least:
+            late, least = q, left
+    for kind in KINDS:
+        if kind.name not in ("actuator_rate_limit", "actuator_backlash") or not kind.when(m):
+            continue
+        shape = kind.shape(0)
+        for values in kind.starts(m):
+            found = Found(kind, values, np.ones(1), 0.0)
+            q = with_shape(m, m.null, found)
+            left = float((m.white(q)**2).sum())
+            m.with_numbers([each for each in m.numbers if each.name not in shape.names], [])
+            if left < least and (best is None or left < best[0]):
+                best = (left, found._replace(saves=plain - left))
+    if best is None:
+        return late
+    taken.append(best[1])
+    return with_shape(m, m.null, best[1])
 
 
-def _instead(found: Findings) -> Iterator[Selection]:
-    """Selections that may stand where one is in doubt.
-
-    They are: one cause replaced by another that explains the log as well; the causes without those that are in doubt
-    themselves; the strongest alone, with what makes sense together with it only; the weather alone.
-    """
-    of = found.selection
-    yield from instead_of_each(of)
-    doubted, causes = {name for words in found.doubts for name in accused(words)}, of.model.causes
-    sound = [k for k, cause in enumerate(causes) if cause.hypothesis.cause not in doubted]
-    strongest = [k for k, stays in enumerate(only_strongest(of)) if stays]
-    for kept in (sound, strongest) if sound != strongest else (strongest,):
-        if 0 < len(kept) < len(causes):
-            yield fewer(of, kept)
-    if of.instead is not None:
-        yield of.instead
+def likelihood(m: Model, e: np.ndarray) -> float:
+    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
+    d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+    return -0.5 * (square(e) + m.log_variance + square(d))
 
 
-def _needed(made: Diagnosis, found: Findings, measure: Measure, say: Say) -> Findings:
-    """Findings without the causes, the idlest first, that take less of the error away than a named one must, each
-    judged beside those that are left; and what those take away.  What cannot go for the others' sake stays, and is not
-    named."""
-    while found.gain is not None:
-        selection = found.selection
-        shares = removed(selection.model, found.gain)
-        groups = list(together(selection.model)) if shares else []
-        idle = [(sum(shares[k] for k in group), sum(selection.evidence[k] for k in group), group) for group in groups]
-        idle = [each for each in idle if each[0] <= found.needed]
-        wind_alone = selection.weather is not None and selection.weather.is_wind
-        if idle and (len(groups) > 1 or wind_alone):
-            gone = min(idle)[2]
-            again = _tested(made, fewer(selection, [k for k in range(len(shares)) if k not in gone]), measure, say)
-            if not again.doubts:
-                found = again
-                continue
-        named = with_removed(found.named, selection.model, shares)
-        enough = tuple(each for each in named if each.removed is None or each.removed > found.needed)
-        return replace(found, named=enough or named)
-    return found
+def weather(m: Model, fit: Fit) -> str:
+    """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
+    model is left in it.  "": none does."""
+    if not m.is_flown or m.is_windy or not np.any(m.a6 != 0.0):
+        return ""
+    levels, table = m.levels.copy(), (m.numbers, m.shapes)
+    all_else = likelihood(m, m.white(fit.p))
+    m.with_numbers(usual(m), [])
+    band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
+    best = ("", all_else + CLEARLY)
+    for name in ("turbulence", "wind_walk"):
+        m.in_weather(name)
+        alone = gauss_newton(m, m.null, tuple(sorted(band)), band, 2)
+        fit_levels(m, alone.p, 4)
+        value = likelihood(m, m.white(alone.p))
+        if value > best[1]:
+            best = (name, value)
+    m.in_weather(best[0])
+    if not best[0]:
+        m.levels = levels
+        m.with_numbers(*table)
+        m.white(fit.p)
+    return best[0]
+
+
+def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
+    """p with the delay at the best of a few, from which the fit finds its own."""
+    if "delay" not in m.names or m.is_flown:
+        return p
+    row = float(np.median(m.dt))
+    free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
+                                                                           "gyro_delay", "attitude_delay"))
+    least, best = math.inf, p
+    for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
+        q = p.copy()
+        q[m.index("delay")] = delay
+        fit = gauss_newton(m, q, free, frozenset(), 2)
+        value = square(fit.e) * (1.0 if delay else FAR_LESS)
+        if value < least:
+            least, best = value, fit.p
+    return best
+
+
+def rescan(m: Model, el: Elimination) -> list[Found]:
+    """Shapes that show once the numbers that are not needed are gone."""
+    m.white(el.final.p)
+    there = {shape.kind.name for shape in m.shapes}
+    found = [each for each in scan(m, el.final) if each.kind.name not in there or each.kind.once]
+    return [each for each in found if each.saves > NEAR * found[0].saves][:2]
+
+
+def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found: list[Found]) -> Result:
+    """The verdict, a function of estimate, scores and adequacy."""
+    nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
+    gain = held_out(m, el.nominal, el.final, el.full, nats)
+    mine = adequacy(m, el.final)
+    controller = reading.controller
+    listed = [k for k in el.kept if cause_of(m, k.group.name)]
+    unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
+    notes = tuple(noted(m, el))
+    words = []
+    if not m.is_flown and any(k.group.name in INPUT for k in listed) and not acts(m, el):
+        listed = [k for k in listed if k.group.name not in INPUT]
+        notes += ("the input of another time explains as much: nothing is said of it",)
+        words.append("the input of another time explains as much as the log's own")
+    for k in [k for k in listed if is_reversed(m, el, k)]:
+        listed.remove(k)
+        words.append(f"{m.numbers[k.group.numbers[0]].name} has the opposite sign: a convention, or a wrong nominal")
+    names = [each for k in listed for each in named_of(m, el, k)]
+    if m.weather:
+        level = {"turbulence": 6, "wind_walk": 5}[m.weather]
+        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[level]), None)}
+        if m.weather == "turbulence":
+            given["time_constant"] = (m.tau_g, None)
+        names.append(Named(m.weather, "environment", given,
+                           ("wind_walk" if m.weather == "turbulence" else "turbulence",), math.nan, math.nan))
+    if controller is not None and controller.is_named:
+        names.insert(0, Named("controller_mismatch", "controller", {
+            "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
+            "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
+    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+              for k in unlisted]
+    where = place_of(m, unlisted[0].group.name) if unlisted else None
+    is_foreign = controller is not None and controller.is_foreign
+    if controller is not None and controller.is_foreign:
+        doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
+        where = "controller"
+    against = [*doubts, *words, *mine.words]
+    if not m.is_flown:
+        against += strangers(m, el, gain)
+    trace = {
+        "kept": [(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
+        "found": [(f.kind.name, f.values, round(f.saves, 1)) for f in found], "square": mine.square,
+        "levels": np.exp(m.levels - m.levels0).round(2).tolist(), "removable": el.removable, "unit": el.unit,
+        "left": gain.share, "floor": gain.floor}
+
+    def result(verdict: str, where: str | None, **more: Any) -> Result:
+        return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
+
+    if not names and not against:
+        return result("consistent", None)
+    saved = sum(k.gain for k in listed)
+    odd = sum(k.gain for k in unlisted)
+    short = 2.0 * nats < HALF * el.removable
+    noises = sum("noise of" in words for words in mine.words)
+    loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
+    nearest = tuple(names)
+    place_of_misfit = where or mine.where or (names[0].where if names else None) or "plant"
+    poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
+    if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
+        return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
+    if against:
+        sure = [k for k in listed if k.share > SURE and k.gain > SURELY * k.error]
+        names = [each for each in names if any(each.nats == 0.5 * k.gain for k in sure)]
+        if not names or sum(k.share for k in listed) > BETWEEN_THEM:
+            return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
+        return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
+                      remaining_where=where or mine.where)
+    return result("explained", names[0].where, named=tuple(names))
+
+
+def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
+    """What speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then no claim
+    of noise alone."""
+    out = []
+    base, error = compare(m, el.e_final, el.e_full, el.unit)
+    if base > WORSE * error and base > LEAST:
+        out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
+    if gain.floor < AHEAD:
+        out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
+    for ch, name in enumerate(("theta", "theta_dot")):
+        if m.has[name] and m.levels[ch] - m.levels0[ch] > math.log(LEVEL):
+            out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.levels0[ch]):.1f} times the declared")
+    return out
+
+
+def noted(m: Model, el: Elimination) -> list[str]:
+    """What the numbers that are notes about the columns say."""
+    out = []
+    for j in el.notes:
+        value, std = float(el.final.p[j]), el.std_full.get(j, 0.0)
+        if abs(value - m.null[j]) > max(3.0 * std, m.tol[j]):
+            out.append(f"columns: {m.numbers[j].name} {value:.4g} +- {std:.2g} (theta_dot against theta; no cause)")
+    return out
+
+
+def acts(m: Model, el: Elimination) -> bool:
+    """Whether the log's own input explains clearly more than the input of another time (a placebo)."""
+    inputs = [m.index(name) for name in ("k1", "term beta^2", "inertia") if name in m.names]
+    rest = tuple(j for j in range(len(m.numbers)) if j not in inputs and m.numbers[j].name not in
+                 ("delay", "lag", "washout", "k1_slope", "bandwidth", "gain", "null_angle"))
+    q = el.full.p.copy()
+    q[inputs] = 0.0
+    none = gauss_newton(m, q, rest, frozenset(), 2)
+    without = square(none.e)
+    own = without - float((m.white(el.full.p)**2).sum())
+    track, integral, wins = m.track, m.integral, [5.0]
+    for part in TURNED:
+        turned = np.roll(track.commands, int(part * len(track.commands)))
+        m.track = replace(track, commands=turned)
+        m.integral = np.append(0.0, np.cumsum(turned * np.diff(track.ticks)))
+        m.inputs.clear()
+        fit = gauss_newton(m, none.p, tuple(sorted({*rest, *inputs})), frozenset(), 2)
+        wins.append(without - square(fit.e))
+    m.track, m.integral = track, integral
+    m.inputs.clear()
+    m.white(el.final.p)
+    return own > PLACEBO * max(wins)
+
+
+def cause_of(m: Model, name: str) -> str:
+    """The contract's cause of a group; "" for a shape that is in no list."""
+    if "#" in name:
+        return next(s.cause for s in m.shapes if s.names[0].startswith(name + "."))
+    return m.numbers[m.index(name)].cause
+
+
+def place_of(m: Model, name: str) -> str:
+    return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
+
+
+ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
+
+
+def is_reversed(m: Model, el: Elimination, k: Kept) -> bool:
+    """Whether a scale has the other sign: that is a convention of the log or of the nominal, and no cause."""
+    return m.numbers[k.group.numbers[0]].parameter == "scale" and not el.final.p[k.group.numbers[0]] > 0.0
+
+
+def beside(m: Model, number: Number, value: float) -> float:
+    """A number less what the nominal's own effects say of it, as a further effect has it."""
+    own = m.given.get(number.name)
+    return value if own is None else value / own if number.parameter == "scale" else value - own
+
+
+def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
+    """A kept group in the contract's words; a sine in the place of the angle is two terms."""
+    cause = cause_of(m, k.group.name)
+    values: dict[str, tuple[Any, float | None]] = {}
+    for j in k.group.numbers:
+        number = m.numbers[j]
+        values[number.parameter] = (beside(m, number, float(el.final.p[j])), k.std.get(j))
+    if cause == "missing_term":
+        number = m.numbers[k.group.numbers[0]]
+        value = float(el.final.p[k.group.numbers[0]]) - number.null
+        values = {"term": (number.parameter, None), "coefficient": (value, k.std.get(k.group.numbers[0]))}
+    if cause == "periodic_disturbance":
+        s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
+        w = float(el.final.p[k.group.numbers[2]])
+        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])),
+                  "frequency": (w, k.std.get(k.group.numbers[2])),
+                  "phase": (math.remainder(math.atan2(c, s) - w * m.centre, 2.0 * math.pi), None)}
+    if cause == "input_washout":
+        v, std = values["time_constant"]
+        values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    if cause == "actuator_bandwidth" and "lag" in values:
+        values = {"scale": (m.servo.lag / (m.servo.lag + values["lag"][0]), None)}
+    if "share" in values:
+        share = values.pop("share")[0]
+        if cause == "actuator_backlash":
+            values = {"half_width": (share * values["half_width"][0], values["half_width"][1])}
+    alike = {cause_of(m, other) for other in k.alike} - {""} | set(ALIKE.get(k.group.name, ()))
+    if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
+        cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
+    named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
+    if k.group.name != "sine":
+        return [named]
+    size, std = values["coefficient"]
+    return [named, replace(named, parameters={"term": ("theta", None), "coefficient": (-size, std)}, alike=())]

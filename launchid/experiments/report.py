@@ -13,9 +13,9 @@ from sim.files import make_folder, write_text
 from sim.nominal import built_in, load_nominal
 
 from ..bound.flights import flight_bound
-from ..cli.terminal import ProgressBar
 from ..identification.windows import number
 from ..monte_carlo.campaign import run_jobs
+from ..progress import Counter
 from . import confidence
 from .cases import CASES, CONFIDENCE, Case
 from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, case_jobs, fly_job
@@ -103,11 +103,10 @@ def xi_lines(results: list[Result]) -> list[str]:
 
 def flown(jobs: list[Any], work: Callable[[Any], Any], what: str) -> list[Any]:
     """Return the outcome of every job; the first is done here, which compiles what the workers then share."""
-    progress = ProgressBar(len(jobs), f"flights of {what}")
+    progress = Counter(len(jobs), f"flights of {what}")
     first = work(jobs[0])
     progress(1)
     rest = run_jobs(jobs[1:], work, progress=progress)
-    progress.clear()
     return [first, *rest]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from launchid_core import EDGES, Estimate, Level
-from sim.canvas import UNIT, panels
+from sim.canvas import NOMINAL, TRACKED, TRACKED_BAND, UNIT, panels
 from sim.errors import UsageError
 from sim.flight import Flight
 from sim.nominal import Nominal
@@ -65,10 +65,10 @@ def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) ->
         half = INTERVAL * np.array([getattr(x, f"{name}_std") for *_, x in known])
         axis = axes[2 + k]
         axis.fill_between(fine, value - spread, value + spread, color="0.88", label="range of the nominal")
-        axis.plot(fine, value, "--", color="0.5", label="nominal")
-        axis.plot(t, tracked, color="0.0", linewidth=1.3, label="tracked")
-        axis.plot(t, tracked - half, ":", color="0.2", linewidth=0.9, label="95 % interval")
-        axis.plot(t, tracked + half, ":", color="0.2", linewidth=0.9)
+        axis.plot(fine, value, "--", color=NOMINAL, linewidth=1.4, label="nominal")
+        axis.plot(t, tracked, color=TRACKED, linewidth=1.3, label="tracked")
+        axis.plot(t, tracked - half, ":", color=TRACKED, linewidth=0.9, label="its 95 % interval")
+        axis.plot(t, tracked + half, ":", color=TRACKED, linewidth=0.9)
         shown = np.concatenate([value - 1.3 * spread, value + 1.3 * spread, tracked])
         margin = 0.08 * float(np.ptp(shown))
         axis.set_ylim(float(np.min(shown)) - margin, float(np.max(shown)) + margin)
@@ -129,8 +129,8 @@ def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str, breaks: l
         return []
     t, value, half = np.array(sorted([*rows, *((at, math.nan, math.nan) for at in breaks)],
                                      key=lambda row: row[0]), dtype=float).T
-    axis.fill_between(t, value - half, value + half, color="0.78", label="tracked, 95 % interval")
-    axis.plot(t, value, color="0.35", linewidth=1.0)
+    axis.fill_between(t, value - half, value + half, color=TRACKED_BAND, label="tracked, 95 % interval")
+    axis.plot(t, value, color=TRACKED, linewidth=1.3)
     return [value]
 
 
@@ -176,7 +176,7 @@ def _parameter_panel(axis: Any, name: str, log: Log, report: dict[str, Any], nom
     if nominal is not None:
         fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
         beside.append(nominal.vehicle.at(fine)[name == "k1"])
-        axis.plot(fine, beside[-1], "--", color="0.5", label="nominal")
+        axis.plot(fine, beside[-1], "--", color=NOMINAL, linewidth=1.4, label="nominal")
     seen, bound = np.isfinite(value), INTERVAL * _numbers(windows, f"{name}_bound")
     if seen.any():
         axis.errorbar(t[seen], value[seen], xerr=width[seen], yerr=np.nan_to_num(half[seen]), fmt="o", color="0.1",
@@ -317,7 +317,7 @@ def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
     axes[0].plot(flight.t, flight.theta_ref, "--", color="0.5", linewidth=1.0, label="theta_ref")
     for axis, name in zip(axes[3:], ("a6", "k1"), strict=True):
         axis.plot(flight.t, getattr(flight, name), color="0.1", label="truth")
-        axis.plot(flight.t, nominal.vehicle.at(flight.t)[name == "k1"], "--", color="0.5", label="nominal")
+        axis.plot(flight.t, nominal.vehicle.at(flight.t)[name == "k1"], "--", color=NOMINAL, label="nominal")
         axis.set_ylabel(f"{name} [{UNIT}]")
     for axis in (axes[0], axes[2], axes[3]):
         _legend(axis)

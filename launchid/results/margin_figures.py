@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from sim.canvas import NOMINAL, TRACKED, TRACKED_BAND
 from sim.nominal import Nominal
 
 from ..log.log import Log
@@ -61,8 +62,8 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
         known = high - low <= MOST_WIDE * np.nanmedian(high - low)
         shown += [value[known], low[known], high[known]]
         if estimate == "tracked":
-            axis.fill_between(t, low, high, color="0.8", label="tracked, 95 % interval")
-            axis.plot(t, value, color="0.4", linewidth=1.0)
+            axis.fill_between(t, low, high, color=TRACKED_BAND, label="tracked, 95 % interval")
+            axis.plot(t, value, color=TRACKED, linewidth=1.3)
         else:
             ends = np.nan_to_num(np.abs([value - low, high - value]))
             axis.errorbar(t, value, xerr=half, yerr=ends, fmt="o", color="0.0", markersize=3, linewidth=0.8,
@@ -108,12 +109,12 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
         sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])
         box = np.column_stack([believed[:2] * (1.0 + sigma * CORNERS), np.tile(believed[2:], (4, 1))])
         corners = _response(loops(plants_of(box), controller), omega)
-        nichols.plot(corners[1].T, corners[0].T, ":", color="0.45", linewidth=0.9, zorder=2)
-        nichols.plot([], [], ":", color="0.45", label="corners of the nominal's range")
+        nichols.plot(corners[1].T, corners[0].T, ":", color=NOMINAL, linewidth=0.9, zorder=2)
+        nichols.plot([], [], ":", color=NOMINAL, label="corners of the nominal's range")
     response = _response(loops(plants_of(believed[None]), controller), omega)
     decibels, degrees = (each[0] for each in response)
     for axis, x, y in ((nichols, degrees, decibels), (gain, omega, decibels), (phase, omega, degrees)):
-        axis.plot(x, y, "--", color="0.35", linewidth=1.1, label="nominal", zorder=3)
+        axis.plot(x, y, "--", color=NOMINAL, linewidth=1.3, label="nominal", zorder=3)
     nichols.plot(band[1][0], band[0][0], color="0.0", linewidth=1.4, label="as identified", zorder=4)
     _required_cross(nichols, nominal)
     nichols.set_title(f"window {window.t_start:g}..{window.t_end:g} s", fontsize=9, loc="left")

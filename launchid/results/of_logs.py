@@ -12,11 +12,13 @@ from sim.errors import InputError, UsageError
 from sim.nominal import Nominal, rewrite_nominal
 from sim.result import Columns, drawn
 
+from .. import progress
 from ..argument_checks import integer, real, word
 from ..cli.options import WITHIN
-from ..diagnosis.judge.diagnosis import Diagnosis
-from ..diagnosis.report.answer import report as diagnosis_report
-from ..diagnosis.report.words import lines as diagnosis_lines
+from ..diagnosis.answer import extension
+from ..diagnosis.answer import lines as diagnosis_lines
+from ..diagnosis.answer import report as diagnosis_report
+from ..diagnosis.verdict import Result
 from ..diagnosis.verdict import diagnose as examine
 from ..identification.windows import identified, log_config, report_of, servo_note, table
 from ..log.check import data_warnings, faults, foreign, ideal_note, profile_note, warned
@@ -62,6 +64,11 @@ class Identification(Answer):
         terms = {term for estimate in self.estimates for term in estimate.terms}
         asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
         return identify_figure(self.log, self.report, self.nominal, asked)
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, identify.json and the figures."""
+        from .reports import identify_report
+        identify_report(self, folder)
 
     def margins(self) -> "FlightMargins":
         """The stability margins of the loop as identified, with the nominal's controller."""
@@ -167,7 +174,7 @@ def uncertainty(log: Log, nominal: Nominal, *, window: float = 1.0, strict: bool
 class Diagnosed(Answer):
     """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
 
-    diagnosis: Diagnosis
+    diagnosis: Result
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
@@ -178,7 +185,7 @@ class Diagnosed(Answer):
     @property
     def extension(self) -> Nominal | None:
         """The nominal with the named causes, if any."""
-        return self.diagnosis.extension
+        return extension(self.diagnosis)
 
     def summary(self) -> str:
         return "\n".join(diagnosis_lines(self.diagnosis))
@@ -206,7 +213,7 @@ def diagnose(log: Log, nominal: Nominal, *, holdout: Log | None = None, bootstra
     """Diagnose a log.
 
     holdout    a second log, to judge the extended model on
-    bootstrap  clean flights to measure the threshold on, 0: the built-in one
+    bootstrap  clean flights of the nominal that are diagnosed too, to count false alarms
     say        told what is being done
     noise      how far levels may be from the declared: "bounded", "declared" or "free"
     """
@@ -263,7 +270,7 @@ def fit_lft(logs: Sequence[Log], nominal: Nominal, *, share: float = 0.95, confi
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     said: tuple[str, ...] = ()
     flights = []
-    for log in logs:
+    for log in progress.each(logs, "logs fitted"):
         said += data_warnings(log, nominal, strict, refuse_columns=True)
         flights.append(greybox.deviations(log, nominal))
     fit = greybox.fit(flights, share, confidence, profile)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from launchid_core import Change, Config, Estimate
@@ -45,6 +46,11 @@ class FlightMargins(Answer):
 
     def columns(self) -> Columns:
         return flat(self.report["windows"])
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, margins.json and the figure."""
+        from .reports import margins_report
+        margins_report(self, folder)
 
     def _figure(self) -> "Figure":
         from .margin_figures import margins_figure

@@ -22,11 +22,11 @@ from launchid_core import Estimate
 from sim.errors import InputError
 from sim.nominal import Nominal
 
-from ..diagnosis.report.whiteness import Correlation, correlations
 from ..first_nominal.search import noise_variance
 from ..identification.missing_terms import active_terms
 from ..identification.weak_form import INCREMENT, Rows, column, slope, usable, window_increments
 from ..log.log import Log
+from ..sums import inner, square
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
@@ -35,7 +35,15 @@ LAGS = 10
 FEWEST = 5       # predictions with a fit
 DRAWS, SEED = 4, 0   # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
 RIGID = {"theta", "beta"}
-THETA_DOT = 1    # column of the whitened residual
+BAND_99 = 2.576  # standard deviations that 99 % of a normal variable stay within
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation:
+    """Correlations (lags,) at positive lags, and the half-width that 99 % of a white sequence's stay within."""
+
+    values: np.ndarray
+    band: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,11 +155,12 @@ def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
 
 def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
     """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
-    whole = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
-    scaled = np.zeros((len(whole), 3))
-    scaled[:, THETA_DOT] = whole
-    lags = min(LAGS, len(whole) // 3)
-    return correlations(scaled, lags)[0] if lags > 0 and np.any(whole != 0.0) else None
+    e = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
+    lags = min(LAGS, len(e) // 3)
+    if lags < 1 or not np.any(e != 0.0):
+        return None
+    values = np.array([inner(e[lag:], e[:len(e) - lag]) for lag in range(1, lags + 1)]) / square(e)
+    return Correlation(values, BAND_99 / float(np.sqrt(len(e))))
 
 
 def _coefficients(estimate: Estimate) -> np.ndarray:

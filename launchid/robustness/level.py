@@ -115,8 +115,8 @@ def table(estimates: list[Estimate]) -> str:
             line += f"  {with_std(level.delta, level.delta_std):>16} {level.band:>9} {best:>7.3f}"
         lines.append(line)
     for name, since, said, back in departures(estimates):
-        lines.append(f"{name} is out of its range since {since:.2f} s (alarm by {said:.2f} s): more than dispersion "
-                     "acts, such as a fault or wind"
+        lines.append(f"{name} is out of its range since {since:.2f} s (alarm by {said:.2f} s): something other "
+                     "than dispersion acts, such as a fault or wind"
                      + (f"; back in range at {back:.2f} s" if math.isfinite(back) else ""))
     if not any(e.uncertainty is not None and e.uncertainty.valid for e in estimates):
         lines.append("no window of this log determines where in their range a6 and k1 are")

@@ -45,7 +45,7 @@ ANOTHER = 1.5         # periods from one row to the next, or so many rows in one
 class Follower:
     """Rows in by `take`; `tick` shows the newest numbers; `report` is identify's of the rows so far, the fits apart.
 
-    The compiled code is loaded here, before the first row: nothing that comes is kept waiting for it.
+    `prepare` loads the compiled code: before the first row, nothing that comes is kept waiting for it.
 
     period   [s] between samples; None: the median step of the first PERIOD_ROWS rows, which wait for it.  Rows that say
              none that can be used are waited past, and until a window is valid others that say another begin anew
@@ -60,8 +60,9 @@ class Follower:
         self._strict = strict
         onboard_model(nominal)
         clock = nominal.sensors if nominal.controller is None else nominal.controller
-        ready = Estimator(self._config(clock.period if period is None else period))
-        self.estimator: Estimator | None = None if period is None else ready
+        self._ready = self._config(clock.period if period is None else period)
+        self.estimator: Estimator | None = None
+        self._is_prepared = False
         self.rows, self.closed, self._until_point = 0, 0, 0
         self._t, self._shown = math.nan, -math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
@@ -70,6 +71,20 @@ class Follower:
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
         self.live = Live(self._head())
+
+    def prepare(self) -> None:
+        """Load the compiled code, or compile it; with a period from the caller, begin."""
+        if self._is_prepared:
+            return
+        self._is_prepared = True
+        self.live.now = {"state": "compiling"}
+        self.live.revision += 1
+        ready = Estimator(self._ready)
+        if self._is_known:
+            self.estimator = ready
+            self.live.head = self._head()
+        self.live.now = {"state": "waiting"}
+        self.live.revision += 1
 
     def _config(self, period: float) -> Config:
         """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
@@ -87,6 +102,7 @@ class Follower:
 
     def take(self, log: Log) -> None:
         """Rows that came."""
+        self.prepare()
         self.rows += len(log.t)
         self._first.add(log)
         for part, period in [(log, None)] if self._is_known else self._rate.parts(log):

@@ -55,6 +55,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = 1.0, period: floa
     say(f"watch: {source.name} on {server.url} (Ctrl-C ends)")
     interrupted = False
     try:
+        follower.prepare()
         follow(source, lines, follower)
     except KeyboardInterrupt:
         interrupted = True

@@ -25,13 +25,9 @@ from ...log.channels import MEASURED as CHANNELS
 from ...log.detect import DataCheck
 from ...log.log import Log
 from ...sums import inner, square
-from .work import Work
-from .world import CALM, World, world_of
 
 THETA, THETA_DOT, BETA = range(3)
 LONGEST_STEP = 0.003     # s of the grid
-LONGEST_AT_ONCE = 0.005  # s of steps that are integrated at once
-WITHIN = 0.25            # of a row at once: late commands, losses, moments and gusts begin within a step, unseen
 ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
 FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
@@ -66,9 +62,7 @@ class Record:
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
     lost        (n,) bool, rows that the log does not have; their command is off by `unknown` [rad], one sigma
     at          (n,) steps from the first row to each;  fine  ticks a row, of parts of a command (rows between ticks)
-    world       what may disturb without being wrong;  noise  "bounded", "declared" or "free": how levels are fitted
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
-    work        what has been done on it, and may be, shared with all that are made of it
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     between     [rad] one sigma by which commands that no row saw are off
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
@@ -102,11 +96,8 @@ class Record:
     unknown: float = 0.0
     at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
     fine: int = 1
-    world: World = CALM
-    noise: str = "bounded"
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
     path_is_known: bool = False
-    work: Work = field(default_factory=Work)
     thinned: int = 1
 
     def __post_init__(self) -> None:
@@ -121,24 +112,6 @@ class Record:
     def period(self) -> float:
         """The time [s] between rows."""
         return self.every * self.step
-
-    @property
-    def resolution(self) -> float:
-        """The coarser [s] of the integration's step and the nominal's: frequencies must be resolved by both."""
-        simulation = self.nominal.simulation
-        return max(self.at_once * self.step, simulation.step if simulation is not None else 0.0)
-
-    @functools.cached_property
-    def at_once(self) -> int:
-        """Steps of the grid that are integrated at once, within one command: of a jittered or thinned log many stand
-        for a row.  Whatever the servo: one that is stiff over so long a step is integrated exactly."""
-        return max(1, int(min(LONGEST_AT_ONCE, WITHIN * self.period) / self.step * (1.0 + 1e-9)))
-
-    @functools.cached_property
-    def tau(self) -> np.ndarray:
-        """The time at every half step (2 steps + 1,), from -1 at the first row to 1 at the last."""
-        half = np.arange(len(self.a6)) - 2 * self.first_step
-        return np.clip(half / max((self.rows - 1) * self.every, 1) - 1.0, -1.0, 1.0)
 
     @functools.cached_property
     def farthest(self) -> float:
@@ -242,7 +215,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     path = log.flight_path[usable]
     wind = _known_wind(nominal, half[::2] + shift, t, path)
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
-                   first_step, step, every, tick, shift, at=at, fine=fine, world=world_of(nominal, k1),
+                   first_step, step, every, tick, shift, at=at, fine=fine,
                    wind=wind, path_is_known=bool(np.isfinite(path).any()),
                    law=own if own is not None and (own.filters or own.is_rate_law) else None,
                    rate_reference=column("rate_ref"))

@@ -1,1 +1,1 @@
-"""The report on a diagnosis: JSON, words, page, figures."""
+"""The report of a diagnosis: one page, its figures."""

@@ -21,12 +21,12 @@ from written import write_mcap, write_ulog
 
 import launchid
 from launchid.cli.main import main
+from launchid.commands import convert as of_files
 from launchid.convert.columns import turned
 from launchid.convert.mapping import load_map
 from launchid.convert.readers import foreign_format, read_channels
 from launchid.convert.stream import MappedStream
 from launchid.log.log import read_log, write_columns
-from launchid.results import of_files
 from launchid.watch.lines import Lines
 from sim.errors import InputError
 from sim.flight import fly_whole

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from launchid.diagnosis.answer import extension
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.kind import NONE, UNKNOWN
 from launchid.diagnosis.controller.rates import check_rate
@@ -97,9 +98,9 @@ def test_where_it_cannot_be_told_nothing_is_said():
 
 def test_the_verdict_names_the_controller_and_gives_its_extension():
     """The verdict was `consistent`: a rate's law was not checked."""
-    made = diagnose(log_of(1.3), missile(), hypotheses=())
+    made = diagnose(log_of(1.3), missile())
     assert (made.verdict, made.where) == ("explained", "controller")
-    assert made.causes[0].values["kp_scale"] == pytest.approx(1.3, abs=1e-3)
-    again = diagnose(log_of(1.3), made.extension, hypotheses=())
-    assert diagnose(log_of(), missile(), hypotheses=()).verdict == "consistent"
+    assert made.named[0].values["kp_scale"] == pytest.approx(1.3, abs=1e-3)
+    again = diagnose(log_of(1.3), extension(made))
+    assert diagnose(log_of(), missile()).verdict == "consistent"
     assert again.verdict == "consistent"

@@ -41,7 +41,8 @@ TENTH = [case for case in CASES if case.in_tests]
 # ---- the answers
 
 
-@pytest.mark.parametrize("case", TENTH, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [pytest.param(case, id=case.name, marks=() if k % 6 == 0 else pytest.mark.campaign)
+                                  for k, case in enumerate(TENTH)])
 def test_the_answer_is_right(bench, case):
     labels, _, command = bench
     row = command.answered(case, NOMINALS, (), "")
@@ -98,6 +99,13 @@ def test_a_case_that_is_wrong_is_refused_by_its_name(bench, tmp_path, line, said
     with pytest.raises(ValueError, match=said) as refused:
         bench[0].read_set(path)
     assert "g/a" in str(refused.value)
+
+
+def test_fresh_flights_are_of_the_same_kinds_with_seeds_of_their_own(bench):
+    drawn = bench[2].fresh(CASES, 90_000, 40)
+    assert [case.options["seed"] for case in drawn] == list(range(90_000, 90_040))
+    assert {case.options["rate"] for case in drawn} == {25.0, 50.0, 100.0, 200.0}
+    assert {"listed", "unlisted", "pairs", "clean", "clean-windy", "dropped"} <= {case.group for case in drawn}
 
 
 # ---- judging

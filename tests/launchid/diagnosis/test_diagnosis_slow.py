@@ -8,13 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hidden import Weather, draw_spec, fly
-from test_diagnosis import LONG, NEAR, WHOLE, every_second, log_of
+from test_diagnosis import LONG, WHOLE, log_of
 
+from launchid.diagnosis.adapter import Follower
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.model.follower import NominalFollower
-from launchid.diagnosis.model.noise import dynamics
-from launchid.diagnosis.model.point import Point
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL
@@ -40,25 +38,25 @@ def recorded(drop, period=SLOW):
     return record(log, NOMINAL, check(log, NOMINAL))
 
 
-@pytest.mark.parametrize(("period", "drop"), every_second([SLOW, SLOWER], [
-    "theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"]))
+@pytest.mark.parametrize(("period", "drop"), [(SLOWER, "beta_cmd"), *(
+    pytest.param(period, drop, marks=LONG) for period in (SLOW, SLOWER) for drop in (
+        "theta_ref", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"))])
 def test_a_clean_flight_is_consistent_without_reference_or_commands(drop, period):
-    made = diagnose(without(drop, period=period), NOMINAL, hypotheses=NEAR)
+    made = diagnose(without(drop, period=period), NOMINAL)
     assert (made.verdict, made.doubts) == ("consistent", ())
 
 
 @pytest.mark.parametrize(("drop", "effect"), [
     pytest.param("theta_ref", "control_effectiveness:scale=1.3", marks=LONG),
     pytest.param("beta_cmd", "control_effectiveness:scale=1.3", marks=LONG),
-    ("beta_cmd,beta", "control_effectiveness:scale=0.7"), ("theta_ref", "thrust_misalignment:angle=0.01")])
+    pytest.param("beta_cmd,beta", "control_effectiveness:scale=0.7", marks=LONG),
+    pytest.param("theta_ref", "thrust_misalignment:angle=0.01", marks=LONG)])
 def test_a_cause_larger_than_what_they_feign_is_named(drop, effect):
-    among = tuple(each for each in NEAR if each.cause not in ("steady_wind", "attitude_bias", "actuator_gain"))
-    made = diagnose(without(drop, effect), NOMINAL, hypotheses=among)
+    made = diagnose(without(drop, effect), NOMINAL)
     name, value = effect.split(":")[0], float(effect.split("=")[1])
-    assert [cause.cause for cause in made.causes] == [name]
-    size = next(iter(made.causes[0].values))
-    assert made.causes[0].values[size] == pytest.approx(value, rel=0.1)
-    assert made.threshold == max(12.0, made.record.unsure * made.record.rows)
+    assert [cause.cause for cause in made.named] == [name]
+    size = next(iter(made.named[0].values))
+    assert made.named[0].values[size] == pytest.approx(value, rel=0.1)
 
 
 def flown(period):
@@ -71,7 +69,7 @@ def flown(period):
 @pytest.mark.parametrize("period", [SLOW, SLOWER])
 def test_commands_between_rows_are_off_by_what_is_said(period):
     """The commands of the rows are the log's; lines over means of rows miss less than lines from row to row."""
-    made, controller = with_commands(recorded("theta_ref", period), NominalFollower())
+    made, controller = with_commands(recorded("theta_ref", period), Follower())
     true = flown(period)
     off = made.commands[:true.size].reshape(true.shape) - true
     assert controller is None and not off[:, 0].any()
@@ -83,7 +81,7 @@ def test_commands_between_rows_are_off_by_what_is_said(period):
 
 def test_commands_between_rows_follow_exactly_from_reference_and_commands():
     """The log has all that the derivative's filter remembers."""
-    made, controller = with_commands(recorded("gamma"), NominalFollower())
+    made, controller = with_commands(recorded("gamma"), Follower())
     true = flown(SLOW)
     off = made.commands[:true.size].reshape(true.shape) - true
     assert controller.kind == "none" and np.max(np.abs(off[50:])) < 1e-6
@@ -92,7 +90,7 @@ def test_commands_between_rows_follow_exactly_from_reference_and_commands():
 
 @pytest.mark.parametrize("drop", ["gamma", "theta_ref", "beta_cmd,beta"])
 def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_known(drop):
-    class Lost(NominalFollower):
+    class Lost(Follower):
         def seen(self, record):
             return None
 
@@ -101,17 +99,8 @@ def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_k
 
 
 def test_what_commands_feign_grows_with_how_many_are_unseen():
-    made = [with_commands(recorded("theta_ref", period), NominalFollower())[0].unsure for period in (SLOW, SLOWER)]
+    made = [with_commands(recorded("theta_ref", period), Follower())[0].unsure for period in (SLOW, SLOWER)]
     assert made[1] == pytest.approx(3.0**0.5 * made[0], rel=1e-2)
-
-
-def test_what_is_unknown_between_rows_moves_the_nozzle_there_alone():
-    """The variance over a row is that of one draw in the second of its two ticks."""
-    of = dataclasses.replace(recorded("theta_ref"), between=0.01)
-    known, own = dynamics(dataclasses.replace(of, between=0.0), Point()), dynamics(of, Point())
-    assert not known.unknown_q.any() and np.allclose(own.command_q, known.command_q, rtol=0)
-    assert np.all(np.diagonal(own.unknown_q, axis1=1, axis2=2)[:, :4] >= 0.0) and own.unknown_q[0, 2, 2] > 0.0
-    assert own.unknown_q[0, 2, 2] < 0.01**2 * own.command_q[0, 2, 2]
 
 
 DROPPED = ("theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "theta_ref,theta_dot", "beta_cmd,theta_dot")

@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.issued import is_slow
-from launchid.diagnosis.data.record import BETA
-from launchid.diagnosis.data.used import RESOLVED, SLOWEST, coarser, cut, shortened, slowest, sparser, thinned, used
-from launchid.diagnosis.model.noise import declared, first_filter
-from launchid.diagnosis.model.point import Point, innovations, vehicle
+from launchid.diagnosis.data.used import RESOLVED, SLOWEST, cut, shortened, slowest, sparser, used
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
-from sim.effects import effect
 from sim.flight import fly_whole
 from sim.nominal import built_in, load_nominal
 
@@ -32,47 +27,6 @@ def logged(period, duration=6.0, drop=()):
 def as_record(period, **given):
     log, nominal = logged(period, **given)
     return record(log, nominal, check(log, nominal))
-
-
-def followed(r, *effects):
-    """States of the vehicle on the log's commands, corrected by nothing."""
-    filt = first_filter(r, declared(r))
-    return innovations(r, dataclasses.replace(filt, gains=np.zeros_like(filt.gains)), Point(effects))[1]
-
-
-@pytest.mark.parametrize(("period", "every"), [(0.001, 10), (0.002, 5), (0.002, 10), (0.01, 2), (0.01, 7)])
-def test_a_thinned_log_is_the_same_motion_at_fewer_rows(period, every):
-    """The motion is the same but for how many steps are integrated at once: a controller's commands stay, every one,
-    where the log is faster and where it is slower."""
-    r = as_record(period)
-    thin = thinned(r, every)
-    kept = slice(r.held_phase, None, every)
-    assert np.array_equal(thin.z, r.z[kept], equal_nan=True)
-    assert thin.t == pytest.approx(r.t[kept], abs=1e-12)
-    assert len(thin.commands) == thin.rows * (thin.every // thin.tick)
-    assert not is_slow(thin) and thin.held == 1 and thin.period == pytest.approx(every * period)
-    ours, theirs = followed(thin), followed(r)[kept]
-    assert ours - ours[0] == pytest.approx(theirs - theirs[0], abs=(1e-2 if r.held_phase else 2e-5) * np.ptp(theirs))
-
-
-@pytest.mark.parametrize("delay", [0.0012, 0.002, 0.0025, 0.0133])
-def test_a_late_servo_moves_the_same_where_several_steps_are_integrated_at_once(delay):
-    """The command in two halves of the time that it has, its mean over both steps, was 0.2 ms of 2 beside the truth."""
-    r, late = as_record(0.01), effect("actuator_delay", delay=delay)
-    thin = thinned(r, 2)
-    assert (r.at_once, thin.at_once, thin.step) == (1, 2, r.step)
-    ours, theirs = followed(thin, late)[:, BETA], followed(r, late)[r.held_phase::2, BETA]
-    assert ours == pytest.approx(theirs, abs=2e-5 * np.ptp(theirs))
-
-
-def test_a_thinned_log_takes_the_longest_step_that_resolves_its_servo():
-    """1 ms rows have steps of 1 ms; 2.5 ms would be resolved, 2 ms divide the row's 10 ms: the same motion to 1e-6."""
-    thin = thinned(as_record(0.001), 10)
-    assert thin.step == pytest.approx(0.001)
-    coarse = coarser(thin)
-    assert coarse.step == pytest.approx(0.002) and coarse.period == pytest.approx(thin.period)
-    assert coarse.t == pytest.approx(thin.t, abs=1e-12)
-    assert followed(coarse) == pytest.approx(followed(thin), abs=1e-5 * np.ptp(followed(thin)))
 
 
 def test_what_is_cut_is_the_stretch_with_most_input():
@@ -128,13 +82,3 @@ def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():
     assert sparser(data, log.t, nominal, most=1000) is data    # what has a servo keeps all its commands
     assert sparser(data, log.t, stand) is data
 
-
-def test_the_tolerance_of_a6_is_of_a_sine_s_coefficient_too():
-    """A pendulum whose -5.08 sin(theta) was believed to be -4.95 had lines at its own frequency named for it."""
-    believed = dataclasses.replace(as_record(0.01), nominal=dataclasses.replace(
-        load_nominal(built_in("constant")), terms=(("sin(theta)", 2.0), ("theta^3", 1.0))))
-    truly = dataclasses.replace(believed, nominal=dataclasses.replace(
-        believed.nominal, terms=(("sin(theta)", 2.04), ("theta^3", 1.0))), a6=1.02 * believed.a6)
-    deviating, other = (vehicle(r, Point((), (by, 0.0, 0.0, 0.0, 0.0))) for r, by in ((believed, 0.02), (truly, 0.0)))
-    sizes = [each.terms["coefficient"] for each in (deviating, other, vehicle(believed, Point()))]
-    assert sizes[0] == pytest.approx(sizes[1], rel=1e-14) and sizes[0] != pytest.approx(sizes[2], rel=1e-3)

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from launchid.cli.main import main
+from launchid.commands.campaign import campaign
 from launchid.monte_carlo import folder_lock
 from launchid.monte_carlo.folder_lock import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS, JOURNAL
-from launchid.results.of_campaigns import campaign
 from sim.errors import InputError
 from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
 

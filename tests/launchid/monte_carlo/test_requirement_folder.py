@@ -15,13 +15,13 @@ import pytest
 
 import launchid
 from launchid.cli.main import main
+from launchid.commands.campaign import campaign, foreseen
 from launchid.monte_carlo.campaign import draw_jobs
 from launchid.monte_carlo.requirement import executor
 from launchid.monte_carlo.requirement.flight import FlightJob, Flyer, flight_jobs
 from launchid.monte_carlo.requirement.folder import read_flights
 from launchid.monte_carlo.requirement.identity import Definition, digest_of
 from launchid.monte_carlo.requirement.sequential import Sequential
-from launchid.results.of_campaigns import campaign, foreseen
 from sim.effects import effect
 from sim.errors import InputError, UsageError
 from sim.flight import dispersion, fly_whole

@@ -293,10 +293,10 @@ def test_the_json_is_the_contracts(launchid, folder):
 def test_the_terminal_names_another_factor(launchid, folder, tmp_path):
     status, out, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", tmp_path / "u.json")
     assert status == 0 and "a6 is out of its range since 0.00 s (alarm by " in out
-    assert "more than dispersion acts, such as a fault or wind" in out
+    assert "something other than dispersion acts, such as a fault or wind" in out
     assert json.loads((tmp_path / "u.json").read_text(encoding="utf-8"))["windows"]
     status, out, _ = launchid("uncertainty", folder / "in.csv", folder / "n.toml", "--window", "2")
-    assert status == 0 and "more than dispersion" not in out and len(out.splitlines()) == 1 + 1 + 7 + 1
+    assert status == 0 and "something other than dispersion" not in out and len(out.splitlines()) == 1 + 1 + 7 + 1
 
 
 @pytest.mark.parametrize(("nominal", "mentions"), [

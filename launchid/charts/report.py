@@ -1,0 +1,79 @@
+"""A command's report: a folder with one page that needs no network, the answer as JSON, the figures as pictures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from sim.errors import InputError
+from sim.files import make_folder, remove, write_text
+
+from .markup import table, text
+from .page import page, picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOUR = "#12355b"
+PAGE = "report.html"
+NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
+Words = Sequence[tuple[str, str]]
+
+
+class Picture(NamedTuple):
+    """A figure of a report: its heading, how to read it, and what draws it (None: there is none of this answer)."""
+
+    heading: str
+    caption: str
+    draw: "Callable[[], Figure | None]"
+
+
+def write_report(folder: str | Path, headline: str, above: str, first: str, pictures: Mapping[str, Picture],
+                 json: tuple[str, str], glossary: Words, colour: str = COLOUR) -> None:
+    """Write a report into a folder that is made if need be; pictures of an earlier one that this one lacks are removed.
+
+    Parameters
+    ----------
+    folder : where to
+    headline, above : the title of the page, and the words above it
+    first : the first screen, as HTML
+    pictures : name of the file -> picture
+    json : name of the file, and what is in it
+    glossary : words of the page and their meaning
+    colour : of the band behind the title
+    """
+    path = make_folder(folder)
+    try:
+        for name in pictures:
+            remove(path / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
+    figures = drawn(pictures, path)
+    write_text(path / json[0], [json[1], "\n"])
+    words = table(("word", "meaning"), [(f"<b>{text(word)}</b>", text(meaning)) for word, meaning in glossary])
+    write_text(path / PAGE, [page(headline, above, colour, first, [("Figures", figures), ("Words", words)])])
+
+
+def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:
+    """Return the figures as they stand on the page, each written into the folder too."""
+    try:
+        from sim.canvas import save
+
+        from .figure import figure_json
+        parts = []
+        for name, each in pictures.items():
+            figure = each.draw()
+            if figure is not None:
+                live = figure_json(figure)
+                save(figure, folder / name)
+                parts.append(picture(name.partition(".")[0], each.heading, each.caption, (folder / name).read_bytes(),
+                                     live))
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("matplotlib"):
+            raise
+        return f"<p>{text(NO_FIGURES)}</p>"
+    return "".join(parts)
+
+
+def paragraphs(lines: Sequence[str]) -> str:
+    """Return lines as notes of a page."""
+    return "".join(f'<p class="note">{text(line)}</p>' for line in lines)

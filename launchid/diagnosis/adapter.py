@@ -1,0 +1,145 @@
+"""A log as the filter reads it: rows, commands, the nominal's numbers along it; what knows the log room."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.errors import InputError
+from sim.nominal import Nominal
+
+from ..log.detect import DataCheck, check
+from ..log.log import Log
+from ..log.turns import unwrapped
+from ..sums import least_squares
+from . import filter as ekf
+from .controller.command import record
+from .controller.gaps import Seen
+from .controller.issued import with_commands
+from .controller.kind import ControllerCheck
+from .data.record import THETA, Record
+from .data.used import Used, shortened, sparser, used
+
+MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
+FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
+FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
+ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
+SLOW_PARTS = 2         # powers of time in what a biased gyro takes the attitude off
+FEWEST_TOLD = 20       # rows that tell them
+LONGEST_STEP = 0.0067   # s of the filter between two rows: a tenth of a servo's time
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One log, ready to be filtered.
+
+    t (n + 1,) [s] of the rows and the end of the last; z (n, 3) theta, theta_dot, beta, NaN where not measured
+    sub   steps between two rows;  edges (n sub + 1,) [s] their ends
+    ticks (m + 1,) [s] at which the commands (m,) [rad] change
+    a6, k1 (n,) of the nominal over each row [1/s^2];  wind (n,) [rad] that is known
+    """
+
+    record: Record
+    t: np.ndarray
+    z: np.ndarray
+    sub: int
+    edges: np.ndarray
+    ticks: np.ndarray
+    commands: np.ndarray
+    a6: np.ndarray
+    k1: np.ndarray
+    wind: np.ndarray
+
+    @property
+    def nominal(self) -> Nominal:
+        return self.record.nominal
+
+    @property
+    def period(self) -> float:
+        return self.record.period
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What the log room says of a log: faults, the track (None: too little is left), commands' check, rows used."""
+
+    log: Log
+    data: DataCheck
+    track: Track | None
+    controller: ControllerCheck | None = None
+    used: Used | None = None
+    is_bad: bool = False
+
+
+def read(log: Log, nominal: Nominal) -> Reading:
+    """The log without its faulty rows, with every command that was issued; InputError where it holds no input."""
+    log, turns = unwrapped(log)
+    data = check(log, nominal)
+    told = replace(data, faults=(*turns, *data.faults)) if turns else data
+    if not all(fault.kind in MASKED for fault in data.faults):
+        return Reading(log, told, None, is_bad=True)
+    try:
+        r = record(log, nominal, sparser(data, log.t, nominal))
+    except InputError:
+        if not data.is_bad:
+            raise
+        return Reading(log, told, None, is_bad=True)
+    if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
+        return Reading(log, told, None, is_bad=True)
+    if r.rows < FEWEST_ROWS:
+        return Reading(log, told, None)
+    r, controller = with_commands(shortened(r), Follower())
+    r, rows = used(r, log.t[data.usable])
+    return Reading(log, told, track_of(r), controller, rows)
+
+
+class Follower:
+    """The nominal as it follows a log slower than its controller (`controller.issued.Follower`)."""
+
+    def seen(self, record: Record) -> Seen | None:
+        """The attitude at every tick, and the innovations; None: the nominal does not stay with the log."""
+        from .candidates import usual
+        from .model import Model
+        parts = record.every // record.tick
+        rows = record.rows * parts
+        z = np.full((rows, 3), math.nan)
+        z[np.minimum(record.at // record.tick, rows - 1)] = record.z
+        at = record.tick * np.arange(rows, dtype=np.int64)
+        fine = replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))
+        m = Model(track_of(fine))
+        m.with_numbers(usual(m), [])
+        m.levels = m.levels0.copy()
+        m.levels[ekf.QA] += math.log(ALERT)
+        m.run(m.null)
+        attitude = m.X[:, 0].copy()
+        if not np.all(np.abs(attitude) < record.farthest):
+            return None
+        innovations = np.where(np.isfinite(z), m.E, math.nan)[np.minimum(record.at // record.tick, rows - 1)]
+        return _as_measured(record, Seen(attitude, innovations))
+
+
+def _as_measured(record: Record, seen: Seen) -> Seen:
+    """The predictions with the attitude that the controller measured, where a gyro's bias takes the predicted one off
+    it: less the slow part of what it differs by at the rows."""
+    measured = np.isfinite(record.z[:, THETA])
+    if np.count_nonzero(measured) < FEWEST_TOLD:
+        return seen
+    ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
+    at = record.at[measured].astype(np.float64)
+    middle, half = ticks.mean(), 0.5 * max(float(np.ptp(ticks)), 1.0)
+    off = record.z[measured, THETA] - np.interp(at, ticks, seen.attitude)
+    slow = least_squares(np.vander((at - middle) / half, SLOW_PARTS + 1), off)
+    return seen._replace(attitude=seen.attitude + np.polyval(slow, (ticks - middle) / half))
+
+
+def track_of(r: Record) -> Track:
+    """The record on its own stamps."""
+    at = np.append(r.at, r.at[-1] + r.every)
+    t = r.t[0] + at * r.step
+    sub = max(1, math.ceil(r.period / LONGEST_STEP - 1e-9))
+    edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(sub) / sub).ravel(), t[-1])
+    half = np.clip(2 * r.first_step + (at[:-1] + at[1:]), 0, len(r.a6) - 1)
+    wind = r.wind[np.clip(half // 2, 0, len(r.wind) - 1)] if len(r.wind) else np.zeros(r.rows)
+    ticks = t[0] + np.arange(len(r.commands) + 1) * (r.tick * r.step)
+    return Track(r, t, np.ascontiguousarray(r.z), sub, edges, ticks, r.commands, r.a6[half].copy(), r.k1[half].copy(),
+                 np.ascontiguousarray(wind))

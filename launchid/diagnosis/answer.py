@@ -1,0 +1,196 @@
+"""A diagnosis in the contract's JSON, in words for a terminal, and as an extended nominal."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from sim.effects import CATALOGUE, effect
+from sim.effects.table import CENTRE
+from sim.nominal import Nominal
+
+from .elimination import LEAST, Z
+from .gain import Gain
+from .verdict import Named, Result
+
+CHANNEL_LEVELS = (("theta", 0), ("theta_dot", 1), ("beta", 2), ("command", 4), ("acceleration", 3))
+SIGNIFICANT = 1.5      # times the declared, from which a noise level differs
+DIRECT = {"a6": 1.0, "k1": 1.0, "k1_slope": 0.0, "damping": 0.0, "friction": 0.0, "misalignment": 0.0, "wind": 0.0,
+          "cubic": 0.0, "inertia": 0.0, "delay": 0.0, "bandwidth": 1.0, "gain": 1.0, "null_angle": 0.0,
+          "nozzle_bias": 0.0, "gyro_bias": 0.0, "gyro_scale": 1.0, "gyro_delay": 0.0, "attitude_delay": 0.0}
+# numbers that are a cause's parameter itself, with its neutral value
+DECIDES = {
+    frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
+    frozenset({"thrust_misalignment", "steady_wind"}): "a flight in which a6 and k1 change differently",
+    frozenset({"thrust_misalignment", "attitude_bias"}): "a flight in which a6 and k1 change differently",
+    frozenset({"actuator_delay", "actuator_bandwidth"}): "the nozzle sensor several times as often as commands come",
+    frozenset({"actuator_gain", "control_effectiveness"}): "the nozzle sensor",
+    frozenset({"actuator_bias", "thrust_misalignment"}): "the nozzle sensor",
+    frozenset({"actuator_bias", "nozzle_sensor_bias"}): "a longer log",
+    frozenset({"control_slope", "control_effectiveness"}): "a longer log",
+    frozenset({"lateral_drift", "aero_instability"}): "the flight-path angle of the navigation (column gamma)"}
+
+
+def number(x: Any) -> Any:
+    """A JSON number: null for what is not finite; words as they are."""
+    return x if isinstance(x, str) or x is None else float(x) if math.isfinite(x) else None
+
+
+def would_decide(named: Named) -> list[str]:
+    """The measurements that would tell a cause from what it looks like."""
+    found = (DECIDES.get(frozenset({named.cause, other})) for other in named.alike)
+    return list(dict.fromkeys(each for each in found if each))
+
+
+def unit_of(cause: str, parameter: str) -> str:
+    return next((p.unit for p in CATALOGUE[cause].parameters if p.name == parameter), "")
+
+
+def extension(result: Result) -> Nominal | None:
+    """The nominal with the named causes as `[[effects]]`, which `simulate` flies and `diagnose` accepts."""
+    nominal, reading = result.nominal, result.reading
+    if not result.named or result.model is None:
+        return None
+    shift, centre = result.model.track.record.shift, result.model.centre
+    effects = []
+    for each in result.named:
+        given = each.values
+        parameters = {p.name: p for p in CATALOGUE[each.cause].parameters}
+        for key in ("time",):
+            if key in given:
+                given[key] += shift
+        if any(p.default == CENTRE for p in parameters.values()):
+            given["middle"] = centre + shift
+        for key, p in parameters.items():
+            if key in given and not isinstance(given[key], str) and not p.allows(float(given[key])):
+                return None
+        effects.append(effect(each.cause, **{key: v for key, v in given.items() if key in parameters}))
+    out = replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects))
+    c = reading.controller
+    if c is not None and c.is_named and c.time_constant is not None and out.controller is not None:
+        out = replace(out, controller=replace(out.controller, derivative_time_constant=c.time_constant))
+    return out
+
+
+def report(result: Result) -> dict[str, Any]:
+    """The contract's diagnose JSON, and more."""
+    r, m = result.reading, result.model
+    return {
+        "verdict": result.verdict, "where": result.where,
+        "causes": [_cause(each, result) for each in result.named],
+        "noise": {} if m is None else {
+            name: {"factor": number(math.exp(m.levels[k] - m.levels0[k])),
+                   "significant": bool(abs(m.levels[k] - m.levels0[k]) > math.log(SIGNIFICANT))}
+            for name, k in CHANNEL_LEVELS if k in m.moves},
+        "limits": _limits(result),
+        "remainder": {"share": number(result.share), "where": result.remaining_where or result.where,
+                      "words": result.remaining[0]} if result.verdict == "dominant" and result.remaining else None,
+        "remaining": list(result.remaining), "gain": _gain(result.gain, m),
+        "doubts": list(result.doubts), "notes": list(result.notes),
+        "nearest": [{"resembles": each.cause, "nats": number(each.nats)} for each in result.nearest],
+        "either": [[each.cause, *each.alike] for each in result.named if each.alike],
+        "within_tolerance": [], "cut_short": result.is_cut_short, "effort_spent": False,
+        "false_alarms": result.false_alarms,
+        "data": {"rows": len(r.log.t), "usable": int(r.data.usable.sum()),
+                 "used": None if r.used is None else r.used._asdict(),
+                 "faults": [fault.__dict__ for fault in r.data.faults]},
+        "controller": None if r.controller is None else {
+            "mismatch": r.controller.kind, "rms_before": r.controller.before, "rms_after": r.controller.after,
+            "time_constant": r.controller.time_constant},
+        "deviation": None if result.elimination is None or m is None else {
+            name: number(result.elimination.final.p[m.index(name)] - 1.0) for name in ("a6", "k1") if name in m.names},
+    }
+
+
+def _limits(result: Result) -> dict[str, Any]:
+    """The size of each cause of one number that this log would have shown beside all others: what saves LEAST squares
+    and is Z standard errors; null where the log tells nothing of it."""
+    m, el = result.model, result.elimination
+    found: dict[str, Any] = {}
+    if m is None or el is None:
+        return found
+    for j, std in el.std_full.items():
+        number_ = m.numbers[j]
+        if number_.cause in CATALOGUE and number_.cause not in found and number_.cause != "missing_term" and \
+                number_.name in DIRECT and number_.null == DIRECT[number_.name]:
+            found[number_.cause] = {
+                "parameter": number_.parameter, "unit": unit_of(number_.cause, number_.parameter),
+                "size": number(max(Z, math.sqrt(LEAST)) * std + number_.tol), "neutral": number_.null, "at": {}}
+    return found
+
+
+def _cause(each: Named, result: Result) -> dict[str, Any]:
+    shift = result.model.track.record.shift if result.model is not None else 0.0
+    return {"cause": each.cause, "where": each.where,
+            "parameters": {key: {"value": number(value + shift if key == "time" else value), "std": number(std),
+                                 "unit": "term" if isinstance(value, str) else unit_of(each.cause, key)}
+                           for key, (value, std) in each.parameters.items()},
+            "indistinguishable_from": list(each.alike), "would_decide": would_decide(each),
+            "evidence": {"nats": number(each.nats), "held_out": number(each.share)},
+            "removed": number(each.share), "steps": []}
+
+
+def _gain(gain: Gain | None, m: Any) -> dict[str, Any] | None:
+    if gain is None:
+        return None
+    table = {f"{h:g}": {name: {"before": number(b), "after": number(a)} for name, (b, a) in gain.nrmse(h).items()}
+             for h in gain.squares}
+    last = table[f"{gain.longest:g}"]
+    first = last.get("theta", last.get("theta_dot", {"before": None, "after": None}))
+    return {"horizon": gain.longest, "held_out": True, "channels": last, "before": first["before"],
+            "after": first["after"], "horizons": table, "nats": number(gain.nats), "source": gain.source,
+            "closed_loop": None}
+
+
+def headline(result: Result) -> str:
+    """The verdict in one sentence."""
+    causes = " and ".join(" or ".join((each.cause, *each.alike)) for each in result.named)
+    if result.verdict == "bad-data":
+        return f"BAD DATA: {len(result.reading.data.faults)} fault(s) in the log; nothing about the vehicle is claimed."
+    if result.verdict == "consistent":
+        return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
+    if result.is_cut_short:
+        return "UNEXPLAINED: cut short by the emergency brake, [diagnosis] time_limit; nothing is concluded."
+    if result.verdict == "unexplained":
+        return f"UNEXPLAINED: simulation and measurement part at the {result.where}, and no known cause fits."
+    places = " and ".join(dict.fromkeys(each.where for each in result.named))
+    if result.verdict == "dominant":
+        rest = f"; {100 * (1 - result.share):.0f} % of the error explained, {100 * result.share:.0f} % remain" \
+            if result.share is not None else ""
+        return f"DOMINANT ({places}): {causes}{rest}."
+    return f"EXPLAINED ({places}): {causes}."
+
+
+def lines(result: Result) -> list[str]:
+    """The whole verdict for a terminal."""
+    said = [headline(result)] + [f"  {fault.message}" for fault in result.reading.data.faults]
+    if result.reading.used is not None:
+        said.append(f"  {result.reading.used.words}")
+    for each in result.named:
+        said.append(f"  {each.cause}: {sizes(each)} ({each.nats:.0f} nats on blocks left out)")
+        if each.alike:
+            decides = would_decide(each)
+            said.append(f"    this log cannot distinguish it from {', '.join(each.alike)}"
+                        + (f"; this would: {' or '.join(decides)}" if decides else ""))
+    said += [f"  doubt: {words}" for words in result.doubts]
+    said += [f"  not everything is explained: {words}" for words in result.remaining]
+    said += [f"  nearest (not the cause): resembles {each.cause}, {sizes(each)}" for each in result.nearest]
+    said += [f"  note: {words}" for words in result.notes]
+    if result.gain is not None:
+        said.append(f"gain on {result.gain.source} (nothing fitted to them): prediction error over its change "
+                    "(0: perfect, 1: no better than no change),")
+        for horizon in result.gain.squares:
+            said.append(f"  {horizon:>6g} s  " + "  ".join(f"{name} {b:.3g} -> {a:.3g}" for name, (b, a)
+                                                          in result.gain.nrmse(horizon).items()))
+    return said
+
+
+def sizes(each: Named) -> str:
+    """The parameters of a cause with unit and one standard deviation."""
+    words = []
+    for key, (value, std) in each.parameters.items():
+        if isinstance(value, str):
+            words.append(f"{key} {value}")
+        else:
+            unit = unit_of(each.cause, key)
+            words.append(f"{key} {value:.4g}" + (f" +- {std:.2g}" if std else "") + (f" {unit}" if unit else ""))
+    return ", ".join(words)

@@ -1,0 +1,156 @@
+"""What the nominal believes besides a6 and k1, in the model's terms: its `[[effects]]`, `[drift]` and `[wind]`.
+
+Most effects are nominal values of the model's numbers.  What depends on the time or on the motion (gusts, modes, the
+flight path) is a forcing that is known: it is made of the filtered motion and joins the model's.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from sim.effects import Changes
+from sim.effects.actuator import PLAY, WASHOUT, slowed
+from sim.effects.environment import GUST, JUMP
+from sim.effects.plant import parameters
+from sim.flight import packed
+from sim.nominal import Nominal
+from sim.sections import Actuator
+
+from ..identification.weak_form import column
+from .adapter import Track
+
+DIFFERS = 1e-12   # from the neutral value
+
+
+class Believed(NamedTuple):
+    """numbers {name: nominal value} of those that are not neutral;  terms {library term: coefficient} of the
+    acceleration;  a6, k1 (n,) [1/s^2] with the effects on them;  z_alpha, z_beta (n,) [1/s] of the flight path;
+    walk [rad/sqrt(s)], turbulence [rad] and its time [s], initial [rad] of the wind"""
+
+    changes: Changes
+    numbers: dict[str, float]
+    terms: dict[str, float]
+    a6: np.ndarray
+    k1: np.ndarray
+    z_alpha: np.ndarray
+    z_beta: np.ndarray
+    walk: float
+    turbulence: float
+    turbulence_time: float
+    initial: float
+
+
+def believed(track: Track, servo: Actuator) -> Believed:
+    """Return what the nominal of a track believes."""
+    nominal, r = track.nominal, track.record
+    changes = packed(nominal, centre=r.centre)
+    t = track.t[:-1] + 0.5 * np.diff(track.t)
+    a6, k1 = parameters(changes, t, track.a6, track.k1)
+    terms = dict(nominal.terms)
+    for each in nominal.effects:
+        if each.name == "missing_term":
+            term, coefficient = str(each.values[0]), float(each.values[1])
+            terms[term] = terms.get(term, 0.0) + coefficient
+    z_alpha, z_beta = np.full(len(t), changes.z_alpha), np.full(len(t), changes.z_beta)
+    if nominal.drift is not None:
+        drift = nominal.drift.at(t + r.shift)
+        z_alpha, z_beta = z_alpha + drift[0], z_beta + drift[1]
+    if r.path_is_known:
+        z_alpha, z_beta = 0.0 * z_alpha, 0.0 * z_beta
+    return Believed(changes, _numbers(changes, servo), terms, a6, k1, z_alpha, z_beta, *_weather(nominal, changes))
+
+
+def _numbers(c: Changes, servo: Actuator) -> dict[str, float]:
+    w, lag = servo.frequency, 0.0
+    for scale, share in c.bandwidths:
+        w, more = slowed(scale, share, w, 1.0 if servo.is_first_order else servo.damping_ratio)
+        lag += more
+    washout = sum(1.0 / time for kind, time, _ in c.inputs if kind == WASHOUT)
+    play = sum(width for kind, width, _ in c.inputs if kind == PLAY)
+    all_of_them = {
+        "damping": (c.aero_damping, 0.0), "cubic": (c.aero_cubic, 0.0), "friction": (c.friction, 0.0),
+        "misalignment": (c.thrust_misalignment, 0.0), "inertia": (c.nozzle_inertia, 0.0),
+        "wind": (c.steady_wind, 0.0), "delay": (c.actuator_delay, 0.0), "gain": (c.actuator_gain, 1.0),
+        "null_angle": (c.actuator_bias, 0.0), "bandwidth": (w / servo.frequency, 1.0), "lag": (lag, 0.0),
+        "washout": (washout, 0.0), "play": (play, 0.0), "rate_limit": (1.0 / c.rate_limit, 0.0),
+        "attitude_delay": (c.attitude_delay, 0.0), "gyro_delay": (c.gyro_delay, 0.0),
+        "gyro_scale": (c.gyro_scale, 1.0), "gyro_bias": (c.gyro_bias, 0.0),
+        "nozzle_bias": (c.nozzle_sensor_bias, 0.0)}
+    return {name: value for name, (value, neutral) in all_of_them.items() if abs(value - neutral) > DIFFERS}
+
+
+def _weather(nominal: Nominal, c: Changes) -> tuple[float, float, float, float]:
+    wind = nominal.wind
+    walks = [level for level, _ in c.walks] + ([wind.walk] if wind is not None else [])
+    gusty = [*c.turbulences, *([(wind.turbulence, wind.turbulence_time)] if wind is not None else [])]
+    strongest = max(gusty, default=(0.0, 1.0))
+    return (math.hypot(*walks), math.hypot(*(level for level, _ in gusty)), strongest[1],
+            wind.initial if wind is not None else 0.0)
+
+
+def forcing(known: Believed, track: Track, terms: dict[str, float],
+            motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(moments of the vehicle and of the air (n,) [rad/s^2], shift (n, 3) of the measurements) that are known and
+    depend on time or motion.
+
+    terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle
+    """
+    c, t = known.changes, track.t[:-1] + 0.5 * np.diff(track.t)
+    force, shift = np.zeros(len(t)), np.zeros((len(t), 3))
+    wind = track.wind.copy()
+    for kind, amount, first, second in c.timed:
+        if kind == GUST:
+            phase = (t - first) / second
+            wind += amount * np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
+        elif kind == JUMP:
+            force += amount * np.clip((track.t[1:] - first) / np.diff(track.t), 0.0, 1.0)
+        else:
+            force += amount * np.sin(first * t + second)
+    theta, omega, beta = motion.T
+    for bends, stiffness, drag, gain, *_ in c.modes:
+        w = math.sqrt(stiffness)
+        if bends:
+            shift[:, 0] += gain * mode(beta, w, 0.5 * drag / w, track.period, (0.0, 0.0, stiffness))
+            shift[:, 1] += gain * mode(beta, w, 0.5 * drag / w, track.period, (0.0, stiffness, 0.0))
+        else:
+            psi = gain * mode(theta, w, 0.5 * drag / w, track.period, (-1.0, 0.0, 0.0))
+            force += np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1])
+    for term, coefficient in terms.items():
+        force += coefficient * column(term, theta, omega, beta, t)
+    if np.any(known.z_alpha != 0.0) or np.any(known.z_beta != 0.0):
+        wind = wind - _path(theta + wind, beta + c.thrust_misalignment, known.z_alpha, known.z_beta, np.diff(track.t))
+    shift[:, 0] += c.attitude_bias
+    return force, known.a6 * wind, shift
+
+
+@njit(cache=True)
+def _path(attack, beta, z_alpha, z_beta, h):
+    """The flight path (n,) [rad]: gamma' = z_alpha (attack - gamma) + z_beta beta, over each step its middle."""
+    out, gamma = np.empty(len(h)), 0.0
+    for i in range(len(h)):
+        rate = z_alpha[i] * (attack[i] - gamma) + z_beta[i] * beta[i]
+        out[i] = gamma + 0.5 * h[i] * rate
+        gamma += h[i] * rate
+    return out
+
+
+@njit(cache=True)
+def _two_pole(x, b0, b1, b2, a1, a2, y):
+    x1 = x2 = y1 = y2 = 0.0
+    for i in range(len(x)):
+        now = x[i] - x[0]
+        y[i] = b0 * now + b1 * x1 + b2 * x2 - a1 * y1 - a2 * y2
+        x2, x1, y2, y1 = x1, now, y1, y[i]
+
+
+def mode(x: np.ndarray, w: float, zeta: float, period: float, top: tuple[float, float, float]) -> np.ndarray:
+    """x through (t2 s^2 + t1 s + t0)/(s^2 + 2 zeta w s + w^2), Tustin's rule prewarped at w [rad/s]."""
+    c = w / math.tan(min(0.5 * w * period, 1.5))
+    a0 = c * c + 2.0 * zeta * w * c + w * w
+    t2, t1, t0 = top
+    y = np.empty(len(x))
+    _two_pole(np.ascontiguousarray(x), (t2 * c * c + t1 * c + t0) / a0, 2.0 * (t0 - t2 * c * c) / a0,
+              (t2 * c * c - t1 * c + t0) / a0, 2.0 * (w * w - c * c) / a0, (c * c - 2.0 * zeta * w * c + w * w) / a0, y)
+    return y

@@ -1,0 +1,518 @@
+"""The one table of what may be wrong: the usual numbers of the model, and the shapes beyond them, listed or not."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.sections import Offsets
+
+from . import filter as ekf
+from .believed import mode
+from .model import CURVES, Model, Number
+
+SIGMAS = 2.5           # of a declared tolerance, within which a number is nobody's fault
+SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
+CYCLES = 10.0          # of a line in a log, fewer are a drift
+LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
+TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
+LATEST = 1.0           # s, the largest
+SLOSH, BENDING = (1.0, 12.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
+MODE_STEPS, START_DAMPING = 28, 0.03         # frequencies tried in each range; the damping at which they are tried
+DAMPING = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
+GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
+ONSETS = 60            # times tried along a log
+PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # rad; of the fastest command
+
+OFFSETS = ("misalignment", "wind", "moment")  # numbers of one constant moment: only one of them is fitted at a time
+
+
+# ---- the usual numbers
+
+
+def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with its conditions
+    """The numbers that every model has, free from their nominal values on with priors of the nominal's tolerances."""
+    s, d = m.scales, m.track.nominal.diagnosis
+    a6, k1 = m.a6, m.k1
+    has_input = bool(np.any(k1 != 0.0)) or "beta" in m.terms
+    both, row = m.has["theta"] and m.has["theta_dot"], float(np.median(m.dt))
+    acc, tol = s.acceleration, SIGMAS * d.tolerance
+    offsets = m.track.nominal.offsets or Offsets()
+    out: list[Number] = []
+
+    def add(name: str, null: float, tol: float, prior: float, cause: str, parameter: str, low: float = -math.inf,
+            high: float = math.inf, step: float | None = None) -> None:
+        own = m.given.get(name, null)
+        if name.endswith("delay"):
+            low, high = low + own - null, high + own - null
+        null = own
+        out.append(Number(name, null, tol, prior, 1e-3 * prior if step is None else step, low, high, cause, parameter))
+
+    if np.any(a6 != 0.0):
+        add("a6", 1.0, tol, LARGEST_SHIFT, "aero_instability", "scale")
+    elif "sin(theta)" not in m.terms and m.has["theta"]:
+        add("term theta", 0.0, 0.01 * acc / s.theta, acc / s.theta, "missing_term", "theta")
+    for name, value in m.terms.items():
+        if name in CURVES or name in ("1", "theta_dot"):
+            prior = abs(value) * LARGEST_SHIFT + (2.0 * acc if name == "1" else 0.0)
+            add("term " + name, value, tol * abs(value), prior, "", name)   # it is there, so it is no missing one
+    if has_input:
+        add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
+        span = float(m.t[-1] - m.t[0])
+        add("k1_slope", 0.0, 0.0, 2.0 / span, "control_slope", "slope")
+    if "theta_dot" not in m.terms:
+        add("damping", 0.0, 0.0, acc / s.omega, "aero_damping", "coefficient")
+    if "sign(theta_dot)" not in m.terms:
+        add("friction", 0.0, 0.0, acc, "friction", "coefficient", low=0.0)
+    if "1" not in m.terms:
+        if has_input and np.any(k1 != 0.0):
+            size = float(np.sqrt(np.mean(k1**2)))
+            unknown = math.hypot(offsets.thrust_misalignment, offsets.moment / size,
+                                 offsets.attitude_bias * float(np.sqrt(np.mean(a6**2))) / size)
+            add("misalignment", 0.0, SIGMAS * unknown, acc / size, "thrust_misalignment", "angle")
+        else:
+            add("moment", 0.0, SIGMAS * offsets.moment, acc, "missing_term", "1")
+        if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
+                np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
+            add("wind", 0.0, SIGMAS * offsets.attitude_bias, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
+                "angle")
+    if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
+        if s.theta > SWING and not m.is_flown:
+            add("sine", 0.0, 0.0, float(np.max(np.abs(a6))), "missing_term", "sin(theta)")
+        else:
+            add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic",
+                "coefficient")
+    if has_input and "beta^2" not in m.terms:
+        add("term beta^2", 0.0, 0.0, acc / s.beta**2, "missing_term", "beta^2")
+    if has_input and (m.is_commanded or m.is_smooth):
+        add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
+    if has_input:
+        timing = d.timing if m.is_commanded else d.timing + 0.6 * row
+        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LATEST, 1e-4 + 0.01 * row)
+        add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
+    if has_input and m.is_commanded:
+        band = min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5)
+        add("bandwidth", 1.0, band, 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
+    if has_input and m.is_commanded and m.has["beta"]:
+        add("gain", 1.0, 0.0, LARGEST_SHIFT, "actuator_gain", "scale")
+        add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")
+        add("nozzle_bias", 0.0, math.hypot(d.command, SIGMAS * offsets.nozzle_sensor_bias), s.beta,
+            "nozzle_sensor_bias", "angle")
+    if has_input and not m.is_flown:
+        add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LATEST, 1e-4 + 0.02 * row)
+    if both:
+        add("gyro_bias", 0.0, SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")
+        add("gyro_scale", 1.0, 0.0, 0.5, "gyro_scale", "scale", 0.05, 6.0)
+        add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
+            2e-5 + 0.01 * row)
+        if m.is_flown:
+            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -2.0 * d.timing, 0.4,
+                1e-4 + 0.01 * row)
+    return out
+
+
+# ---- shapes beyond them
+
+
+class Column(NamedTuple):
+    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n,) [rad], a shift (n, 3) of the measurements;
+    None: nothing."""
+
+    force: np.ndarray | None = None
+    command: np.ndarray | None = None
+    shift: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A candidate that is fitted: its numbers' names, the linear ones first.
+
+    cause     in the contract's words, "" for a shape that is in no list
+    make      (model, nonlinear values) -> its `Column`s, of unit amplitudes
+    """
+
+    kind: "Kind"
+    names: tuple[str, ...]
+
+    @property
+    def cause(self) -> str:
+        return self.kind.cause
+
+    @property
+    def linear(self) -> int:
+        return self.kind.linear
+
+    def made(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
+        """The columns of unit amplitudes; kept, for most numbers change while these stay."""
+        key = (self.kind.name, *nonlinear)
+        if key not in m.columns:
+            if len(m.columns) > 400:
+                m.columns.clear()
+            m.columns[key] = self.kind.make(m, *nonlinear)
+        return list(m.columns[key])
+
+    def effect(self, m: Model, values: tuple[float, ...]) -> Column:
+        """What these values do together."""
+        total: list[np.ndarray | None] = [None, None, None]
+        for size, column in zip(values, self.made(m, values[self.linear:]) if not self.kind.effective else (),
+                                strict=False):
+            for k, x in enumerate(column):
+                if x is not None:
+                    before = total[k]
+                    total[k] = size * x if before is None else before + size * x
+        return Column(*total)
+
+    def effectiveness(self, m: Model, values: tuple[float, ...]) -> np.ndarray | float:
+        """The factor (n,) on the input's effect."""
+        return 1.0 - values[0] * after(m, values[1]) if self.kind.effective else 1.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A sort of shape.  parameters names of its numbers, `linear` of them amplitudes; starts the nonlinear values that
+    a scan tries; prior one sigma of the amplitudes, steps and ranges of the nonlinear ones."""
+
+    name: str
+    cause: str
+    parameters: tuple[str, ...]
+    linear: int
+    make: Callable[..., list[Column]]
+    starts: Callable[[Model], list[tuple[float, ...]]]
+    prior: Callable[[Model], float]
+    bounds: tuple[tuple[float, float, float], ...] = ()   # step, low, high of each nonlinear number
+    when: Callable[[Model], bool] = lambda m: True
+    effective: bool = False
+    place: str = "plant"
+    once: bool = False
+
+    def shape(self, count: int) -> Shape:
+        mark = f"{self.name}#{count}."
+        return Shape(self, tuple(mark + each for each in self.parameters))
+
+    def numbers(self, m: Model, shape: Shape, nonlinear: tuple[float, ...]) -> list[Number]:
+        """The numbers of a shape that a scan found at these nonlinear values."""
+        out = [Number(name, 0.0, 0.0, self.prior(m), 1e-3 * self.prior(m), cause=self.cause, parameter=parameter)
+               for name, parameter in zip(shape.names[:self.linear], self.parameters, strict=False)]
+        for name, parameter, value, (step, low, high) in zip(shape.names[self.linear:], self.parameters[self.linear:],
+                                                             nonlinear, self.bounds, strict=True):
+            wide = {"time": 1.0, "duration": 1.0}.get(parameter, 0.3 * abs(value))
+            out.append(Number(name, value, 0.0, wide, step, low, high, self.cause, parameter))
+        return out
+
+
+def after(m: Model, time: float) -> np.ndarray:
+    """The share (n,) of each row's interval that lies after a time [s]."""
+    return np.clip((m.t[1:] - time) / m.dt, 0.0, 1.0)
+
+
+def _pulse(m: Model, time: float, duration: float) -> np.ndarray:
+    phase = (m.t[:-1] + 0.5 * m.dt - time) / max(duration, 1e-3)
+    return np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
+
+
+def _gust(m: Model, time: float, duration: float):
+    return [Column(m.a6 * _pulse(m, time, duration))]
+
+
+def _step(m: Model, time: float):
+    return [Column(after(m, time))]
+
+
+def _loss(m: Model, time: float):
+    return [Column(-m.k1 * m.motion[:, 2] * after(m, time))]
+
+
+def _line(m: Model, frequency: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    return [Column(np.sin(frequency * t)), Column(np.cos(frequency * t))]
+
+
+def _slosh(m: Model, frequency: float, damping: float):
+    psi = mode(m.motion[:, 0], frequency, damping, m.track.period, (-1.0, 0.0, 0.0))
+    return [Column(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]))]
+
+
+def _bending(m: Model, frequency: float, damping: float):
+    b, w = m.motion[:, 2], frequency
+    shift = np.zeros((m.n, 3))
+    shift[:, 0] = mode(b, w, damping, m.track.period, (0.0, 0.0, w * w))
+    shift[:, 1] = mode(b, w, damping, m.track.period, (0.0, w * w, 0.0))
+    return [Column(shift=shift)]
+
+
+def _drift(m: Model):
+    theta, b = m.motion[:, 0], m.motion[:, 2]
+    return [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (theta, b)]
+
+
+def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
+    top = min(span[1], 0.9 * math.pi / m.track.period)
+    return [(float(w), START_DAMPING) for w in np.geomspace(span[0], top, MODE_STEPS)] if top > span[0] else []
+
+
+def _onsets(m: Model) -> list[tuple[float, ...]]:
+    first, last = float(m.t[0]), float(m.t[-2])
+    return [(float(x),) for x in first + (last - first) * np.linspace(0.04, 0.96, ONSETS)]
+
+
+def _pulses(m: Model) -> list[tuple[float, ...]]:
+    first, last = float(m.t[0]), float(m.t[-2])
+    return [(float(x), d) for d in GUSTS if d < (last - first) / 3.0
+            for x in np.arange(first + 0.02 * (last - first), last - d, 0.4 * d)]
+
+
+def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
+    """Frequencies (peaks of the periodogram of the whitened innovations e (r,) of a channel) of at least CYCLES."""
+    x = np.zeros(m.n)
+    mine = m.channel == channel
+    x[m.rows[mine]] = e[mine]
+    size = 1 << (2 * m.n - 1).bit_length()
+    power = np.abs(np.fft.rfft(x * np.hanning(m.n), size))**2
+    w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
+    power[w < 2.0 * np.pi * CYCLES / (m.t[-1] - m.t[0])] = 0.0
+    power[w > 0.8 * np.pi / m.track.period] = 0.0
+    out: list[tuple[float, ...]] = []
+    for _ in range(3):
+        i = int(np.argmax(power))
+        out += [(float(w[i]),)] if power[i] > 0.0 else []
+        power[max(0, i - 12):i + 13] = 0.0
+    return out
+
+
+def _input_moves(m: Model) -> bool:
+    return bool(np.any(m.k1 != 0.0)) and m.scales.beta > 1e-9
+
+
+def _input_column(m: Model, play: float, rate: float) -> list[Column]:
+    """What a play or a rate limit makes of the command, less the command."""
+    u = m.base_input.ravel()
+    out = np.empty(len(u))
+    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, play, rate, out)
+    return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
+
+
+def _backlash(m: Model, half_width: float):
+    return _input_column(m, half_width, 0.0)
+
+
+def _rate_limit(m: Model, rate: float):
+    return _input_column(m, 0.0, rate)
+
+
+def _rates(m: Model) -> list[tuple[float, ...]]:
+    fastest = float(np.quantile(np.abs(np.diff(m.track.commands)) / np.diff(m.track.ticks)[:-1], 0.999))
+    return [(x * fastest,) for x in RATES] if fastest > 0.0 else []
+
+
+# ---- shapes that are in no list: what they explain is not named
+
+
+def _shift(m: Model, channel: int, x: np.ndarray) -> list[Column]:
+    shift = np.zeros((m.n, 3))
+    shift[:, channel] = x
+    return [Column(shift=shift)]
+
+
+def _tau(m: Model) -> np.ndarray:
+    """Time (n,) from -1 to 1 over the log."""
+    return np.linspace(-1.0, 1.0, m.n)
+
+
+def _command(m: Model) -> np.ndarray:
+    return m.mean_input
+
+
+def _servo_curve(m: Model):
+    return [Column(command=_command(m) * np.abs(_command(m)))]
+
+
+def _servo_asymmetry(m: Model):
+    return [Column(command=_command(m)**2)]
+
+
+def _servo_friction(m: Model, soft: float):
+    return [Column(command=-np.tanh(np.gradient(m.motion[:, 2], m.t[:-1]) / soft))]
+
+
+def _attitude_curve(m: Model):
+    return _shift(m, 0, m.motion[:, 0]**3)
+
+
+def _attitude_knee(m: Model, at: float):
+    return _shift(m, 0, np.abs(m.motion[:, 0] - at))
+
+
+def _attitude_walk(m: Model):
+    return _shift(m, 0, _tau(m))
+
+
+def _gyro_ceiling(m: Model, at: float):
+    x = m.motion[:, 1]
+    return _shift(m, 1, np.clip(x, -at, at) - x)
+
+
+def _gyro_dead_zone(m: Model, at: float):
+    return _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0))
+
+
+def _gyro_window(m: Model, time: float, duration: float):
+    t = m.t[:-1]
+    return _shift(m, 1, m.motion[:, 1] * ((t >= time) & (t < time + duration)))
+
+
+def _gyro_warming(m: Model):
+    return _shift(m, 1, m.motion[:, 1] * _tau(m))
+
+
+def _pickup_drift(m: Model):
+    return _shift(m, 2, _tau(m))
+
+
+def _aero_flutter(m: Model, frequency: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    x = m.a6 * m.motion[:, 0]
+    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
+
+
+def _thrust_flutter(m: Model, frequency: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    x = m.k1 * m.motion[:, 2]
+    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
+
+
+def _chirp(m: Model, frequency: float, climb: float):
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    return [Column(f(frequency * t + 0.5 * climb * t * t)) for f in (np.sin, np.cos)]
+
+
+def _beat(m: Model, frequency: float):
+    """A tone whose amplitude and phase change over a seventh of the log."""
+    t = m.t[:-1] + 0.5 * m.dt - m.centre
+    nodes = np.linspace(-1.0, 1.0, 8)
+    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return [Column(hats[:, k] * f(frequency * t)) for k in range(8) for f in (np.sin, np.cos)]
+
+
+def _wander(m: Model):
+    nodes = np.linspace(-1.0, 1.0, 10)[1:]
+    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return [Column(hats[:, k]) for k in range(9)]
+
+
+def _a6_drift(m: Model):
+    return [Column(m.a6 * m.motion[:, 0] * _tau(m))]
+
+
+def _lines_below(m: Model) -> list[tuple[float, ...]]:
+    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.t[-1] - m.t[0] > 20.0 else []
+
+
+def _knees(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))]
+
+
+def _ceilings(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)]
+
+
+def _dead_zones(m: Model) -> list[tuple[float, ...]]:
+    return [(float(x),) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)) if x > 0.0]
+
+
+def _windows(m: Model) -> list[tuple[float, ...]]:
+    first, last = float(m.t[0]), float(m.t[-2])
+    if last - first < 10.0:
+        return []
+    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
+
+
+def _chirps(m: Model) -> list[tuple[float, ...]]:
+    span = float(m.t[-1] - m.t[0])
+    return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
+
+
+def _acc(m: Model) -> float:
+    return m.scales.acceleration
+
+
+def _angle(m: Model) -> float:
+    return 0.2
+
+
+def _one(m: Model) -> float:
+    return 1.0
+
+
+def _flown(m: Model) -> bool:
+    """Shapes that are told from another only where the noise is declared and flown with."""
+    return m.is_flown
+
+
+def _nowhere(m: Model) -> list[tuple[float, ...]]:
+    """No nonlinear numbers."""
+    return [()]
+
+
+def _both(m: Model) -> bool:
+    return m.has["theta"] and m.has["theta_dot"]
+
+
+def _commanded(m: Model) -> bool:
+    return m.is_commanded and _input_moves(m)
+
+
+KINDS = (
+    Kind("control_loss", "control_loss", ("fraction", "time"), 1, _loss, _onsets, lambda m: 0.5, ((0.02, -1e9, 1e9),),
+         _input_moves, effective=True, once=True),
+    Kind("moment_step", "moment_step", ("acceleration", "time"), 1, _step, _onsets, _acc, ((0.02, -1e9, 1e9),),
+         once=True),
+    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, _angle,
+         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), lambda m: m.is_flown and bool(np.any(m.a6 != 0.0)),
+         place="environment",
+         once=True),
+    Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2, _line, lambda m: [],
+         _acc, ((2e-4, 0.05, 300.0),), _flown, place="environment"),
+    Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
+         lambda m: 1.0, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
+    Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
+         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
+    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
+         (), lambda m: m.has["theta"] and bool(np.any(m.a6 != 0.0)) and not m.track.record.path_is_known),
+    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _backlash,
+         lambda m: [(x,) for x in PLAYS], lambda m: 1.0, ((2e-5, 1e-6, 0.2),), _commanded, place="actuator"),
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _rate_limit, _rates, lambda m: 1.0,
+         ((1e-3, 1e-3, 50.0),), _commanded, place="actuator"),
+    # in no list
+    Kind("servo_curve", "", ("size",), 1, _servo_curve, _nowhere, _one, (), _commanded, place="actuator"),
+    Kind("servo_asymmetry", "", ("size",), 1, _servo_asymmetry, _nowhere, _one, (), _commanded, place="actuator"),
+    Kind("servo_friction", "", ("size", "soft"), 1, _servo_friction, lambda m: [(0.005,), (0.02,)], _one,
+         ((1e-3, 1e-3, 1.0),), _commanded, place="actuator"),
+    Kind("attitude_curve", "", ("size",), 1, _attitude_curve, _nowhere, lambda m: 0.3 / m.scales.theta**2, (), _both,
+         place="sensor"),
+    Kind("attitude_knee", "", ("size", "at"), 1, _attitude_knee, _knees, _one, ((1e-3, -3.0, 3.0),), _both,
+         place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, _attitude_walk, _nowhere, lambda m: m.scales.theta, (), _both,
+         place="sensor"),
+    Kind("gyro_ceiling", "", ("size", "at"), 1, _gyro_ceiling, _ceilings, _one, ((1e-3, 1e-6, 1e3),), _both,
+         place="sensor"),
+    Kind("gyro_dead_zone", "", ("size", "at"), 1, _gyro_dead_zone, _dead_zones, lambda m: m.scales.omega,
+         ((1e-4, 1e-7, 1e3),), _both, place="sensor"),
+    Kind("gyro_flip", "", ("size", "time", "duration"), 1, _gyro_window, _windows, lambda m: 2.0,
+         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), _both, place="sensor", once=True),
+    Kind("gyro_warming", "", ("size",), 1, _gyro_warming, _nowhere, _one, (), _both, place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, _pickup_drift, _nowhere, lambda m: m.scales.beta, (),
+         lambda m: m.has["beta"] and _commanded(m), place="sensor"),
+    Kind("aero_flutter", "", ("sine", "cosine", "frequency"), 2, _aero_flutter, _lines_below, _one,
+         ((1e-3, 0.1, 30.0),), lambda m: bool(np.any(m.a6 != 0.0))),
+    Kind("thrust_flutter", "", ("sine", "cosine", "frequency"), 2, _thrust_flutter, _lines_below, _one,
+         ((1e-3, 0.1, 30.0),), _input_moves),
+    Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, _chirp, _chirps, _acc,
+         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
+    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, lambda m: [], _acc,
+         ((1e-3, 0.05, 300.0),), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
+    Kind("a6_drift", "", ("size",), 1, _a6_drift, _nowhere, _one, (), lambda m: bool(np.any(m.a6 != 0.0))),
+    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, _wander, _nowhere, _acc, (), place="environment"),
+)
+LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes

@@ -1,0 +1,306 @@
+"""Backward elimination: one loop over one score.
+
+From the fit with everything free, the group of numbers that costs least goes back to the nominal, until every one that
+is left costs more on left-out blocks than its error.  A number that the nominal gives with a tolerance goes back into
+its band, not to its value.  (Efroymson 1960, with the score of `score`.)
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..sums import square
+from .estimate import Fit, gauss_newton, information
+from .model import Model
+from .score import compare, deviations, left_out
+
+Z = 2.3                # standard errors that a number must save on left-out blocks
+LEAST = 8.0            # squares that it must save: 4 nats
+SHARE = 0.05           # of what the full model saves, that it must save
+EVENT = 28.0           # squares that an event must save, of which nothing is left out and whose place was searched
+BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
+FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
+TRIES = 3              # groups tried in a step, the cheapest first
+EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
+RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
+SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
+SHAPE_Z = 4.0          # standard errors that a curve of the motion must save
+CLEAR = 0.5            # of what the full model saves, from which it need save no more than other numbers
+ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
+BESIDE = 0.02          # of what a cause saves, within which another in its place does as well
+ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
+TWIN = 0.9             # correlation in the full fit
+RELATED = 0.3          # correlation from which another is tried in its place
+
+
+@dataclass(frozen=True)
+class Group:
+    """Numbers that come and go together: the first `linear` are sizes, 0 or nominal where the group is out."""
+
+    name: str
+    numbers: tuple[int, ...]
+    linear: int
+    is_event: bool = False
+    has_band: bool = False
+    is_listed: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A group that stayed: what it saves on left-out blocks with its standard error, over what the full model saves;
+    groups that do as well in its place; the fit without it."""
+
+    group: Group
+    gain: float
+    error: float
+    share: float
+    alike: tuple[str, ...]
+    without: np.ndarray
+    std: dict[int, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """Fits and left-out errors of the nominal within its tolerances, of everything free, and of what stayed."""
+
+    nominal: Fit
+    full: Fit
+    final: Fit
+    e_nominal: np.ndarray
+    e_full: np.ndarray
+    e_final: np.ndarray
+    unit: float                   # variance of a left-out whitened error
+    kept: tuple[Kept, ...] = ()
+    std_full: dict[int, float] = field(default_factory=dict)
+    notes: tuple[int, ...] = ()
+
+    @property
+    def removable(self) -> float:
+        best = min(square(self.e_full), square(self.e_final))
+        return max(square(self.e_nominal) - best, 1e-9)
+
+
+def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
+    """Every usual number by itself, every shape's together."""
+    inside = {name: k for k, shape in enumerate(m.shapes) for name in shape.names}
+    out = [Group(each.name, (j,), 1, has_band=each.tol > 0.0) for j, each in enumerate(m.numbers)
+           if each.name not in inside and j not in notes]
+    for shape in m.shapes:
+        numbers = tuple(m.index(name) for name in shape.names)
+        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.linear,
+                         is_event=shape.kind.once, is_listed=bool(shape.cause)))
+    return out
+
+
+def is_rare(group: Group) -> bool:
+    return group.name.partition("#")[0] in RARE
+
+
+class Search:
+    """The elimination of one model."""
+
+    def __init__(self, m: Model, notes: frozenset[int] = frozenset()) -> None:
+        self.m, self.notes = m, notes
+        self.groups = groups_of(m, notes)
+
+    def base(self) -> frozenset[int]:
+        """Numbers that the nominal gives with a tolerance."""
+        return frozenset(j for g in self.groups if g.has_band for j in g.numbers)
+
+    def nearest(self, j: int, value: float) -> float:
+        m = self.m
+        return float(np.clip(value, m.null[j] - m.tol[j], m.null[j] + m.tol[j]))
+
+    def cost(self, fit: Fit, group: Group) -> float:
+        """Squares that it costs to put the group back, by the information (Wald 1943)."""
+        return self.joint(fit, [group])
+
+    def joint(self, fit: Fit, groups: list[Group]) -> float:
+        numbers = [j for g in groups for j in g.numbers[:g.linear]]
+        d = np.array([fit.p[j] - self.nearest(j, fit.p[j]) for j in numbers])
+        at = [fit.at(j) for j in numbers]
+        C = self.inverse[np.ix_(at, at)]
+        return float(d @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)) + 1e-300 * np.eye(len(d)), d))
+
+    def without(self, fit: Fit, groups: list[Group], rounds: int = 2) -> Fit:
+        """The fit with these groups back at the nominal, the others moved as the information says, and refitted."""
+        m = self.m
+        A = information(m, fit)
+        inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+        numbers = [j for g in groups for j in g.numbers[:g.linear]]
+        gone = {j for g in groups for j in g.numbers if not g.has_band}
+        at = [fit.at(j) for j in numbers]
+        d = np.array([self.nearest(j, fit.p[j]) - fit.p[j] for j in numbers])
+        C = inverse[np.ix_(at, at)]
+        q = fit.p.copy()
+        q[list(fit.free)] += inverse[:, at] @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)), d)
+        band = fit.band | {j for g in groups if g.has_band for j in g.numbers}
+        for j in band:
+            q[j] = self.nearest(j, q[j])
+        for j in gone:
+            q[j] = m.null[j]
+        r = fit.p.copy()
+        for j in (*band, *gone):
+            r[j] = q[j]
+        q = np.clip(q, m.low, m.high)
+        free = tuple(j for j in fit.free if j not in gone)
+        if not np.all(np.isfinite(q)) or float((m.white(r)**2).sum()) < float((m.white(q)**2).sum()):
+            q = r
+        return gauss_newton(m, q, free, band, rounds)
+
+    def saves(self, e0: np.ndarray, e1: np.ndarray) -> tuple[float, float]:
+        return compare(self.m, e0, e1, self.unit)
+
+    def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
+        if gain < self.m.unsure:
+            return False
+        if group.name == "inertia" and not self.m.is_commanded and gain < CLEAR * removable:
+            return False     # rows of a measured input that moves between them feign a little of it
+        if group.is_event:
+            return gain > EVENT and gain > SHARE * removable
+        is_curve = group.name in SHAPES_OF_NUMBERS and not self.m.is_flown and gain < CLEAR * removable
+        z = SHAPE_Z if is_curve else Z
+        return gain > z * error and gain > LEAST and gain > SHARE * removable
+
+    def run(self, p: np.ndarray) -> Elimination:
+        """Eliminate from everything free at p."""
+        m = self.m
+        everything = tuple(range(len(m.numbers)))
+        full = gauss_newton(m, p, everything, frozenset(), 4)
+        self.full = full
+        e_full = left_out(m, full)
+        self.unit = max(float(np.mean(e_full**2)), 0.2)
+        std_full = deviations(m, full, self.unit)
+        band = self.base()
+        start = tuple(sorted(band | self.notes))
+        nominal = gauss_newton(m, m.null.copy(), start, band, 3)
+        e_nominal = left_out(m, nominal)
+        self.correlations(full)
+        fit, live = full, [g for g in self.groups]
+        m.white(full.p)
+        best = e_end = e_full
+        fit, live, best, e_end = self.take_away(fit, live, e_nominal, best, e_end)
+        kept, fit, e_end = self.judged(fit, live, e_nominal, best, e_end)
+        m.white(fit.p)
+        return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
+
+    def correlations(self, full: Fit) -> None:
+        inverse = np.linalg.inv(information(self.m, full))
+        s = 1.0 / np.sqrt(np.diag(inverse))
+        self.correlation = np.abs(inverse * np.outer(s, s))
+
+    def related(self, a: Group, b: Group) -> float:
+        """Largest correlation of two groups' sizes in the full fit."""
+        return max(float(self.correlation[i, j]) for i in a.numbers[:a.linear] for j in b.numbers[:b.linear])
+
+    def clusters(self) -> list[list[Group]]:
+        """Sets of groups that correlate beyond TWIN, directly or through others."""
+        left, out = list(self.groups), []
+        while left:
+            cluster = [left.pop(0)]
+            for one in cluster:
+                for other in [g for g in left if self.related(one, g) > TWIN]:
+                    cluster.append(other)
+                    left.remove(other)
+            if len(cluster) > 1:
+                out.append(cluster)
+        return out
+
+    def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray,  # noqa: PLR0912 - one loop
+                  best: np.ndarray, e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
+        """The loop."""
+        m = self.m
+        at_once = True
+        for cluster in self.clusters():
+            A = information(m, fit)
+            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+            others = [[g for g in cluster if g is not one] for one in cluster]
+            least, k = min((self.joint(fit, rest), k) for k, rest in enumerate(others))
+            if least < ONE_OF:
+                fit = self.without(fit, others[k])
+                e_end = left_out(m, fit)
+                live = [g for g in live if g not in others[k]]
+        while live:
+            A = information(m, fit)
+            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+            costs = {g.name: self.cost(fit, g) for g in live}
+            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
+            gone = False
+            if at_once:
+                cheap: list[Group] = []
+                for g in order:
+                    if costs[g.name] > FREELY or self.joint(fit, [*cheap, g]) > FREELY * (len(cheap) + 1) ** 0.5:
+                        break
+                    cheap.append(g)
+                at_once = False
+                if len(cheap) > 1:
+                    tried = self.without(fit, cheap)
+                    e = left_out(m, tried)
+                    gain, error = self.saves(e, e_end)
+                    if gain < max(error, LEAST):
+                        fit, e_end, gone = tried, e, True
+                        live = [g for g in live if g not in cheap]
+            if not gone:
+                for g in order[:TRIES]:
+                    tried = self.without(fit, [g])
+                    e = left_out(m, tried)
+                    gain, error = self.saves(e, best)
+                    removable = max(square(e_nominal) - square(best), 1e-9)
+                    if not self.is_needed(g, gain, error, removable):
+                        fit, e_end, gone = tried, e, True
+                        live = [each for each in live if each is not g]
+                        break
+            if not gone:
+                break
+            if square(e_end) < square(best):
+                best = e_end
+        return fit, live, best, e_end
+
+    def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
+               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray]:
+        """What each that is left is worth, last in, and who could stand for it; who stands better takes its place."""
+        m = self.m
+        for turn in range(3):
+            kept, swap = [], None
+            m.white(fit.p)
+            std = deviations(m, fit, self.unit)
+            removable = max(square(e_nominal) - min(square(best), square(e_end)), 1e-9)
+            A = information(m, fit)
+            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+            for g in live:
+                rest = self.without(fit, [g], 3)
+                e = left_out(m, rest)
+                gain, error = self.saves(e, e_end)
+                alike = []
+                for other in self.groups:
+                    if other is g or other in live or self.related(g, other) < RELATED:
+                        continue
+                    again = self.with_other(rest, other)
+                    ei = left_out(m, again)
+                    gi, si = self.saves(ei, e_end)
+                    is_common = is_rare(g) and not is_rare(other) and not other.is_event and gi < ALIKE_Z * si
+                    is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, BESIDE * gain)
+                    if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
+                        swap = (again, [each for each in live if each is not g] + [other], ei)
+                    if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < BESIDE * gain:
+                        alike.append(other.name)
+                kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
+            if swap is None or turn == 2:
+                break
+            fit, live, e_end = swap
+        kept = [k for k in kept if self.is_needed(k.group, k.gain, k.error, removable)
+                and all(abs(fit.p[j] - m.null[j]) > 2.0 * std.get(j, 0.0) for j in k.group.numbers[:1]
+                        if k.group.linear == 1)]
+        largest = max((k.gain for k in kept), default=0.0)
+        kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
+        gain, error = self.saves(e_nominal, e_end)
+        if gain < LEAST or (gain < error and not any(k.group.is_event for k in kept)):
+            kept = []
+        return tuple(kept), fit, e_end
+
+    def with_other(self, rest: Fit, other: Group) -> Fit:
+        """The fit with another group in the place of one that is out."""
+        p = rest.p.copy()
+        p[list(other.numbers)] = self.full.p[list(other.numbers)]
+        band = rest.band - set(other.numbers)
+        return gauss_newton(self.m, p, tuple(sorted({*rest.free, *other.numbers})), band, 2)

@@ -1,0 +1,169 @@
+"""Estimates: Gauss-Newton with priors on the whitened innovations, noise levels by likelihood."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..sums import along, square
+from .filter import FAST, LEVELS
+from .model import Model
+
+SMALL = 0.05           # of the objective: less in a step ends the iterations
+LEVEL_STEP = 1.0       # of a level's logarithm, the largest in a step
+
+
+class Fit(NamedTuple):
+    """Numbers p at a minimum over those of `free`, the band's within their tolerances; e (r,) the whitened innovations
+    there, J (r, free) their slopes."""
+
+    p: np.ndarray
+    e: np.ndarray
+    J: np.ndarray
+    free: tuple[int, ...]
+    band: frozenset[int]
+
+    def at(self, j: int) -> int:
+        return self.free.index(j)
+
+
+@njit(cache=True, fastmath=FAST)
+def _gram(A, out):
+    """out (k, k): the products of the rows of A (k, n), in this thread's order alone (`sums`)."""
+    for i in range(len(A)):
+        for j in range(i + 1):
+            s = 0.0
+            for n in range(A.shape[1]):
+                s += A[i, n] * A[j, n]
+            out[i, j] = out[j, i] = s
+
+
+def gram(J: np.ndarray) -> np.ndarray:
+    """J' J of (r, k)."""
+    out = np.empty((J.shape[1], J.shape[1]))
+    _gram(np.ascontiguousarray(J.T), out)
+    return out
+
+
+def limits(m: Model, band: frozenset[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(lowest, highest) values of all numbers."""
+    low, high = m.low.copy(), m.high.copy()
+    for j in band:
+        low[j], high[j] = max(low[j], m.null[j] - m.tol[j]), min(high[j], m.null[j] + m.tol[j])
+    return low, high
+
+
+def objective(m: Model, e: np.ndarray, p: np.ndarray) -> float:
+    d = (p - m.null) / m.prior
+    return square(e) + square(d)
+
+
+def slopes(m: Model, p: np.ndarray, e: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+    """J (r, free) about the last filter's path, gains held."""
+    J = np.empty((len(free), len(e)))
+    base = m.white(p, frozen=True)
+    for i, j in enumerate(free):
+        q = p.copy()
+        step = m.step[j] if p[j] + m.step[j] <= m.high[j] else -m.step[j]
+        q[j] += step
+        J[i] = (m.white(q, frozen=True) - base) / step
+    return J.T
+
+
+def information(m: Model, fit: Fit) -> np.ndarray:
+    """The posterior's information matrix; a number in its band is known to its tolerance."""
+    prior = np.array([m.tol[j] if j in fit.band else m.prior[j] for j in fit.free])
+    return gram(fit.J) + np.diag(prior**-2.0)
+
+
+def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
+                 rounds: int = 3, start: tuple[np.ndarray, np.ndarray] | None = None) -> Fit:
+    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982); start
+    (e, J) at p where they are known and the last filter's."""
+    F = np.array(free, int)
+    low, high = limits(m, band)
+    p = p.copy()
+    p[F] = np.clip(p[F], low[F], high[F])
+    e = start[0] if start is not None else m.white(p)
+    J = start[1] if start is not None else slopes(m, p, e, free)
+    best = objective(m, e, p)
+    for _ in range(rounds if len(F) else 0):
+        w = m.prior[F]**-2.0
+        A = gram(J) + np.diag(w)
+        b = -along(J, e) - w * (p - m.null)[F]
+        s = 1.0 / np.sqrt(np.diag(A))
+        A, moved, done = A * np.outer(s, s), False, True
+        for damping in (0.0, 0.1, 1.0, 10.0):
+            inside = np.ones(len(F), bool)
+            d = np.zeros(len(F))
+            for _ in range(4):
+                d[:] = 0.0
+                d[inside] = np.linalg.solve(A[np.ix_(inside, inside)] + (1e-10 + damping) * np.eye(inside.sum()),
+                                            (b * s)[inside]) * s[inside]
+                out = inside & ((p[F] >= high[F] - 1e-12) & (d > 0.0) | (p[F] <= low[F] + 1e-12) & (d < 0.0))
+                if not out.any():
+                    break
+                inside &= ~out
+            q = p.copy()
+            q[F] = np.clip(p[F] + d, low[F], high[F])
+            eq = m.white(q)
+            value = objective(m, eq, q)
+            if value < best:
+                done, moved = best - value < SMALL, True
+                p, e, best = q, eq, value
+                break
+        if not moved:
+            e = m.white(p)     # the filter is where p is
+            break
+        J = slopes(m, p, e, free)
+        if done:
+            break
+    return Fit(p, e, J, tuple(free), band)
+
+
+def at_bound(m: Model, fit: Fit) -> list[int]:
+    """Columns of J whose numbers stand at a bound: they are not estimated."""
+    low, high = limits(m, fit.band)
+    return [i for i, j in enumerate(fit.free) if fit.p[j] <= low[j] + 1e-9 or fit.p[j] >= high[j] - 1e-9]
+
+
+def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
+    """Noise levels by Fisher scoring of the innovations' likelihood, with a normal prior of their logarithms about the
+    declared (Astrom 1980; the information as in Klein and Morelli 2006, eq. 6.49)."""
+    def cost() -> tuple[float, np.ndarray, np.ndarray]:
+        e = m.white(p)
+        d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+        return square(e) + m.log_variance + square(d), e, np.log(m.S.ravel()[m.flat])
+
+    best, e, v = cost()
+    h = 0.05
+    for _ in range(rounds):
+        de, dv = [], []
+        for i in m.moves:
+            m.levels[i] += h
+            e1 = m.white(p)
+            de.append((e1 - e) / h)
+            dv.append((np.log(m.S.ravel()[m.flat]) - v) / h)
+            m.levels[i] -= h
+        D, V = np.array(de), np.array(dv)
+        w = m.spread[m.moves]**-2.0
+        g = 2.0 * along(D.T, e) + V.sum(1) + 2.0 * w * (m.levels - m.levels0)[m.moves]
+        R = D + 0.5 * e * V                 # slopes of the innovations themselves
+        A = gram(V.T) + 2.0 * gram(R.T) + np.diag(2.0 * w + 1e-9)
+        old = m.levels.copy()
+        for shorter in (1.0, 0.3, 0.1):
+            d = np.clip(-shorter * np.linalg.solve(A, g), -LEVEL_STEP, LEVEL_STEP)
+            m.levels[m.moves] = np.minimum(old[m.moves] + d, (m.levels0 + m.cap)[m.moves])
+            value, e1, v1 = cost()
+            if value < best:
+                gain, best, e, v = best - value, value, e1, v1
+                break
+        else:
+            m.levels = old
+            m.white(p)
+            return
+        if gain < 0.5:
+            return
+
+
+assert LEVELS == 7

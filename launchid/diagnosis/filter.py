@@ -1,0 +1,424 @@
+"""One extended Kalman filter of vehicle and servo over the rows of a log, compiled.
+
+    theta' = omega
+    omega' = f + c1 theta + c2 omega + curved(theta, omega) + k b + k2 b^2 + kappa b'' + am m + ag g + white noise
+    m      a slow disturbance, g turbulence: first-order Markov processes (m a random walk where its time is infinite)
+    b, v   nozzle angle and rate: second order or first; driven by the command and white command noise
+
+    z_theta = theta - dt omega + dt^2/2 omega' + n
+    z_rate  = s (omega - dw omega') + g0 + n
+    z_beta  = b + b0 + n
+
+Between two rows lie `sub` steps.  The servo is exact over each (the command is its mean), the vehicle is of second
+order in the step.  Anderson and Moore, Optimal Filtering, 1979, ch. 8 (EKF) and 6.2 (one scalar measurement at a time);
+Jazwinski 1970, th. 7.2 (prediction).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+TH, OM, M, G, B, V = range(6)
+N = 6
+SECOND, FIRST = range(2)              # orders of the servo
+# what every run reads of the model as one array of numbers
+(DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, DRAG, CROSS, K2, KAPPA, ORDER, W, ZETA,
+ TAU_M, TAU_G) = range(20)
+CONSTANTS = 20
+RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
+LEVELS = 7
+LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+
+
+@njit(fastmath=FAST)
+def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
+    """omega' without kappa, and its slopes in theta, omega and b."""
+    a = f + c1 * x[TH] + c2 * x[OM] + k * b + c[K2] * b * b + am * x[M] + ag * x[G]
+    at, aw, ab = c1, c2, k + 2.0 * c[K2] * b
+    if curved:
+        th, om = x[TH], x[OM]
+        a += (c[SQUARE] + c[CUBE] * th) * th * th + c[CROSS] * th * om
+        at += (2.0 * c[SQUARE] + 3.0 * c[CUBE] * th) * th + c[CROSS] * om
+        aw += c[CROSS] * th
+        if c[SIN] != 0.0 or c[COS] != 0.0:
+            s, co = math.sin(th), math.cos(th)
+            a += c[SIN] * s + c[COS] * co
+            at += c[SIN] * co - c[COS] * s
+        if c[SIGN] != 0.0:
+            s = math.tanh(om / c[SOFT])
+            a += c[SIGN] * s
+            aw += c[SIGN] * (1.0 - s * s) / c[SOFT]
+        if c[DRAG] != 0.0:
+            a += c[DRAG] * om * abs(om)
+            aw += 2.0 * c[DRAG] * abs(om)
+    return a, at, aw, ab
+
+
+@njit(cache=True)
+def servo_of(c, h, s):
+    """s (10,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, its noise q11, q12,
+    q22 of a unit density, and h."""
+    s[:] = 0.0
+    s[9] = h
+    w, z = c[W], min(c[ZETA], 0.999)
+    if c[ORDER] == FIRST:
+        s[0] = math.exp(-w * h)
+        s[4] = (1.0 - s[0]) / (w * h)
+        s[6] = 0.5 * w * (1.0 - s[0] * s[0])
+        return
+    d = w * math.sqrt(1.0 - z * z)
+    e, co, k = math.exp(-z * w * h), math.cos(d * h), math.sin(d * h)
+    s[0], s[1] = e * (co + z * w / d * k), e * k / d
+    s[2], s[3] = -e * w * w / d * k, e * (co - z * w / d * k)
+    s[4] = -(s[2] + 2.0 * z * w * (s[0] - 1.0)) / (w * w * h)
+    s[5] = -(s[3] - 1.0 + 2.0 * z * w * s[1]) / (w * w * h)
+    parts = 12
+    for i in range(parts):
+        g = h * (i + 0.5) / parts
+        e, co, k = math.exp(-z * w * g), math.cos(d * g), math.sin(d * g)
+        one, two = w * w * e * k / d, w * w * e * (co - z * w / d * k)
+        s[6] += one * one * h / parts
+        s[7] += one * two * h / parts
+        s[8] += two * two * h / parts
+
+
+@njit(fastmath=FAST)
+def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
+    """x (6,) inout over one step; F (2, 6) out: its slopes of theta and omega."""
+    off = x[B] - u
+    b = u + s[4] * off + s[5] * x[V]
+    nv = s[2] * off + s[3] * x[V]
+    a, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
+    kick = c[KAPPA] * (nv - x[V])
+    th, om = x[TH], x[OM]
+    if wants:
+        q = 0.5 * h * h
+        F[0, TH], F[0, OM], F[0, M], F[0, G] = 1.0 + q * at, h + q * aw, q * am, q * ag
+        F[0, B], F[0, V] = q * ab * s[4], q * ab * s[5]
+        F[1, TH], F[1, OM] = h * at + q * aw * at, max(1.0 + h * aw + q * (at + aw * aw), 0.0)
+        F[1, M], F[1, G] = (h + q * aw) * am, (h + q * aw) * ag
+        F[1, B], F[1, V] = h * ab * s[4] + c[KAPPA] * s[2], h * ab * s[5] + c[KAPPA] * (s[3] - 1.0)
+    x[TH] = th + h * om
+    x[OM] = om + h * a
+    a2, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
+    x[TH] = th + h * (om + h * (2.0 * a + a2) / 6.0 + 0.5 * kick)
+    x[OM] = om + 0.5 * h * (a + a2) + kick
+    x[M] *= em
+    x[G] *= eg
+    x[B] = u + s[0] * off + s[1] * x[V]
+    x[V] = nv
+
+
+@njit(fastmath=FAST)
+def _update(x, P, H, e, r, K):
+    """Scalar measurement with innovation e; x, P inout, K (6,) out; -> its variance."""
+    v0 = v1 = v2 = v3 = v4 = v5 = 0.0
+    for j in range(N):
+        h = H[j]
+        v0 += P[0, j] * h
+        v1 += P[1, j] * h
+        v2 += P[2, j] * h
+        v3 += P[3, j] * h
+        v4 += P[4, j] * h
+        v5 += P[5, j] * h
+    s = r + H[0] * v0 + H[1] * v1 + H[2] * v2 + H[3] * v3 + H[4] * v4 + H[5] * v5
+    K[0], K[1], K[2], K[3], K[4], K[5] = v0 / s, v1 / s, v2 / s, v3 / s, v4 / s, v5 / s
+    for i in range(N):
+        x[i] += K[i] * e
+        P[i, 0] -= K[i] * v0
+        P[i, 1] -= K[i] * v1
+        P[i, 2] -= K[i] * v2
+        P[i, 3] -= K[i] * v3
+        P[i, 4] -= K[i] * v4
+        P[i, 5] -= K[i] * v5
+    return s
+
+
+@njit(fastmath=FAST)
+def _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, kappa):
+    """P (6, 6) inout over one step h; T (6, 6) scratch; densities of the noise, of command and moments their variances.
+    """
+    for i in range(N):
+        p0, p1, p2, p3, p4, p5 = P[0, i], P[1, i], P[2, i], P[3, i], P[4, i], P[5, i]
+        T[0, i] = F[0, 0] * p0 + F[0, 1] * p1 + F[0, 2] * p2 + F[0, 3] * p3 + F[0, 4] * p4 + F[0, 5] * p5
+        T[1, i] = F[1, 0] * p0 + F[1, 1] * p1 + F[1, 2] * p2 + F[1, 3] * p3 + F[1, 4] * p4 + F[1, 5] * p5
+        T[2, i] = em * p2
+        T[3, i] = eg * p3
+        T[4, i] = s[0] * p4 + s[1] * p5
+        T[5, i] = s[2] * p4 + s[3] * p5
+    for i in range(N):
+        p0, p1, p2, p3, p4, p5 = T[i, 0], T[i, 1], T[i, 2], T[i, 3], T[i, 4], T[i, 5]
+        P[i, 0] = F[0, 0] * p0 + F[0, 1] * p1 + F[0, 2] * p2 + F[0, 3] * p3 + F[0, 4] * p4 + F[0, 5] * p5
+        P[i, 1] = F[1, 0] * p0 + F[1, 1] * p1 + F[1, 2] * p2 + F[1, 3] * p3 + F[1, 4] * p4 + F[1, 5] * p5
+        P[i, 2] = em * p2
+        P[i, 3] = eg * p3
+        P[i, 4] = s[0] * p4 + s[1] * p5
+        P[i, 5] = s[2] * p4 + s[3] * p5
+    P[0, 0] += qa * h * h * h / 3.0
+    P[0, 1] += qa * h * h / 2.0
+    P[1, 0] += qa * h * h / 2.0
+    P[1, 1] += qa * h
+    P[2, 2] += qm
+    P[3, 3] += qg
+    P[4, 4] += qc * s[6]
+    P[4, 5] += qc * s[7]
+    P[5, 4] += qc * s[7]
+    P[5, 5] += qc * s[8]
+    if kappa != 0.0:      # the nozzle's own noise turns the vehicle too
+        P[1, 1] += kappa * kappa * qc * s[8]
+        P[1, 4] += kappa * qc * s[7]
+        P[4, 1] += kappa * qc * s[7]
+        P[1, 5] += kappa * qc * s[8]
+        P[5, 1] += kappa * qc * s[8]
+
+
+@njit(cache=True, fastmath=FAST)
+def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: PLR0912, PLR0915 - one algorithm, in order
+    """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
+
+    t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, sub) commands, each the mean
+    over its step; rows (n, 6): f, c1, c2, k, am, ag over each row; c (CONSTANTS,), levels (LEVELS,), P0 (6,) variances
+    E (n, 3) innovations, S (n, 3) their variances, NaN where none; K (n, 3, 6) gains; X (n, 6) filtered states;
+    A (n, 6) slopes of omega' in theta, omega, b with the innovations' own; C (n, 6, 6) covariances of X, or none: out
+    """
+    n = len(z)
+    x, P, F, s = np.zeros(N), np.zeros((N, N)), np.zeros((2, N)), np.zeros(10)
+    T, H = np.zeros((N, N)), np.zeros(N)
+    curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
+        c[DRAG] != 0.0 or c[CROSS] != 0.0
+    for i in range(N):
+        P[i, i] = P0[i]
+    first, whole = True, t[1] - t[0]
+    for k in range(n):
+        if k == 0:
+            x[B] = u[0, 0]
+            if not math.isnan(z[0, 1]):
+                x[OM] = z[0, 1]
+        if first and not math.isnan(z[k, 0]):
+            x[TH] = z[k, 0]
+            first = False
+        f, c1, c2, kb, am, ag = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
+        before = rows[max(k - 1, 0), 0]
+        b = x[B]
+        for ch in range(3):
+            E[k, ch] = 0.0
+            if not frozen:
+                S[k, ch] = np.nan
+            if math.isnan(z[k, ch]):
+                continue
+            if ch == 2:
+                e = z[k, 2] - x[B] - c[NULL]
+                if not frozen:
+                    H[:] = 0.0
+                    H[B] = 1.0
+            elif ch == 0 and c[DT] == 0.0:
+                e = z[k, 0] - x[TH]
+                if not frozen:
+                    H[:] = 0.0
+                    H[TH] = 1.0
+            elif ch == 1 and c[DW] == 0.0:
+                e = z[k, 1] - c[SCALE] * x[OM] - c[GYRO]
+                if not frozen:
+                    H[:] = 0.0
+                    H[OM] = c[SCALE]
+            else:
+                a, at, aw, ab = _acceleration(x, before, c1, c2, kb, am, ag, b, c, curved)
+                if ch == 0:
+                    q = 0.5 * c[DT] * c[DT]
+                    e = z[k, 0] - x[TH] + c[DT] * x[OM] - q * a
+                    if not frozen:
+                        H[TH], H[OM], H[M], H[G], H[B], H[V] = 1.0 + q * at, q * aw - c[DT], q * am, q * ag, q * ab, 0.0
+                else:
+                    q = c[SCALE] * c[DW]
+                    e = z[k, 1] - c[SCALE] * x[OM] + q * a - c[GYRO]
+                    if not frozen:
+                        H[TH], H[OM], H[M] = -q * at, c[SCALE] - q * aw, -q * am
+                        H[G], H[B], H[V] = -q * ag, -q * ab, 0.0
+            E[k, ch] = e
+            if frozen:
+                for i in range(N):
+                    x[i] += K[k, ch, i] * e
+            else:
+                S[k, ch] = _update(x, P, H, e, levels[ch] * levels[ch], K[k, ch])
+        if not frozen:
+            for i in range(N):
+                X[k, i] = x[i]
+            if len(C):
+                C[k] = P
+        if k == n - 1:
+            break
+        h = (t[k + 1] - t[k]) / sub
+        if abs(h - s[9]) > 1e-9 * h:
+            servo_of(c, h, s)
+            em = math.exp(-h / c[TAU_M])
+            eg = math.exp(-h / c[TAU_G])
+            qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
+            qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
+            qa, qc = levels[QA] * levels[QA], levels[QC] * levels[QC]
+        for j in range(sub):
+            _move(x, u[k, j], h, s, f, c1, c2, kb, am, ag, em, eg, c, curved, F, not frozen)
+            if frozen:
+                continue
+            if j == 0:
+                A[k, 0], A[k, 1], A[k, 2] = F[1, TH] / h, (F[1, OM] - 1.0) / h, F[1, B]
+            _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, c[KAPPA])
+        if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
+            for i in range(N):
+                for j in range(i):
+                    P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
+        gap = t[k + 1] - t[k] > 20.0 * whole
+        if gap or not (abs(x[TH]) < LOST and abs(x[OM]) < LOST):
+            first = True
+            x[OM] = 0.0
+            if not gap:
+                x[TH] = 0.0
+                x[M] = 0.0
+            if not frozen:
+                P[:, :] = 0.0
+                for i in range(N):
+                    P[i, i] = P0[i]
+
+
+@njit(cache=True, fastmath=FAST)
+def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
+    """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
+    [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
+    n = len(z)
+    x, s = np.zeros(N), np.zeros(10)
+    for k in range(n):
+        for ch in range(3):
+            E[k, ch] = 0.0
+            if math.isnan(z[k, ch]):
+                continue
+            if ch == 0:
+                e = shift[k, 0] - x[TH] + c[DT] * x[OM]
+            elif ch == 1:
+                e = shift[k, 1] - c[SCALE] * x[OM]
+            else:
+                e = shift[k, 2] - x[B]
+            E[k, ch] = e
+            for i in range(N):
+                x[i] += K[k, ch, i] * e
+        if k == n - 1:
+            break
+        h = (t[k + 1] - t[k]) / sub
+        if abs(h - s[9]) > 1e-9 * h:
+            servo_of(c, h, s)
+            em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
+        at, aw, kb, am, ag = A[k, 0], A[k, 1], rows[k, 3], rows[k, 4], rows[k, 5]
+        for _ in range(sub):
+            off = x[B] - command[k]
+            b = command[k] + s[4] * off + s[5] * x[V]
+            a = force[k] + at * x[TH] + aw * x[OM] + kb * b + am * x[M] + ag * x[G]
+            x[TH] += h * (x[OM] + 0.5 * h * a)
+            x[OM] += h * a
+            x[M] *= em
+            x[G] *= eg
+            x[B] = command[k] + s[0] * off + s[1] * x[V]
+            x[V] = s[2] * off + s[3] * x[V]
+
+
+@njit(cache=True)
+def whiten(E, S, at, out):
+    """out: innovations over their deviations, those beyond 8 shortened (Huber 1964); -> the sum of log variances."""
+    total = 0.0
+    for i in range(len(at)):
+        s = S[at[i]]
+        e = E[at[i]] / math.sqrt(s)
+        total += math.log(s)
+        if not abs(e) < 1e3:
+            e = 1e3 if not e < 0.0 else -1e3
+        if abs(e) > 8.0:
+            e = math.copysign(math.sqrt(16.0 * abs(e) - 64.0), e)
+        out[i] = e
+    return total
+
+
+@njit(cache=True)
+def nozzle_input(u, h, c, lag, washout, play, rate, out):
+    """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order
+    lag, and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the
+    linear servo moves alike.  out (m,)."""
+    p, low, y = u[0], 0.0, u[0]
+    b, v = u[0], 0.0
+    w, z = c[W], c[ZETA]
+    for i in range(len(u)):
+        x = u[i]
+        if play > 0.0:
+            p = min(max(p, x - play), x + play)
+            x = p
+        if lag > 0.0:
+            a = math.exp(-h[i] / lag)
+            mean = x + (y - x) * (1.0 - a) * lag / h[i]
+            y = x + (y - x) * a
+            x = mean
+        if washout > 0.0:
+            a = math.exp(-h[i] * washout)
+            mean = x + (low - x) * (1.0 - a) / (washout * h[i])
+            low = x + (low - x) * a
+            x = x - mean
+        if rate > 0.0:
+            m = max(1, math.ceil(w * h[i] / 0.1))
+            g, total = h[i] / m, 0.0
+            for _ in range(m):
+                if c[ORDER] == FIRST:
+                    nv = min(max(w * (x - b), -rate), rate)
+                    total += b + nv / w
+                    b += g * nv
+                else:
+                    nv = v + g * (w * w * (x - b) - 2.0 * z * w * v)
+                    nv = min(max(nv, -rate), rate)
+                    total += b + 2.0 * z / w * 0.5 * (nv + v) + (nv - v) / g / (w * w)
+                    b += g * nv
+                    v = nv
+            x = total / m
+        out[i] = x
+
+
+@njit(cache=True, fastmath=FAST)
+def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
+    """out (starts, spans, 3): measured less predicted, free from the filtered states X at `starts` rows, each of
+    `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances of them, alike, where there
+    are covariances C of X."""
+    n, wants = len(z), len(C) > 0
+    x, F, s = np.zeros(N), np.zeros((2, N)), np.zeros(10)
+    P, T = np.zeros((N, N)), np.zeros((N, N))
+    qa, qc = levels[QA] * levels[QA], levels[QC] * levels[QC]
+    curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
+        c[DRAG] != 0.0 or c[CROSS] != 0.0
+    out[:] = np.nan
+    variances[:] = np.nan
+    for i in range(len(starts)):
+        k = starts[i]
+        x[:] = X[k]
+        if wants:
+            P[:, :] = C[k]
+        for q in range(len(spans)):
+            end = starts[i] + spans[q]
+            if end >= n:
+                break
+            while k < end:
+                h = (t[k + 1] - t[k]) / sub
+                if abs(h - s[9]) > 1e-9 * h:
+                    servo_of(c, h, s)
+                em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
+                qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
+                qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
+                for j in range(sub):
+                    _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em,
+                          eg, c, curved, F, wants)
+                    if wants:
+                        _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, c[KAPPA])
+                k += 1
+            a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
+                              curved)[0]
+            if abs(x[TH]) < LOST and abs(x[OM]) < LOST:
+                out[i, q, 0] = z[end, 0] - x[TH] + c[DT] * x[OM] - 0.5 * c[DT] * c[DT] * a
+                out[i, q, 1] = z[end, 1] - c[SCALE] * (x[OM] - c[DW] * a) - c[GYRO]
+                out[i, q, 2] = z[end, 2] - x[B] - c[NULL]
+                if wants:
+                    variances[i, q, 0] = P[TH, TH] + levels[0] * levels[0]
+                    variances[i, q, 1] = c[SCALE] * c[SCALE] * P[OM, OM] + levels[1] * levels[1]
+                    variances[i, q, 2] = P[B, B] + levels[2] * levels[2]

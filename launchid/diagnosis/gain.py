@@ -1,0 +1,91 @@
+"""What the extension gains: errors of predictions over several horizons, on blocks that nothing was fitted to."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .estimate import Fit
+from .model import FOLDS, PASSES, Model
+from .score import fold_fits
+
+HORIZONS = (0.1, 0.3, 1.0)   # of the longest horizon
+LONGEST = 1.0          # s
+TURNS = 1.5            # of the vehicle's own time, over which a prediction says something of its numbers
+SPACING = 0.1          # s between the starts of predictions
+CHANNELS = ("theta", "theta_dot", "beta")
+
+
+class Gain(NamedTuple):
+    """Mean squares [unit^2] by horizon [s] and channel: errors of nominal, extended and full model, and the change."""
+
+    squares: dict[float, dict[str, tuple[float, float, float, float]]]
+    nats: float
+    source: str
+
+    @property
+    def longest(self) -> float:
+        return max(self.squares)
+
+    def nrmse(self, horizon: float) -> dict[str, tuple[float, float]]:
+        """Channel -> RMS errors over the RMS change, (nominal, extended)."""
+        return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, _, c) in self.squares[horizon].items()
+                if c > 0.0}
+
+    @property
+    def share(self) -> float:
+        """Share of the removable squared error that the extension leaves, 0 to 1: the mean over horizons, attitude and
+        rate."""
+        left = [min(max((after - full) / (before - full), 0.0), 1.0) for before, after, full, _ in self._of_motion()
+                if before > full]
+        return float(np.mean(left)) if left else 0.0
+
+    @property
+    def floor(self) -> float:
+        """The full model's squared error over the extended one's, the mean over horizons, attitude and rate."""
+        ratios = [full / after for _, after, full, _ in self._of_motion() if after > 0.0]
+        return float(np.mean(ratios)) if ratios else 1.0
+
+    def _of_motion(self) -> list[tuple[float, float, float, float]]:
+        return [row for of in self.squares.values() for name, row in of.items() if name != "beta"]
+
+
+def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_another: bool = False) -> np.ndarray:
+    """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for; of another log,
+    under the fit's."""
+    out = np.full((len(starts), len(spans), 3), np.nan)
+    fold = starts * (FOLDS * PASSES) // m.n % FOLDS
+    for f, p in enumerate([fit.p] if is_another else fold_fits(m, fit)):
+        mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
+        m.run(p)
+        out[mine] = m.ahead(starts[mine], spans)[0]
+    return out
+
+
+def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_another: bool = False) -> Gain:
+    """The gain of the final model over the nominal, on blocks left out, or on m's log where that is another one."""
+    row = float(np.median(m.dt))
+    stiffness = float(np.max(np.abs(m.a6))) + abs(m.terms.get("sin(theta)", 0.0))
+    longest = min(LONGEST, TURNS / math.sqrt(max(stiffness, 1e-6)))
+    spans = np.unique([max(1, round(h * longest / row)) for h in HORIZONS])
+    starts = np.arange(max(10, m.n // 200), m.n - 1, max(1, round(SPACING / row)))
+    errors = [predictions(m, fit, starts, spans, is_another) for fit in (nominal, final, full)]
+    squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}
+    for q, span in enumerate(spans):
+        ends = np.minimum(starts + span, m.n - 1)
+        of: dict[str, tuple[float, float, float, float]] = {}
+        for ch, name in enumerate(CHANNELS):
+            change = m.z[ends, ch] - m.z[starts, ch]
+            good = np.isfinite(change) & np.all([np.isfinite(e[:, q, ch]) for e in errors], axis=0)
+            if m.has[name] and good.sum() > 20:
+                before, after, full_ = (trimmed(e[good, q, ch]) for e in errors)
+                of[name] = (before, after, full_, float(np.mean(change[good]**2)))
+        squares[round(float(span * row), 6)] = of
+    m.white(final.p)
+    return Gain(squares, nats, "a second log" if is_another else "blocks left out")
+
+
+def trimmed(x: np.ndarray) -> float:
+    """Mean square without the largest twentieth."""
+    x = np.sort(x * x)
+    return float(np.mean(x[:max(1, int(0.95 * len(x)))]))

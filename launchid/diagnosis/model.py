@@ -1,0 +1,328 @@
+"""The vehicle of the nominal with every usual number free: numbers in, whitened innovations of the log out."""
+
+import math
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import filter as ekf
+from .adapter import Track
+from .believed import believed, forcing
+
+ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment that slow and small is nobody's fault
+SLOW = 20.0            # s, the time of that moment: slow beside the vehicle, several times in a flight
+WIND = 0.005           # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
+SMOOTH = 20.0          # variance of third differences of white noise
+FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go round, stretches for standard errors
+CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
+          "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
+LINEAR = ("1", "theta", "theta_dot", "beta")
+RESOLVED = 0.4         # second over first differences of a measured input, up to which its acceleration is known
+RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
+DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
+LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
+
+
+class Stopped(Exception):
+    """The emergency brake: what was going on is ended, and nothing is concluded from it."""
+
+
+class Number(NamedTuple):
+    """One number of the model.  null its nominal value, tol how far from it is nobody's fault, prior one sigma, step of
+    its slope, low and high its range, cause and parameter in the contract's words ("": none of its own)."""
+
+    name: str
+    null: float
+    tol: float
+    prior: float
+    step: float
+    low: float = -math.inf
+    high: float = math.inf
+    cause: str = ""
+    parameter: str = ""
+
+
+def filled(x: np.ndarray) -> np.ndarray:
+    """x (n,) with lines over what was not measured; zeros where nothing was."""
+    good = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), good, x[good]) if len(good) else np.zeros(len(x))
+
+
+def white_std(x: np.ndarray) -> float:
+    """One sigma of the white part of x, by its third differences; 0 of too few."""
+    x = x[np.isfinite(x)]
+    return float(np.std(np.diff(x, 3)) / math.sqrt(SMOOTH)) if len(x) > 10 else 0.0
+
+
+class Scales(NamedTuple):
+    """The sizes of a log's motion: acceleration [rad/s^2], attitude, rate, nozzle, command (rms about the mean)."""
+
+    acceleration: float
+    theta: float
+    omega: float
+    beta: float
+
+
+class Model:
+    """The track with the nominal's numbers.
+
+    numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
+    motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
+    """
+
+    def __init__(self, track: Track, noise: str = "bounded") -> None:
+        self.track, nominal, self.noise = track, track.nominal, noise
+        self.t, self.z, self.n = track.t, track.z, len(track.z)
+        self.dt = np.diff(track.t)
+        self.centre = 0.5 * (track.t[0] + track.t[-2])
+        self.servo = track.record.actuator
+        self.known = believed(track, self.servo)
+        self.a6, self.k1, self.terms, self.given = self.known.a6, self.known.k1, self.known.terms, self.known.numbers
+        self.is_commanded = track.record.command_is_known
+        self.has = {name: bool(np.isfinite(self.z[:, k]).any())
+                    for k, name in enumerate(("theta", "theta_dot", "beta"))}
+        self.unsure = 2.0 * track.record.unsure * self.n   # squares that commands may feign which no row saw
+        self.brake = math.inf     # [s] of the monotonic clock, after which nothing is filtered
+        self.law = nominal.controller or track.record.law
+        self.is_flown = self.law is not None and nominal.simulation is not None
+        u = track.commands
+        self.is_smooth = float(np.std(np.diff(u, 2))) < RESOLVED * float(np.std(np.diff(u)))   # of a measured input
+        self.scales = self._scales()
+        self.widths = np.repeat(self.dt / track.sub, track.sub)
+        self.integral = np.append(0.0, np.cumsum(track.commands * np.diff(track.ticks)))
+        self.inputs: dict[tuple[float, ...], np.ndarray] = {}
+        self.in_weather("")
+        self.E, self.S = np.zeros((self.n, 3)), np.full((self.n, 3), np.nan)
+        self.K, self.X, self.A = np.zeros((self.n, 3, 6)), np.zeros((self.n, 6)), np.zeros((self.n, 6))
+        self.E2, self.C = np.zeros((self.n, 3)), np.zeros((0, 6, 6))
+        self.columns: dict[tuple[object, ...], Any] = {}     # of shapes, kept
+        self.shapes: list = []
+        self.numbers: list[Number] = []
+        self.motion = np.column_stack([filled(self.z[:, 0]), filled(self.z[:, 1]), np.interp(
+            track.t[:-1], track.ticks[:-1], track.commands)])
+        self.flat = np.zeros(0, np.int64)
+        self._know()
+
+    def _know(self) -> None:
+        """The forcing that the nominal's own effects are, of the motion as it is known by now."""
+        rest = {name: value for name, value in self.terms.items() if name not in CURVES and name not in LINEAR}
+        self.force, self.air, self.shift = forcing(self.known, self.track, rest, self.motion)
+
+    # ---- what the nominal says of noise
+
+    def _scales(self) -> Scales:
+        theta = filled(self.z[:, 0]) if self.has["theta"] else np.cumsum(filled(self.z[:, 1]) * self.dt)
+        omega = filled(self.z[:, 1]) if self.has["theta_dot"] else np.gradient(theta, self.t[:-1])
+        apart = max(2, round(0.2 / float(np.median(self.dt))))
+        acceleration = float(np.std(omega[apart:] - omega[:-apart])) / (apart * float(np.median(self.dt)))
+        command = self.track.commands
+        return Scales(acceleration + 1e-12, float(np.std(theta)) + 1e-12, float(np.std(omega)) + 1e-12,
+                      float(np.std(command)) + 1e-12)
+
+    def _levels(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (LEVELS,) each."""
+        nominal, r = self.track.nominal, self.track.record
+        s, a, sim, c, known = nominal.sensors, nominal.actuator, nominal.simulation, self.law, self.known
+        tick = c.period if c is not None else float(np.median(self.dt))
+        given = [(s.theta_std, s.theta_step), (s.theta_dot_std, s.theta_dot_step), (s.beta_std, s.beta_step)]
+        sensor = []
+        for k, (white_part, step) in enumerate(given):
+            white, std = white_std(self.z[:, k]), math.hypot(white_part, step / math.sqrt(12.0))
+            if not self.is_flown and white > 0.0:
+                std = min(std, 3.0 * white)
+            sensor.append(max(std, 0.05 * white, 1e-9))
+        noise = sim.acceleration_noise_std if sim is not None else 0.0
+        qa = max(noise, 1e-3 * self.scales.acceleration) * math.sqrt(tick)
+        if self.is_commanded:
+            qc = math.hypot((a.command_noise_std if a is not None else 0.0) * math.sqrt(tick),
+                            r.between * math.sqrt(r.tick * r.step))
+        else:
+            qc = s.beta_std * math.sqrt(self.track.period)
+        self.is_windy = known.walk > 0.0 or known.turbulence > 0.0
+        if self.is_windy:
+            turns = float(np.mean(known.z_alpha))   # the path turns with a wind that wanders, which is then less felt
+            qg, self.m0, self.tau_g = known.turbulence, known.initial, known.turbulence_time
+            self.tau_m = 1.0 / turns if turns > 0.0 else math.inf
+            qm = known.walk * (math.sqrt(0.5 * self.tau_m) if turns > 0.0 else 1.0)
+        elif self.is_flown:
+            qm = self.m0 = ARC_MINUTE * max(float(np.sqrt(np.mean(self.k1**2))), 1e-3)
+            qg, self.tau_m, self.tau_g = 0.0, SLOW, 1.0
+        else:
+            qm, qg, self.m0, self.tau_m, self.tau_g = 0.02 * self.scales.acceleration / math.sqrt(5.0), 0.0, \
+                0.0, math.inf, 1.0
+        levels = np.array([*sensor, qa, max(qc, 1e-12), max(qm, 1e-12), max(qg, 1e-12)])
+        if self.is_flown:
+            spread = np.array([0.5, 0.5, 0.5, 0.5, 0.3, 1.0 if self.is_windy else 0.0, 1.0 if qg > 0.0 else 0.0])
+            cap = np.log([3.0, 3.0, 3.0, 3.0, 3.0, 2.0, 2.0])
+        else:
+            spread = np.array([1.0, 1.0, 1.0, 2.5, 0.0 if qc == 0.0 else 1.0, 1.5, 0.0])
+            cap = np.log([DENSEST, DENSEST, DENSEST, LOUDEST, DENSEST, 10.0, 1.0])
+        if self.noise == "declared":
+            spread[:] = 0.0
+        elif self.noise == "free":
+            spread, cap = np.where(spread > 0.0, 5.0, 0.0), np.full(len(cap), math.log(LOUDEST))
+        spread[:3] *= [self.has["theta"], self.has["theta_dot"], self.has["beta"]]
+        return np.log(levels), spread, cap
+
+    def in_weather(self, name: str, levels: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> None:
+        """Let the air be turbulent, or its wind wander, at a level that is fitted; "": as the nominal says."""
+        self.levels0, self.spread, self.cap = self._levels()
+        self.weather = name
+        if name:
+            k = {"turbulence": ekf.QG, "wind_walk": ekf.QM}[name]
+            if name == "wind_walk":
+                self.is_windy, self.tau_m, self.m0 = True, math.inf, WIND
+            self.levels0[k], self.spread[k], self.cap[k] = math.log(WIND), 2.0, math.log(40.0)
+        self.moves = np.flatnonzero(self.spread > 0.0)
+        self.levels = self.levels0.copy()
+        self.inputs.clear()
+
+    # ---- numbers to the filter's arrays
+
+    def index(self, name: str) -> int:
+        return self._at[name]
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(self._at)
+
+    def with_numbers(self, numbers: list[Number], shapes: list) -> None:
+        """Take this table of numbers; those of `shapes` stand in it."""
+        self.numbers, self.shapes = numbers, shapes
+        self._at = {each.name: k for k, each in enumerate(numbers)}
+        self.null, self.tol, self.prior, self.step, self.low, self.high = (
+            np.array([each[k] for each in numbers]) for k in range(1, 7))
+        if not shapes or not hasattr(self, "base_input"):
+            _, self.base_input, _, self.base_constants = self.arrays(self.null)
+
+    def input_of(self, get, c: np.ndarray) -> np.ndarray:
+        """The servo's input (n, sub) [rad]: the commands later by `delay`, through what the numbers put in the way."""
+        key = (get("delay"), max(get("lag"), 0.0), max(get("washout"), 0.0), get("play"), get("rate_limit"))
+        if key not in self.inputs:
+            delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
+            ticks, edges = self.track.ticks, self.track.edges - delay
+            total = np.interp(edges, ticks, self.integral)
+            total = np.where(edges < ticks[0], (edges - ticks[0]) * self.track.commands[0], total)
+            beyond = self.integral[-1] + (edges - ticks[-1]) * self.track.commands[-1]
+            total = np.where(edges > ticks[-1], beyond, total)
+            u = np.diff(total) / self.widths
+            if any(key[1:]):
+                out = np.empty(len(u))
+                limit = 1.0 / key[4] if key[4] > 0.0 else 0.0
+                ekf.nozzle_input(u, self.widths, c, key[1], key[2], key[3], limit, out)
+                u = out
+            if len(self.inputs) > 24:
+                self.inputs.pop(next(iter(self.inputs)))
+            self.inputs[key] = u.reshape(self.n, self.track.sub)
+        return get("gain", 1.0) * self.inputs[key] + get("null_angle")
+
+    def arrays(self, p: np.ndarray):
+        """(z less what is known of the sensors, u, rows, constants) of the numbers p."""
+        at = self._at
+
+        def get(name: str, missing: float = 0.0) -> float:
+            return float(p[at[name]]) if name in at else self.given.get(name, missing)
+
+        c = np.zeros(ekf.CONSTANTS)
+        c[ekf.ORDER] = ekf.FIRST if self.servo.is_first_order else ekf.SECOND
+        c[ekf.W] = self.servo.frequency * max(get("bandwidth", 1.0), 0.01)
+        c[ekf.ZETA] = 1.0 if self.servo.is_first_order else self.servo.damping_ratio
+        c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay")
+        c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
+        c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
+        c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g
+        c[ekf.KAPPA] = get("inertia")
+        rows = np.zeros((self.n, 6))
+        for name, code in CURVES.items():
+            c[code] = get("term " + name, self.terms.get(name, 0.0))
+        c[ekf.SIGN] -= get("friction")
+        c[ekf.SIN] += get("sine")
+        c[ekf.CUBE] += get("cubic") * float(np.mean(self.a6))
+        a6, k1 = self.a6 * get("a6", 1.0), self.k1
+        rows[:, 1] = a6 + get("term theta", self.terms.get("theta", 0.0)) - get("sine")
+        rows[:, 2] = get("term theta_dot", self.terms.get("theta_dot", 0.0)) - get("damping")
+        rows[:, 3] = k1 * (get("k1", 1.0) + get("k1_slope") * (self.t[:-1] - self.centre)) + \
+            get("term beta", self.terms.get("beta", 0.0))
+        f = get("moment") + k1 * get("misalignment") + a6 * get("wind") + self.force + \
+            get("term 1", self.terms.get("1", 0.0)) + get("a6", 1.0) * self.air
+        rows[:, 4] = self.a6 if self.is_windy else 1.0
+        rows[:, 5] = self.a6
+        z = self.z - self.shift
+        shift = command = None
+        for shape in self.shapes:
+            values = tuple(float(p[at[name]]) for name in shape.names)
+            if not any(values[:shape.linear]):
+                continue
+            rows[:, 3] *= shape.effectiveness(self, values)
+            force, sent, moved = shape.effect(self, values)
+            if force is not None:
+                f = f + force
+            if sent is not None:
+                command = sent if command is None else command + sent
+            if moved is not None:
+                shift = moved if shift is None else shift + moved
+        rows[:, 0] = f
+        if shift is not None:
+            z = z - shift
+        u = self.input_of(get, c)
+        return z, u if command is None else u + command[:, None], rows, c
+
+    def P0(self) -> np.ndarray:
+        s, lv = self.scales, np.exp(self.levels)
+        return np.array([(100.0 if not self.has["theta"] else 10.0) * s.theta**2 + lv[0]**2, 10.0 * s.omega**2 +
+                         100.0 * lv[1]**2, self.m0**2, lv[ekf.QG]**2, s.beta**2, (10.0 * s.beta)**2])
+
+    def run(self, p: np.ndarray, frozen: bool = False) -> None:
+        """Filter the log with these numbers: E, S, K, X, A; frozen: E2 with the last gains."""
+        if time.monotonic() > self.brake:
+            raise Stopped
+        z, u, rows, c = self.arrays(p)
+        ekf.run(self.t, np.ascontiguousarray(z), u, rows, c, np.exp(self.levels), self.P0(), self.track.sub, frozen,
+                self.E2 if frozen else self.E, self.S, self.K, self.X, self.A, self.C)
+        if not frozen:
+            self.last = (z, rows, c)
+            self.last_input, self.mean_input = u, u.mean(axis=1)
+            self.weight = 1.0 / np.sqrt(self.S.ravel()[self.flat])
+
+    def white(self, p: np.ndarray, frozen: bool = False) -> np.ndarray:
+        """Whitened innovations (r,); frozen: with the gains and variances of the last filter."""
+        self.run(p, frozen)
+        if not len(self.flat):
+            self._choose_rows()
+        out = np.empty(len(self.flat))
+        self.log_variance = ekf.whiten((self.E2 if frozen else self.E).ravel(), self.S.ravel(), self.flat, out)
+        return out
+
+    def _choose_rows(self) -> None:
+        """Rows and channels that are scored: not the first, nor those after a gap, while the filter settles."""
+        ok, skip = np.isfinite(self.S), max(10, self.n // 200)
+        for k in (0, *(np.flatnonzero(self.dt > 20.0 * self.dt[0]) + 1)):
+            ok[k:k + skip] = False
+        self.rows, self.channel = np.nonzero(ok)
+        self.flat = np.flatnonzero(ok.ravel())
+        self.fold = self.rows * (FOLDS * PASSES) // self.n % FOLDS
+        self.block = self.rows * BLOCKS // self.n
+
+    def respond(self, force: np.ndarray, command: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """The change (r,) of the whitened innovations that a small forcing makes, about the last filter's path."""
+        z, rows, c = self.last
+        E = np.empty((self.n, 3))
+        sub = max(1, round(self.track.period / RESPONSE_STEP))
+        ekf.respond(self.t, z, rows, c, sub, self.K, self.A, force, command, shift, E)
+        return E.ravel()[self.flat] * self.weight
+
+    def ahead(self, starts: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(errors (starts, spans, 3) of the last run's model, free from its filtered states; variances of them, NaN
+        without `C`)."""
+        z, rows, c = self.last
+        errors, variances = np.empty((2, len(starts), len(spans), 3))
+        ekf.ahead(self.t, np.ascontiguousarray(z), self.last_input, rows, c, np.exp(self.levels), self.track.sub,
+                  self.X, self.C, starts, spans, errors, variances)
+        return errors, variances
+
+    def settle(self) -> None:
+        """Keep the filtered motion of the last run for the columns that are made of it."""
+        self.motion = np.column_stack([self.X[:, 0], self.X[:, 1], self.X[:, 4]])
+        self.columns.clear()
+        self._know()

@@ -1,0 +1,128 @@
+"""The scan: what shapes beyond the usual numbers would explain, by superposition on the whitened innovations.
+
+A small forcing changes the innovations linearly, about the filter's path (`filter.respond`).  Its column, less what the
+free numbers can make of it, times the innovations is the amplitude; the square of that over the column's own is what
+fitting it would save (Willsky and Jones 1976).  The places of the best are refined with everything else free.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..sums import along, combined, square
+from .candidates import KINDS, LINES, Kind, Shape, lines_in
+from .estimate import Fit, gram, information
+from .model import Model
+
+ENOUGH = 25.0          # squares that a shape must promise: chance gives the best of 400 places 12
+EACH = 6.0             # squares that every number beyond the first must promise besides
+NEAR = 0.6             # of the best's, from which another kind is fitted beside it as a rival
+LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is theirs
+
+
+class Found(NamedTuple):
+    """A kind at the nonlinear values where it promises most, the amplitudes there and what it would save."""
+
+    kind: Kind
+    values: tuple[float, ...]
+    sizes: np.ndarray
+    saves: float
+
+
+class Scanner:
+    """The innovations of a fit, and the projection that takes off what its free numbers can make."""
+
+    def __init__(self, m: Model, fit: Fit) -> None:
+        self.m, self.fit = m, fit
+        self.e = m.white(fit.p)
+        m.settle()
+        self.J = fit.J
+        A = information(m, fit) if fit.free else np.zeros((0, 0))
+        self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) if fit.free else A
+
+    def off(self, y: np.ndarray) -> np.ndarray:
+        """What the free numbers cannot make of a column."""
+        return y - combined(self.J, self.inverse @ along(self.J, y)) if self.fit.free else y
+
+    def columns(self, kind: Kind, values: tuple[float, ...]) -> list[np.ndarray]:
+        """The responses (r,) of unit amplitudes."""
+        m, out = self.m, []
+        none, still = np.zeros(m.n), np.zeros((m.n, 3))
+        for force, command, shift in kind.make(m, *values):
+            out.append(m.respond(none if force is None else force, none if command is None else command,
+                                 still if shift is None else shift))
+        return out
+
+    def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
+        raw = self.columns(kind, values)
+        Y = np.column_stack([self.off(y) for y in raw])
+        size = np.array([square(y) for y in raw])
+        G, b = gram(Y), -along(Y, self.e)
+        if np.any(np.diag(G) < LOW_OVERLAP * size) or not np.all(np.isfinite(G)):
+            return Found(kind, values, np.zeros(len(b)), 0.0)
+        G[np.diag_indices_from(G)] *= 1.0 + 1e-9
+        sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
+        return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
+
+    def best(self, kind: Kind) -> Found | None:  # noqa: PLR0912 - a search around the best, by kind of number
+        """The place where a kind promises most."""
+        m = self.m
+        if not kind.when(m) or not (kind.cause or m.is_flown):
+            return None
+        starts = kind.starts(m)
+        if kind.name in LINES:
+            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.off(self.e), ch)]
+        found = [self.tried(kind, values) for values in starts]
+        best = max(found, key=lambda each: each.saves, default=None)
+        if best is None or not starts[0]:
+            return best
+        for scale in (0.5, 0.2, 0.08):       # of the distance to its neighbours
+            for i, value in enumerate(best.values):
+                if kind.parameters[kind.linear + i] == "damping_ratio":
+                    around = [best.values[i] * x for x in (0.5, 0.8, 1.25, 2.0)]
+                elif kind.parameters[kind.linear + i] == "frequency":
+                    width = 2.0 / (m.t[-1] - m.t[0]) if kind.linear > 1 else 0.12 * value
+                    around = [value + x * scale * width for x in (-2.0, -1.0, 1.0, 2.0)]
+                elif kind.parameters[kind.linear + i] == "duration":
+                    around = [value * (1.0 + x * scale) for x in (-0.6, 0.6)]
+                elif kind.parameters[kind.linear + i] == "time":
+                    around = [value + x * scale * 0.02 * (m.t[-1] - m.t[0]) for x in (-1.0, 1.0)]
+                else:
+                    around = [value * (1.0 + 0.3 * x * scale) for x in (-1.0, 1.0)]
+                low, high = kind.bounds[i][1:]
+                for x in around:
+                    if low < x < high:
+                        values = (*best.values[:i], float(x), *best.values[i + 1:])
+                        again = self.tried(kind, values)
+                        if again.saves > best.saves:
+                            best = again
+        return best
+
+
+def scan(m: Model, fit: Fit) -> list[Found]:
+    """Every kind where it promises most, the best first."""
+    s = Scanner(m, fit)
+    found = [each for kind in KINDS if (each := s.best(kind)) is not None and each.saves > ENOUGH]
+    return sorted(found, key=lambda each: -each.saves)
+
+
+def with_shape(m: Model, p: np.ndarray, found: Found) -> np.ndarray:
+    """Take a found shape into the model's table; -> the numbers with its own at what was found."""
+    count = sum(shape.kind is found.kind for shape in m.shapes)
+    shape = found.kind.shape(count)
+    new = found.kind.numbers(m, shape, found.values)
+    m.with_numbers([*m.numbers, *new], [*m.shapes, shape])
+    return np.concatenate([p, found.sizes, found.values])
+
+
+def without_shapes(m: Model, names: set[str]) -> None:
+    """Drop the shapes of these names from the table, with their numbers."""
+    shapes = [shape for shape in m.shapes if shape.names[0].partition(".")[0] not in names]
+    kept = {name for shape in shapes for name in shape.names}
+    gone = {name for shape in m.shapes for name in shape.names} - kept
+    m.with_numbers([each for each in m.numbers if each.name not in gone], shapes)
+
+
+def shape_of(m: Model, name: str) -> Shape:
+    """The shape of a group's name."""
+    return next(shape for shape in m.shapes if shape.names[0].partition(".")[0] == name)

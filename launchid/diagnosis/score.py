@@ -1,0 +1,109 @@
+"""The one score: whitened errors of predictions on blocks left out, each fold's numbers fitted to the other folds."""
+
+import math
+
+import numpy as np
+
+from ..sums import along, combined, square
+from .estimate import Fit, at_bound, gram, information, limits
+from .model import BLOCKS, FOLDS, Model
+
+FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
+
+
+def left_out(m: Model, fit: Fit) -> np.ndarray:
+    """Errors (r,) of the rows of each fold under the numbers fitted to the other folds (Stone 1974; blocks: Burman et
+    al. 1994).  The last filter's gains hold, which must be the fit's."""
+    return _folds(m, fit)[0]
+
+
+def fold_fits(m: Model, fit: Fit) -> list[np.ndarray]:
+    """The numbers fitted without each fold; runs the filter at the fit."""
+    m.white(fit.p)
+    return _folds(m, fit)[1]
+
+
+def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
+
+    The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot
+    be left out and stays as fitted: its gain must be the larger.
+    """
+    stuck = set(at_bound(m, fit))
+    events = {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
+    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in events]
+    if not keep:
+        return fit.e.copy(), [fit.p] * FOLDS
+    F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
+    out, fits = e.copy(), []
+    w = m.prior[F]**-2.0
+    A = gram(J) + np.diag(w)
+    lowest, highest = limits(m, fit.band)
+    low, high, g0 = lowest[F], highest[F], along(J, e)
+    for f in range(FOLDS):
+        mine = m.fold == f
+        fits.append(p)
+        if not mine.any():
+            continue
+        Jf = J[mine]
+        Af = A - gram(Jf)
+        s = 1.0 / np.sqrt(np.diag(Af) + 1e-300)
+        As = Af * np.outer(s, s) + 1e-9 * np.eye(len(s))
+
+        def worth(er: np.ndarray, q: np.ndarray, mine: np.ndarray = mine) -> float:
+            moved = (q - p)[F]
+            return square(er) - square(er[mine]) + float((moved * w) @ moved - 2.0 * g0 @ moved)
+
+        q, eq, best, first = p, e, worth(e, p), True
+        for _ in range(FOLD_STEPS):
+            g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F]
+            r = q.copy()
+            r[F] = np.clip(q[F] - np.linalg.solve(As, g * s) * s, low, high)
+            move = r[F] - q[F]
+            if first:
+                out[mine] = e[mine] + combined(Jf, move)
+            elif float(move @ (Af @ move)) < 0.01:
+                break
+            er = m.white(r, frozen=True)
+            value = worth(er, r)
+            if not value < best:
+                break
+            done, q, eq, best, first = best - value < 0.05, r, er, value, False
+            out[mine], fits[-1] = eq[mine], q
+            if done:
+                break
+    return out, fits
+
+
+def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:
+    """(squares that 1 saves over 0, their standard error), no less than white errors of variance `unit` make.
+
+    By blocks: of a log that the nominal's own simulation flew what a block saves goes with what it can tell, which is
+    the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
+    blocks' savings themselves, their roots or the logarithms of their ratios scatter, whichever tells most.
+    """
+    d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=BLOCKS)
+    told = np.bincount(m.block, (e0 - e1)**2, minlength=BLOCKS)
+    gain, white = float(d.sum()), 2.0 * math.sqrt(float(told.sum()) * unit)
+    s = math.sqrt(BLOCKS * float(d.var(ddof=1)))
+    if m.is_flown:
+        rest = d - gain / max(float(told.sum()), 1e-300) * told
+        return gain, max(min(s, math.sqrt(BLOCKS / (BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
+    a0, a1 = (np.bincount(m.block, e * e, minlength=BLOCKS) for e in (e0, e1))
+    count = np.bincount(m.block, minlength=BLOCKS)
+    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(BLOCKS) + 1e-9)) for x in (
+        np.log((a0 + count + 1.0) / (a1 + count + 1.0)), np.sign(d) * np.sqrt(np.abs(d))))
+    if gain > 0.0 and z > gain / max(s, 1e-9):
+        s = gain / z
+    return gain, max(s, white, 1e-9)
+
+
+def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
+    """One sigma of each free number: by the information, and by blocks (sandwich; White 1982), the larger."""
+    if not fit.free:
+        return {}
+    A = information(m, fit)
+    inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+    G = np.stack([np.bincount(m.block, fit.J[:, i] * fit.e, minlength=BLOCKS) for i in range(len(fit.free))], 1)
+    both = np.maximum(np.diag(inverse) * unit, np.diag(inverse @ (G.T @ G) @ inverse))
+    return dict(zip(fit.free, np.sqrt(both), strict=True))

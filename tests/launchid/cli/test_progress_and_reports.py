@@ -1,0 +1,163 @@
+"""How far a run is, on a terminal and in a file; and the pages of `identify` and `margins`."""
+
+import io
+import json
+import os
+from html.parser import HTMLParser
+
+import pytest
+
+import launchid
+from launchid import progress
+from launchid.cli import terminal
+from launchid.cli.main import main
+from sim.flight import fly_whole
+from sim.nominal import load_nominal
+
+VOID = {"meta", "link", "img", "br"}
+
+
+class Stream(io.StringIO):
+    """A stderr that may be a terminal."""
+
+    def __init__(self, is_terminal: bool) -> None:
+        super().__init__()
+        self.is_terminal = is_terminal
+
+    def isatty(self) -> bool:
+        return self.is_terminal
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that a test sets."""
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    return now
+
+
+def run_of(clock, monkeypatch, is_terminal: bool, seconds: int, is_quiet: bool = False) -> str:
+    """What is written of a run in which a unit of work takes a second."""
+    stream = Stream(is_terminal)
+    monkeypatch.setattr(terminal.sys, "stderr", stream)
+    with terminal.progress_shown(is_quiet):
+        for _ in progress.each(range(seconds), "windows"):
+            clock[0] += 1.0
+    return stream.getvalue()
+
+
+def test_a_file_gets_a_line_every_ten_seconds_with_how_far_it_is(clock, monkeypatch):
+    assert run_of(clock, monkeypatch, False, 35).splitlines() == [
+        "launchid: windows: 10 of 35", "launchid: windows: 20 of 35", "launchid: windows: 30 of 35"]
+
+
+def test_a_short_run_writes_nothing_into_a_file(clock, monkeypatch):
+    assert run_of(clock, monkeypatch, False, 9) == ""
+
+
+def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypatch):
+    shown = run_of(clock, monkeypatch, True, 4)
+    assert "\n" not in shown and shown.endswith("\r\x1b[K")
+    assert "[##########..........] windows: 2 of 4, 2 s left" in shown
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_quiet_says_nothing(clock, monkeypatch, is_terminal):
+    assert run_of(clock, monkeypatch, is_terminal, 100, is_quiet=True) == ""
+
+
+def test_a_worker_that_is_forked_says_nothing(clock, monkeypatch):
+    stream = Stream(True)
+    monkeypatch.setattr(terminal.sys, "stderr", stream)
+    with terminal.progress_shown(False):
+        parent = os.getpid()
+        monkeypatch.setattr(terminal.os, "getpid", lambda: parent + 1)
+        progress.report("windows", 1, 2)
+        assert stream.getvalue() == ""
+
+
+def test_a_caller_from_python_hears_nothing(capsys):
+    for _ in progress.each([1, 2], "windows"):
+        pass
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_counter_adds_up_what_workers_have_done():
+    heard = []
+    progress.listeners.append(lambda *what: heard.append(what))
+    try:
+        count = progress.Counter(5, "flights")
+        count(2)
+        count(3)
+    finally:
+        progress.listeners.clear()
+    assert heard == [("flights", 2, 5), ("flights", 5, 5)]
+
+
+# ---- pages
+
+
+class Page(HTMLParser):
+    """A page whose tags must be balanced; it keeps what it would load, and its text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loads: list[str] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.loads += [value for name, value in attrs
+                       if name in ("src", "href") and not value.startswith(("data:", "#"))]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def page_of(path) -> Page:
+    page = Page()
+    page.feed(path.read_text(encoding="utf-8"))
+    assert page.open == [] and page.loads == []
+    return page
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flight") / "flight.csv"
+    launchid.simulate("constant", seed=4).write(path)
+    return path
+
+
+@pytest.mark.parametrize(("command", "pictures"), [
+    ("identify", {"identify.png", "residuals.png", "log.png"}), ("margins", {"margins.png"})])
+def test_a_report_is_one_page_with_the_answer_and_its_figures(log, tmp_path, capsys, command, pictures):
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "report"
+    assert main([command, str(log), "constant", "--window", "5", "--tracked", "--report", str(folder),
+                 "--json", str(tmp_path / "answer.json"), "--quiet"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"report.html", f"{command}.json"} | pictures
+    said = json.loads((folder / f"{command}.json").read_text())
+    assert said == json.loads((tmp_path / "answer.json").read_text())
+    words = page_of(folder / "report.html").words
+    for window in said["windows"]:
+        assert f"{window['t_start']:g} .. {window['t_end']:g}" in words
+    assert capsys.readouterr().err == ""
+
+
+def test_a_report_of_a_log_without_a_window_says_why(tmp_path):
+    flight = fly_whole(load_nominal("constant"), seed=1)
+    short = {name: getattr(flight, name)[:120] for name in ("t", "theta", "theta_dot", "beta", "beta_cmd")}
+    launchid.identify(short, "constant", window=5.0).write_report(tmp_path / "report")
+    words = " ".join(page_of(tmp_path / "report" / "report.html").words)
+    assert "0 of 0 windows are valid" in words and "expected a longer log" in words
+
+
+def test_a_report_cannot_be_written_into_a_file(log, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["identify", str(log), "constant", "--window", "5", "--report", str(tmp_path / "file")]) == 3
+    assert "file" in capsys.readouterr().err
