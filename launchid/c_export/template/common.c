@@ -71,7 +71,8 @@ static inline int64_t seal_integer(int64_t seal, int64_t n, int64_t place)
     const uint64_t bits = (uint64_t)n;
     const uint64_t turn = (uint64_t)place & 63U;
     const uint64_t turned = (bits << turn) | (bits >> ((64U - turn) & 63U));
-    return (int64_t)((uint64_t)seal ^ turned);
+    const uint64_t both = (uint64_t)seal ^ turned;
+    return (int64_t)both;
 }
 
 static inline int64_t seal_double(int64_t seal, double x, int64_t place)

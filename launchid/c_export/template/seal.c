@@ -1,5 +1,5 @@
 /* A seal with the words of an array, each turned by its place and mixed anew after as many as a word has bits. */
-static int64_t fold_numbers(int64_t before, const double x[], int64_t n)
+static int64_t fold_numbers(int64_t before, const double *x, int64_t n)
 {
     int64_t seal = before;
     for (int64_t k = 0; k < n; k++) {
