@@ -25,8 +25,9 @@ EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goe
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
 SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save
-CLEAR = 0.5            # of what the full model saves, from which it need save no more than other numbers
+CLEAR, CLEAR_Z = 0.5, 1.65   # of what the full model saves in a stranger's log, from which so many errors are enough
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
+AT_END = 0.01          # of an end of a shape's range, within which it stands at it
 BESIDE = 0.02          # of what a cause saves, within which another in its place does as well
 ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
@@ -151,6 +152,12 @@ class Search:
     def saves(self, e0: np.ndarray, e1: np.ndarray) -> tuple[float, float]:
         return compare(self.m, e0, e1, self.unit)
 
+    def is_at_an_end(self, fit: Fit, group: Group) -> bool:
+        """Whether a shape stands at an end of its range: it is then another's remainder, and none of its kind."""
+        m = self.m
+        return any(not m.low[j] * (1.0 + AT_END) < fit.p[j] < m.high[j] * (1.0 - AT_END)
+                   for j in group.numbers[group.linear:] if m.low[j] > 0.0)
+
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         if gain < self.m.unsure:
             return False
@@ -158,8 +165,9 @@ class Search:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT and gain > SHARE * removable
-        is_curve = group.name in SHAPES_OF_NUMBERS and not self.m.is_flown and gain < CLEAR * removable
-        z = SHAPE_Z if is_curve else Z
+        is_clear = not self.m.is_flown and gain > CLEAR * removable
+        is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
+        z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > LEAST and gain > SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
@@ -246,7 +254,7 @@ class Search:
                     e = left_out(m, tried)
                     gain, error = self.saves(e, best)
                     removable = max(square(e_nominal) - square(best), 1e-9)
-                    if not self.is_needed(g, gain, error, removable):
+                    if not self.is_needed(g, gain, error, removable) or self.is_at_an_end(fit, g):
                         fit, e_end, gone = tried, e, True
                         live = [each for each in live if each is not g]
                         break

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sums import along, combined, square
-from .candidates import KINDS, LINES, Kind, Shape, lines_in
+from .candidates import KINDS, LINES, Kind, lines_in
 from .estimate import Fit, gram, information
 from .model import Model
 
@@ -114,15 +114,3 @@ def with_shape(m: Model, p: np.ndarray, found: Found) -> np.ndarray:
     m.with_numbers([*m.numbers, *new], [*m.shapes, shape])
     return np.concatenate([p, found.sizes, found.values])
 
-
-def without_shapes(m: Model, names: set[str]) -> None:
-    """Drop the shapes of these names from the table, with their numbers."""
-    shapes = [shape for shape in m.shapes if shape.names[0].partition(".")[0] not in names]
-    kept = {name for shape in shapes for name in shape.names}
-    gone = {name for shape in m.shapes for name in shape.names} - kept
-    m.with_numbers([each for each in m.numbers if each.name not in gone], shapes)
-
-
-def shape_of(m: Model, name: str) -> Shape:
-    """The shape of a group's name."""
-    return next(shape for shape in m.shapes if shape.names[0].partition(".")[0] == name)

@@ -35,13 +35,14 @@ WHITE = 1.35           # mean square of whitened errors that a model at its nois
 LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
 HALF = 0.5             # of what everything free saves, that names must save together
 QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
-SURE, SURELY = 0.5, 4.0   # of what everything saves, and standard errors, of a name beside which something remains
+SURE = 0.5             # of what everything saves, of a name beside which something remains
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
 ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
 WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
 TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
-INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2")  # numbers of the input
+INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
+         "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")  # numbers and shapes of the input
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +336,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
     notes = tuple(noted(m, el))
     words = []
-    if not m.is_flown and any(k.group.name in INPUT for k in listed) and not acts(m, el):
-        listed = [k for k in listed if k.group.name not in INPUT]
+    of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT]
+    if not m.is_flown and of_input and not acts(m, el):
+        listed = [k for k in listed if k not in of_input]
         notes += ("the input of another time explains as much: nothing is said of it",)
         words.append("the input of another time explains as much as the log's own")
     for k in [k for k in listed if is_reversed(m, el, k)]:
@@ -386,7 +388,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
     if against:
-        sure = [k for k in listed if k.share > SURE and k.gain > SURELY * k.error]
+        sure = [k for k in listed if k.share > SURE]
         names = [each for each in names if any(each.nats == 0.5 * k.gain for k in sure)]
         if not names or sum(k.share for k in listed) > BETWEEN_THEM:
             return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
